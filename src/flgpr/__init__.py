@@ -1,0 +1,5 @@
+"""Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and scores."""
+
+from importlib.metadata import version
+
+__version__ = version("flgpr")

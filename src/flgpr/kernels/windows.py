@@ -1,0 +1,73 @@
+"""Spectral windows, evaluated at any position in a band so that missing or uneven tones keep their place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def boxcar(position: FloatArray) -> FloatArray:
+    """Weight one everywhere; ``position`` in [-1, 1] across the band."""
+    return np.ones_like(position)
+
+
+def hann(position: FloatArray) -> FloatArray:
+    """Raised cosine, zero at the band edges; ``position`` in [-1, 1] across the band."""
+    return np.asarray(np.cos(np.pi * position / 2) ** 2, dtype=np.float64)
+
+
+def hamming(position: FloatArray) -> FloatArray:
+    """Raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
+    return np.asarray(0.54 + 0.46 * np.cos(np.pi * position), dtype=np.float64)
+
+
+def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
+    """Taylor window (Taylor 1955): ``nbar`` near sidelobes at ``sidelobe_db`` below the peak.
+
+    ``position`` in [-1, 1] across the band; the maximum is one.
+    """
+    a = np.arccosh(10 ** (sidelobe_db / 20)) / np.pi
+    sigma2 = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
+    orders = np.arange(1, nbar)
+    coefficients = np.empty(nbar - 1)
+    for i, m in enumerate(orders):
+        others = orders[orders != m]
+        numerator = (-1) ** (m + 1) * np.prod(1 - m**2 / sigma2 / (a**2 + (orders - 0.5) ** 2))
+        coefficients[i] = numerator / (2 * np.prod(1 - m**2 / others**2))
+    weight = 1 + 2 * np.cos(np.pi * orders * position[:, None]) @ coefficients
+    return np.asarray(weight / (1 + 2 * coefficients.sum()), dtype=np.float64)
+
+
+WINDOWS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "boxcar": boxcar,
+    "hann": hann,
+    "hamming": hamming,
+    "taylor": taylor,
+}
+
+
+def band_weights(
+    frequency: FloatArray,
+    subbands: tuple[tuple[float, float], ...],
+    window: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Weights of every tone in every sub-band.
+
+    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi] (edges included to a millionth of a hertz per
+    hertz) and spreads the window over the band it names, clipped to the tones there are. Returns (subband, tone); a band
+    that holds no tone is a row of zeros.
+    """
+    weights = np.zeros((len(subbands), frequency.size))
+    for row, (lo, hi) in zip(weights, subbands, strict=True):
+        slack = 1e-6 * hi
+        inside = (frequency >= lo - slack) & (frequency <= hi + slack)
+        if not inside.any():
+            continue
+        tones = frequency[inside]
+        centre, half = (tones[0] + tones[-1]) / 2, (tones[-1] - tones[0]) / 2
+        row[inside] = window((tones - centre) / half if half > 0 else np.zeros(1))
+    return weights

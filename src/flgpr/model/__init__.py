@@ -1,0 +1,66 @@
+"""Run, tables, frames and sensors: what the stages meet in."""
+
+from flgpr.model.constants import SPEED_OF_LIGHT
+from flgpr.model.frames import (
+    Grid,
+    attitude_matrix,
+    heading_matrix,
+    lane_to_scan,
+    scan_to_lane,
+    vehicle_to_lane,
+    vehicle_to_scan,
+)
+from flgpr.model.run import (
+    AXES,
+    POLARIZATIONS,
+    POSE_COMPONENTS,
+    check_frequency,
+    check_run,
+    complete_scans,
+    make_run,
+)
+from flgpr.model.sensor import Sensor, Tones, load_sensor, sensor_presets
+from flgpr.model.tables import (
+    ALARM_COLUMNS,
+    OBJECT_COLUMNS,
+    TRUTH_COLUMNS,
+    Column,
+    Lane,
+    as_lane,
+    check_alarms,
+    check_objects,
+    check_truth,
+    empty_table,
+)
+
+__all__ = [
+    "ALARM_COLUMNS",
+    "AXES",
+    "OBJECT_COLUMNS",
+    "POLARIZATIONS",
+    "POSE_COMPONENTS",
+    "SPEED_OF_LIGHT",
+    "TRUTH_COLUMNS",
+    "Column",
+    "Grid",
+    "Lane",
+    "Sensor",
+    "Tones",
+    "as_lane",
+    "attitude_matrix",
+    "check_alarms",
+    "check_frequency",
+    "check_objects",
+    "check_run",
+    "check_truth",
+    "complete_scans",
+    "empty_table",
+    "heading_matrix",
+    "lane_to_scan",
+    "load_sensor",
+    "make_run",
+    "scan_to_lane",
+    "sensor_presets",
+    "vehicle_to_lane",
+    "vehicle_to_scan",
+]

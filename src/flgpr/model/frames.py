@@ -1,0 +1,226 @@
+"""Lane, vehicle and scan frames, and the pixel grids that lie in them.
+
+Lane frame: x cross-track (right positive), y down-track (forward positive), z up, mean ground at z = 0. Vehicle frame:
+the same axes at the array's reference point. Scan frame: the vehicle frame levelled and dropped to the ground, that is
+lane axes turned by the heading only, origin on the mean ground below the array's reference point. Scan images live in
+it, because whatever moves with the vehicle (the self-signature) stays in place there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def attitude_matrix(pitch: float, roll: float) -> NDArray[np.float64]:
+    """Rotation Rx(pitch)·Ry(roll) from the vehicle frame to level axes along the vehicle.
+
+    Parameters
+    ----------
+    pitch, roll : float
+        Angles, rad.
+
+    Returns
+    -------
+    (3, 3) ndarray
+        The rotation matrix.
+    """
+    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
+    rx = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
+    ry = np.array([[cr, 0.0, sr], [0.0, 1.0, 0.0], [-sr, 0.0, cr]])
+    return rx @ ry
+
+
+def heading_matrix(heading: float) -> NDArray[np.float64]:
+    """Rotation Rz(-heading) from level axes along the vehicle to the lane frame.
+
+    Parameters
+    ----------
+    heading : float
+        Clockwise from +y seen from above, rad.
+
+    Returns
+    -------
+    (3, 3) ndarray
+        The rotation matrix.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+    """Take points from the vehicle frame to the scan frame.
+
+    Parameters
+    ----------
+    position : (..., 3) array_like
+        Points in the vehicle frame, m.
+    pose : (6,) array_like
+        x, y, z (m), heading, pitch, roll (rad).
+
+    Returns
+    -------
+    (..., 3) ndarray
+        Points in the scan frame, m.
+    """
+    p = np.asarray(pose, dtype=np.float64)
+    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[4], p[5]).T
+    return level + np.array([0.0, 0.0, p[2]])
+
+
+def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+    """Take points from the scan frame to the lane frame.
+
+    Parameters
+    ----------
+    position : (..., 3) array_like
+        Points in the scan frame, m.
+    pose : (6,) array_like
+        x, y, z (m), heading, pitch, roll (rad).
+
+    Returns
+    -------
+    (..., 3) ndarray
+        Points in the lane frame, m.
+    """
+    p = np.asarray(pose, dtype=np.float64)
+    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[3]).T + np.array([p[0], p[1], 0.0])
+
+
+def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+    """Take points from the lane frame to the scan frame, the inverse of :func:`scan_to_lane`.
+
+    Parameters
+    ----------
+    position : (..., 3) array_like
+        Points in the lane frame, m.
+    pose : (6,) array_like
+        x, y, z (m), heading, pitch, roll (rad).
+
+    Returns
+    -------
+    (..., 3) ndarray
+        Points in the scan frame, m.
+    """
+    p = np.asarray(pose, dtype=np.float64)
+    return (np.asarray(position, dtype=np.float64) - np.array([p[0], p[1], 0.0])) @ heading_matrix(p[3])
+
+
+def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+    """Take points from the vehicle frame to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
+
+    Parameters
+    ----------
+    position : (..., 3) array_like
+        Points in the vehicle frame, m.
+    pose : (6,) array_like
+        x, y, z (m), heading, pitch, roll (rad).
+
+    Returns
+    -------
+    (..., 3) ndarray
+        Points in the lane frame, m.
+    """
+    return scan_to_lane(vehicle_to_scan(position, pose), pose)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangular grid of pixel centres on the plane z = 0.
+
+    Attributes
+    ----------
+    x_min, y_min : float
+        Centre of the first pixel, m.
+    nx, ny : int
+        Number of pixels cross-track and down-track.
+    dx, dy : float
+        Pixel spacing, m.
+    """
+
+    x_min: float
+    y_min: float
+    nx: int
+    ny: int
+    dx: float
+    dy: float
+
+    def __post_init__(self) -> None:
+        if self.nx < 1 or self.ny < 1:
+            raise ValueError(f"grid must have at least one pixel each way, got nx = {self.nx}, ny = {self.ny}")
+        if not (self.dx > 0 and self.dy > 0):
+            raise ValueError(f"grid spacing must be positive, got dx = {self.dx}, dy = {self.dy}")
+
+    @classmethod
+    def spanning(cls, x: tuple[float, float], y: tuple[float, float], spacing: float) -> Grid:
+        """Make the grid whose first and last pixel centres lie on the given limits.
+
+        Parameters
+        ----------
+        x, y : tuple of float
+            First and last pixel centre, m; the last is rounded to the spacing.
+        spacing : float
+            Pixel spacing both ways, m.
+
+        Returns
+        -------
+        Grid
+            The grid.
+
+        Raises
+        ------
+        ValueError
+            If a limit pair is not increasing or the spacing is not positive.
+        """
+        if not spacing > 0:
+            raise ValueError(f"spacing must be positive, got {spacing}")
+        if not (x[1] > x[0] and y[1] > y[0]):
+            raise ValueError(f"grid limits must increase, got x = {x}, y = {y}")
+        nx, ny = round((x[1] - x[0]) / spacing) + 1, round((y[1] - y[0]) / spacing) + 1
+        return cls(x[0], y[0], nx, ny, spacing, spacing)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape (y, x) of an image on the grid."""
+        return (self.ny, self.nx)
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Pixel centres cross-track, m, shape (nx,)."""
+        return np.asarray(self.x_min + self.dx * np.arange(self.nx), dtype=np.float64)
+
+    @property
+    def y(self) -> NDArray[np.float64]:
+        """Pixel centres down-track, m, shape (ny,)."""
+        return np.asarray(self.y_min + self.dy * np.arange(self.ny), dtype=np.float64)
+
+    def points(self) -> NDArray[np.float64]:
+        """Pixel centres as points.
+
+        Returns
+        -------
+        (ny, nx, 3) ndarray
+            x, y, z of every pixel, m; z = 0.
+        """
+        points = np.zeros((*self.shape, 3))
+        points[..., 0] = self.x[None, :]
+        points[..., 1] = self.y[:, None]
+        return points
+
+    def extent(self) -> tuple[float, float, float, float]:
+        """Outer edges of the pixels.
+
+        Returns
+        -------
+        tuple of float
+            x_min, x_max, y_min, y_max of the pixel edges, m, as matplotlib's ``extent``.
+        """
+        return (
+            self.x_min - self.dx / 2,
+            self.x_min + (self.nx - 0.5) * self.dx,
+            self.y_min - self.dy / 2,
+            self.y_min + (self.ny - 0.5) * self.dy,
+        )

@@ -1,0 +1,253 @@
+"""The tables: alarms, truth, objects and the lane. Every column states name, unit, meaning and missing value here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a table's column holds.
+
+    Attributes
+    ----------
+    name : str
+        Column name.
+    kind : {"number", "text"}
+        Type of its values.
+    unit : str
+        Unit, "1" for a pure number, "" for text.
+    meaning : str
+        What the value says.
+    required : bool
+        Whether the table must have it.
+    missing : str
+        The value that stands for "not known"; empty when the column may have no gap.
+    """
+
+    name: str
+    kind: Literal["number", "text"]
+    unit: str
+    meaning: str
+    required: bool = False
+    missing: str = "NaN"
+
+
+ALARM_COLUMNS = (
+    Column("alarm_id", "text", "", "name of the alarm, unique within its table", missing="empty"),
+    Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
+    Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
+    Column("confidence", "number", "1", "higher means more like a mine; no absolute scale", required=True, missing=""),
+    Column("magnitude", "number", "1", "run-view magnitude over the gain background at the alarm"),
+    Column("scans", "number", "1", "number of scans that saw the alarm and entered its confidence"),
+    Column("lane", "text", "", "name of the lane the alarm lies in, for tables of several lanes", missing="empty"),
+)
+TRUTH_COLUMNS = (
+    Column("target_id", "text", "", "name of the target, unique within its table", required=True, missing=""),
+    Column("x", "number", "m", "cross-track position of the centre in the lane frame", required=True, missing=""),
+    Column("y", "number", "m", "down-track position of the centre in the lane frame", required=True, missing=""),
+    Column("kind", "text", "", "metal, plastic, simulant or another kind of target", required=True, missing=""),
+    Column("depth", "number", "m", "top of the target below the mean surface; 0 is flush", required=True),
+    Column("radius", "number", "m", "radius of the target"),
+    Column("height", "number", "m", "height of the target's body"),
+    Column("lane", "text", "", "name of the lane the target lies in, for tables of several lanes", missing="empty"),
+)
+OBJECT_COLUMNS = (
+    Column("object_id", "text", "", "name of the object, unique within its table", required=True, missing=""),
+    Column("x", "number", "m", "cross-track position of the centre in the lane frame", required=True, missing=""),
+    Column("y", "number", "m", "down-track position of the centre in the lane frame", required=True, missing=""),
+    Column("kind", "text", "", "rock, post, bush, fiducial or other non-target", required=True, missing=""),
+    Column("radius", "number", "m", "radius of the object"),
+    Column("height", "number", "m", "height above the mean surface"),
+)
+
+
+@dataclass(frozen=True)
+class Lane:
+    """The rectangle that is scored.
+
+    Attributes
+    ----------
+    x_min, x_max, y_min, y_max : float
+        Its borders in the lane frame, m. A point on the border is inside.
+    """
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+    def __post_init__(self) -> None:
+        borders = (self.x_min, self.x_max, self.y_min, self.y_max)
+        if not all(math.isfinite(border) for border in borders):
+            raise ValueError(f"lane borders must be finite, got {borders}")
+        if not (self.x_max > self.x_min and self.y_max > self.y_min):
+            raise ValueError(
+                "lane must have x_max > x_min and y_max > y_min, got an empty lane "
+                f"x {self.x_min:g}..{self.x_max:g} m, y {self.y_min:g}..{self.y_max:g} m"
+            )
+
+    @property
+    def area(self) -> float:
+        """Area, m²."""
+        return (self.x_max - self.x_min) * (self.y_max - self.y_min)
+
+    def contains(self, x: Any, y: Any) -> Any:
+        """Tell which points lie in the lane.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        ndarray of bool
+            True inside and on the border.
+        """
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
+
+
+def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
+    """Take a lane in any of the forms users have it in.
+
+    Parameters
+    ----------
+    lane : Lane, mapping, Series or one-row DataFrame
+        Holds x_min, x_max, y_min and y_max, m.
+
+    Returns
+    -------
+    Lane
+        The lane.
+
+    Raises
+    ------
+    ValueError
+        If a border is missing, not finite, or the lane is empty.
+    """
+    if isinstance(lane, Lane):
+        return lane
+    if isinstance(lane, pd.DataFrame):
+        if len(lane) != 1:
+            raise ValueError(f"lane must be one row, got a table of {len(lane)} rows")
+        lane = lane.iloc[0]
+    names = ("x_min", "x_max", "y_min", "y_max")
+    missing = [name for name in names if name not in lane]
+    if missing:
+        raise ValueError(f"lane must hold {', '.join(names)}; missing: {', '.join(missing)}")
+    return Lane(*(float(lane[name]) for name in names))
+
+
+def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
+    """Validate an alarm table.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Columns as in ``ALARM_COLUMNS``; further columns are allowed. An empty table is fine.
+
+    Returns
+    -------
+    DataFrame
+        A copy with numeric columns as float64.
+
+    Raises
+    ------
+    ValueError
+        If a required column is missing, a position or confidence is not finite, or an ``alarm_id`` repeats.
+    """
+    return _check(alarms, ALARM_COLUMNS, "alarms", "alarm_id")
+
+
+def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
+    """Validate a truth table.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Columns as in ``TRUTH_COLUMNS``; further columns are allowed.
+
+    Returns
+    -------
+    DataFrame
+        A copy with numeric columns as float64.
+
+    Raises
+    ------
+    ValueError
+        If a required column is missing, a position is not finite, or a ``target_id`` repeats.
+    """
+    return _check(truth, TRUTH_COLUMNS, "truth", "target_id")
+
+
+def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
+    """Validate a table of objects that are no targets: rocks, posts, fiducials. They never score.
+
+    Parameters
+    ----------
+    objects : DataFrame
+        Columns as in ``OBJECT_COLUMNS``; further columns are allowed.
+
+    Returns
+    -------
+    DataFrame
+        A copy with numeric columns as float64.
+
+    Raises
+    ------
+    ValueError
+        If a required column is missing, a position is not finite, or an ``object_id`` repeats.
+    """
+    return _check(objects, OBJECT_COLUMNS, "objects", "object_id")
+
+
+def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
+    """Make a table without rows.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+        Its columns.
+
+    Returns
+    -------
+    DataFrame
+        All columns, no rows.
+    """
+    types = {"number": "float64", "text": "object"}
+    return pd.DataFrame({column.name: pd.Series(dtype=types[column.kind]) for column in columns})
+
+
+def _check(table: pd.DataFrame, columns: tuple[Column, ...], name: str, key: str) -> pd.DataFrame:
+    missing = [column.name for column in columns if column.required and column.name not in table.columns]
+    if missing:
+        raise ValueError(f"{name} must have the columns {', '.join(missing)}; got {', '.join(map(str, table.columns))}")
+    table = table.copy()
+    for column in columns:
+        if column.kind != "number" or column.name not in table.columns:
+            continue
+        try:
+            values = pd.to_numeric(table[column.name]).astype(np.float64)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{name}.{column.name} must be numbers ({column.unit}): {error}") from None
+        bad = ~np.isfinite(values.to_numpy())
+        if not column.missing and bad.any():
+            raise ValueError(
+                f"{name}.{column.name} must be finite in every row, got {values[bad].iloc[0]} in row "
+                f"{int(np.flatnonzero(bad)[0])} ({int(bad.sum())} such rows)"
+            )
+        table[column.name] = values
+    if key in table.columns:
+        repeated = table[key][table[key].duplicated() & table[key].notna()]
+        keys = ["lane", key] if "lane" in table.columns else [key]
+        if len(repeated) and table.duplicated(keys).any():
+            raise ValueError(f"{name}.{key} must be unique, got {repeated.iloc[0]!r} more than once")
+    return table
