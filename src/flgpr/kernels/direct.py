@@ -31,8 +31,8 @@ def adjoint_direct(
 ) -> None:
     """Sum ``weight·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
-    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m, ``tx``/``rx`` (pair, 3) m,
-    ``offset`` (pair,) m, ``index`` refractive index of the medium, ``pixels`` (pixel, 3) m,
+    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m,
+    ``tx``/``rx`` (pair, 3) m, ``offset`` (pair,) m, ``index`` refractive index of the medium, ``pixels`` (pixel, 3) m,
     ``out`` (channel, subband, pixel).
     """
     channels, pairs, tones = data.shape

@@ -11,22 +11,22 @@ FloatArray = NDArray[np.float64]
 
 
 def boxcar(position: FloatArray) -> FloatArray:
-    """Weight one everywhere; ``position`` in [-1, 1] across the band."""
+    """Weigh all tones alike; ``position`` in [-1, 1] across the band."""
     return np.ones_like(position)
 
 
 def hann(position: FloatArray) -> FloatArray:
-    """Raised cosine, zero at the band edges; ``position`` in [-1, 1] across the band."""
+    """Weigh by a raised cosine that is zero at the band edges; ``position`` in [-1, 1] across the band."""
     return np.asarray(np.cos(np.pi * position / 2) ** 2, dtype=np.float64)
 
 
 def hamming(position: FloatArray) -> FloatArray:
-    """Raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
+    """Weigh by a raised cosine on a pedestal of 0.08; ``position`` in [-1, 1] across the band."""
     return np.asarray(0.54 + 0.46 * np.cos(np.pi * position), dtype=np.float64)
 
 
 def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
-    """Taylor window (Taylor 1955): ``nbar`` near sidelobes at ``sidelobe_db`` below the peak.
+    """Weigh for ``nbar`` near sidelobes ``sidelobe_db`` below the peak (Taylor 1955).
 
     ``position`` in [-1, 1] across the band; the maximum is one.
     """
@@ -57,9 +57,8 @@ def band_weights(
 ) -> FloatArray:
     """Weights of every tone in every sub-band.
 
-    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi] (edges included to a millionth of a hertz per
-    hertz) and spreads the window over the band it names, clipped to the tones there are. Returns (subband, tone); a band
-    that holds no tone is a row of zeros.
+    ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part in a million, and
+    spreads the window from its first to its last tone. Returns (subband, tone); a band without a tone is a row of zeros.
     """
     weights = np.zeros((len(subbands), frequency.size))
     for row, (lo, hi) in zip(weights, subbands, strict=True):
