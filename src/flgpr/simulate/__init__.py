@@ -1,0 +1,1 @@
+"""Simulation: a scene and a sensor to a run with truth."""
