@@ -128,9 +128,9 @@ def peplinski(
     beta_real, beta_imag = 1.2748 - 0.519 * s - 0.152 * c, 1.33797 - 0.603 * s - 0.166 * c
     omega, relaxation = 2 * np.pi * f, 0.58e-10 / (2 * np.pi)
     water_real = 4.9 + (80.1 - 4.9) / (1 + (omega * relaxation) ** 2)
-    real = (
-        1 + bulk_density / grain * (mineral**alpha - 1) + moisture**beta_real * water_real**alpha - moisture
-    ) ** (1 / alpha)
+    real = (1 + bulk_density / grain * (mineral**alpha - 1) + moisture**beta_real * water_real**alpha - moisture) ** (
+        1 / alpha
+    )
     real = 1.15 * real - 0.68
     if moisture == 0:
         return np.asarray(real + 0j)
@@ -142,11 +142,13 @@ def peplinski(
 
 
 def peplinski_conductivity(sand: float, clay: float, bulk_density: float = 1.5) -> float:
-    """Effective conductivity of the soil solution, S/m, below 1.3 GHz (Peplinski et al. 1995); negative for arid sand."""
+    """Effective conductivity of the soil solution, S/m, below 1.3 GHz (Peplinski 1995); negative for arid sand."""
     return 0.0467 + 0.2204 * bulk_density - 0.4111 * sand / 100 + 0.6614 * clay / 100
 
 
-def fixed(frequency: ArrayLike, permittivity: float, loss_tangent: float, conductivity: float) -> NDArray[np.complex128]:
+def fixed(
+    frequency: ArrayLike, permittivity: float, loss_tangent: float, conductivity: float
+) -> NDArray[np.complex128]:
     """Permittivity given as ε', tanδ and an ohmic conductivity in S/m at every ``frequency`` in Hz."""
     f = np.asarray(frequency, dtype=np.float64)
     loss = permittivity * loss_tangent + conductivity / (2 * np.pi * f * VACUUM_PERMITTIVITY)
