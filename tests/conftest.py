@@ -1,6 +1,5 @@
 """Shared fixtures."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,6 @@ DATA = Path(__file__).parent / "data"
 @pytest.fixture
 def fullwave_archive() -> Path:
     return DATA / "lane_a.npz"
-
-
-@pytest.fixture
-def measured_data() -> Path:
-    folder = os.environ.get("FLGPR_MEASURED_DATA")
-    if not folder or not Path(folder).is_dir():
-        pytest.skip("FLGPR_MEASURED_DATA does not name a folder of measured data")
-    return Path(folder)
 
 
 @pytest.fixture

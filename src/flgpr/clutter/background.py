@@ -64,7 +64,7 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     Raises
     ------
     ValueError
-        If there is no image or the method is unknown.
+        If there is no image, only one and the method is not "none", or the method is unknown.
     """
     if method not in ("none", "mean", "median"):
         raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
@@ -81,6 +81,8 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
         count += 1
     if total is None:
         raise ValueError("images must hold at least one scan, got none")
+    if count == 1:
+        raise ValueError(f"self_signature by {method} needs at least two scans, got one: it would be all of the image")
     if method == "median":
         together = np.stack(stack)
         return (np.median(together.real, axis=0) + 1j * np.median(together.imag, axis=0)).astype(np.complex64)
@@ -132,10 +134,7 @@ def gain_background(
         raise ValueError("images must hold at least one scan, got none")
     background = total / count
     if not (background > 0).all():
-        raise ValueError(
-            "gain background must be positive everywhere, got zero: the images equal their self-signature "
-            "(a run of one scan has no self-signature to estimate)"
-        )
+        raise ValueError("gain background must be positive everywhere, got zero: the images equal their self-signature")
     return background.astype(np.float32)
 
 

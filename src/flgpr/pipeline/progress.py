@@ -54,11 +54,11 @@ class Bars:
         )
 
     def __enter__(self) -> Bars:
-        self._progress.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._progress.tasks:
+            self._progress.stop()
 
     def __call__(self, items: Iterable[T], label: str, total: int) -> Iterator[T]:
         """Iterate over items under a bar.
@@ -77,6 +77,7 @@ class Bars:
         object
             Each item.
         """
+        self._progress.start()
         task = self._progress.add_task(label, total=total)
         for item in items:
             yield item
