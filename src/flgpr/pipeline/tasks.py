@@ -33,7 +33,12 @@ PathLike = str | Path
 
 
 def detect_run(
-    run: PathLike, recipe: PathLike, output: PathLike, lane: PathLike | None = None, track: Track = silent
+    run: PathLike,
+    recipe: PathLike,
+    output: PathLike,
+    lane: PathLike | None = None,
+    track: Track = silent,
+    report: bool = True,
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
 
@@ -49,6 +54,8 @@ def detect_run(
         TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
     track : Track
         Shows progress.
+    report : bool
+        Whether to write ``report.html`` now; scoring writes it anew anyway.
 
     Returns
     -------
@@ -67,7 +74,8 @@ def detect_run(
     detections = detect(dataset, parsed, area, track)
     folder = write_result(output, detections, text, area, describe_run(dataset, run))
     result = read_result(folder)
-    write_whole(folder / "report.html", report_html(result))
+    if report:
+        write_whole(folder / "report.html", report_html(result))
     return result
 
 
@@ -129,7 +137,7 @@ def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
         If something that is no result lies at the path.
     """
     lane = sample_lane()
-    detect_run(lane / "run.zarr", "demo", output, track=track)
+    detect_run(lane / "run.zarr", "demo", output, track=track, report=False)
     return score_result(output, lane / "truth.csv", lane / "objects.csv")
 
 
