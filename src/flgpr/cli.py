@@ -111,8 +111,8 @@ def score(
 ) -> None:
     """Score a result against truth."""
     folder = result.parent if result.name == "alarms.csv" else result
-    with _plain_errors():
-        _, scored = tasks.score_result(folder, truth, objects, output)
+    with _plain_errors(), _progress(quiet or as_json) as track:
+        _, scored = tasks.score_result(folder, truth, objects, output, track)
     if as_json:
         typer.echo(json.dumps(_score_summary(output or folder, scored)))
     elif not quiet:

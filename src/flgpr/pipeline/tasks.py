@@ -75,12 +75,17 @@ def detect_run(
     folder = write_result(output, detections, text, area, describe_run(dataset, run))
     result = read_result(folder)
     if report:
-        write_whole(folder / "report.html", report_html(result))
+        for page in track(["report.html"], "drawing the report", 1):
+            write_whole(folder / page, report_html(result))
     return result
 
 
 def score_result(
-    folder: PathLike, truth: PathLike, objects: PathLike | None = None, output: PathLike | None = None
+    folder: PathLike,
+    truth: PathLike,
+    objects: PathLike | None = None,
+    output: PathLike | None = None,
+    track: Track = silent,
 ) -> tuple[Result, list[Score]]:
     """Score a result folder and write its ROC and report.
 
@@ -94,6 +99,8 @@ def score_result(
         CSV of what else stands there, for the pictures.
     output : path, optional
         Folder for ``roc.json`` and ``report.html``; default the result folder.
+    track : Track
+        Shows progress.
 
     Returns
     -------
@@ -112,7 +119,8 @@ def score_result(
     home = Path(output) if output is not None else result.folder
     home.mkdir(parents=True, exist_ok=True)
     write_whole(home / "roc.json", roc_json(scored))
-    write_whole(home / "report.html", report_html(result, scored, targets, others))
+    for page in track(["report.html"], "drawing the report", 1):
+        write_whole(home / page, report_html(result, scored, targets, others))
     return result, scored
 
 
@@ -138,7 +146,7 @@ def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
     """
     lane = sample_lane()
     detect_run(lane / "run.zarr", "demo", output, track=track, report=False)
-    return score_result(output, lane / "truth.csv", lane / "objects.csv")
+    return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track)
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
