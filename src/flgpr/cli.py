@@ -178,6 +178,9 @@ def _print_scores(scored: list[Any]) -> None:
             table.add_row(target, "found" if row["detected"] else "missed", *found)
     Console().print(table)
     last = scored[0].curve.iloc[-1]
+    if not last["n_targets"]:
+        typer.echo(f"main: no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²")
+        return
     typer.echo(
         f"main: {last['n_detected']:.0f} of {last['n_targets']:.0f} targets found (Pd {last['pd']:.2f}, 95 % interval "
         f"{last['pd_low']:.2f} to {last['pd_high']:.2f}), {last['n_false']:.0f} false alarms on {last['area']:.2f} m² "
