@@ -80,3 +80,20 @@ def test_an_empty_lane_is_refused(tmp_path):
 
 def test_version():
     assert call("--version").stdout.startswith("flgpr ")
+
+
+def test_recipes_can_be_listed_shown_and_checked(tmp_path):
+    assert "demo" in call("recipe", "list").stdout
+    text = call("recipe", "show", "demo").stdout
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("halo = 0.5", "halo = 0"))
+    result = call("recipe", "check", path)
+    assert result.exit_code == 2
+    assert "score.halo" in result.stderr
+    assert "line " in result.stderr
+    path.write_text(text)
+    assert "good" in call("recipe", "check", path).stdout
+
+
+def test_replay_says_identical(demo):
+    assert "identical" in call("replay", demo[0].folder, "--quiet").stdout
