@@ -1,0 +1,274 @@
+"""The ROC table: one type for all conventions, each named in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.scoring.intervals import clopper_pearson, poisson_interval
+from flgpr.scoring.matching import one_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How a ROC counts.
+
+    Attributes
+    ----------
+    name : str
+        Its name, found in ``curve.attrs["convention"]``.
+    source : str
+        The paper it follows.
+    far : str
+        What its FAR is.
+    counts : bool
+        Whether FAR is a number of alarms over an area; then curves convert by exchanging the area.
+    """
+
+    name: str
+    source: str
+    far: str
+    counts: bool
+
+
+CONVENTIONS = {
+    convention.name: convention
+    for convention in (
+        Convention("lane", "Wang et al. 2007, rules 1-6", "false alarms over the lane's area outside the halos", True),
+        Convention("frames", "Fuse et al. 2018, Fig. 9", "false alarms over the area of all frames", True),
+        Convention("examples", "flsar2004, par. 45", "clutter examples called mines over the searched area", True),
+        Convention("box", "Cosgrove et al. 2004, Sec. IV-B", "fraction of clutter boxes over the area of a box", False),
+    )
+}
+CURVE_COLUMNS = (
+    "threshold", "pd", "far", "n_detected", "n_false", "pd_low", "pd_high", "far_low", "far_high", "n_targets", "area",
+)  # fmt: skip
+
+
+def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
+    """Count the scores at or above each threshold.
+
+    Parameters
+    ----------
+    thresholds, scores : ndarray
+        Values; a score of -inf never counts.
+
+    Returns
+    -------
+    ndarray of int
+        One count per threshold.
+    """
+    ordered = np.sort(scores)
+    return len(ordered) - np.searchsorted(ordered, thresholds, side="left")
+
+
+def make_curve(
+    thresholds: FloatArray,
+    n_detected: NDArray[Any],
+    n_false: NDArray[Any],
+    n_targets: int,
+    area: float,
+    attrs: Mapping[Any, Any],
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Assemble a ROC table of false alarms counted over an area.
+
+    Parameters
+    ----------
+    thresholds : (row,) ndarray
+        Thresholds, falling, +inf first.
+    n_detected, n_false : (row,) ndarray
+        Targets detected and false alarms at each.
+    n_targets : int
+        Number of targets; without any, pd is NaN.
+    area : float
+        Area of the FAR, m².
+    attrs : mapping
+        Description, goes to ``DataFrame.attrs``.
+    level : float
+        Level of the exact intervals, row by row.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``CURVE_COLUMNS``.
+
+    Raises
+    ------
+    ValueError
+        If the area is not positive.
+    """
+    if not (math.isfinite(area) and area > 0):
+        raise ValueError(f"area must be positive, got {area:g} m²: the halos leave no room for false alarms")
+    pd_low, pd_high = clopper_pearson(n_detected, n_targets, level)
+    far_low, far_high = poisson_interval(n_false, area, level)
+    found = n_detected / n_targets if n_targets else np.full(len(thresholds), np.nan)
+    columns = (
+        thresholds, found, n_false / area, n_detected, n_false, pd_low, pd_high, far_low, far_high,
+        np.full(len(thresholds), n_targets), np.full(len(thresholds), float(area)),
+    )  # fmt: skip
+    curve = pd.DataFrame(dict(zip(CURVE_COLUMNS, columns, strict=True)))
+    curve.attrs = {**dict(attrs), "n_targets": int(n_targets), "area": float(area), "level": float(level)}
+    return curve
+
+
+def pd_at(curve: pd.DataFrame, far: Any) -> Any:
+    """Read Pd off a curve: the highest that is reached without exceeding a FAR.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    far : float or array_like
+        Allowed false alarm rate, per m².
+
+    Returns
+    -------
+    float or ndarray
+        Pd at the lowest threshold whose FAR is not above it.
+
+    Raises
+    ------
+    ValueError
+        If ``far`` is negative.
+    """
+    row = operating_row(curve, far)
+    found = curve["pd"].to_numpy()[row]
+    return float(found) if np.ndim(found) == 0 else found
+
+
+def operating_row(curve: pd.DataFrame, far: Any) -> Any:
+    """Find the row of a curve at an allowed FAR: the lowest threshold that does not exceed it.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    far : float or array_like
+        Allowed false alarm rate, per m².
+
+    Returns
+    -------
+    int or ndarray of int
+        Row number.
+
+    Raises
+    ------
+    ValueError
+        If ``far`` is negative.
+    """
+    allowed = np.asarray(far, dtype=np.float64)
+    if not (allowed >= 0).all():
+        raise ValueError(f"far must not be negative, got {far}")
+    return np.searchsorted(curve["far"].to_numpy(), allowed, side="right") - 1
+
+
+def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["step", "linear"] = "step") -> float:
+    """Average Pd over FAR from 0 to ``far_max`` (Wang et al. 2007, Sec. II-F).
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table.
+    far_max : float
+        End of the averaging, per m². A curve that ends before it keeps its last Pd.
+    interpolation : {"step", "linear"}
+        Between operating points the curve is a staircase, the Pd that a threshold does reach, or it is joined by
+        straight lines, which needs a detector that decides by lot.
+
+    Returns
+    -------
+    float
+        The mean Pd, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If ``far_max`` is not positive, an option is unknown, or the curve has no targets.
+    """
+    one_of("interpolation", interpolation, ("step", "linear"))
+    if not (math.isfinite(far_max) and far_max > 0):
+        raise ValueError(f"far_max must be positive, got {far_max}")
+    found, far = curve["pd"].to_numpy(), curve["far"].to_numpy()
+    if np.isnan(found).any():
+        raise ValueError("curve must have at least one target for a mean Pd, got none")
+    if interpolation == "step":
+        edges = np.minimum(np.append(far, np.inf), far_max)
+        return float((found * np.diff(edges)).sum() / far_max)
+    inside = far <= far_max
+    # Left of the last point within the limit the line leads on to the first point beyond it.
+    end = np.interp(far_max, _strictly(far), found)
+    f, p = np.append(far[inside], far_max), np.append(found[inside], end)
+    return float(np.trapezoid(p, f) / far_max)
+
+
+def _strictly(far: FloatArray) -> FloatArray:
+    """Break ties upwards, so that interpolation at a vertical step yields its top."""
+    tied = np.append(far[1:] == far[:-1], False)
+    return np.where(tied, np.nextafter(far, -np.inf), far)
+
+
+def with_area(curve: pd.DataFrame, area: float, convention: Literal["lane", "frames", "examples"]) -> pd.DataFrame:
+    """Express the FAR of a curve over another area.
+
+    Parameters
+    ----------
+    curve : DataFrame
+        ROC table of a convention that counts false alarms.
+    area : float
+        New area, m², e.g. that of all frames.
+    convention : {"lane", "frames", "examples"}
+        What the new area is.
+
+    Returns
+    -------
+    DataFrame
+        The same points with FAR over the new area.
+
+    Raises
+    ------
+    ValueError
+        If either convention does not count false alarms over an area: a fraction of boxes holds no such count, so the
+        conversion has no meaning.
+    """
+    old = str(curve.attrs.get("convention", "unknown"))
+    for name in (old, convention):
+        if name not in CONVENTIONS or not CONVENTIONS[name].counts:
+            raise ValueError(
+                f"convention must count false alarms over an area to be converted, got {old!r} to {convention!r}: "
+                "a fraction of boxes is no number of alarms"
+            )
+    return make_curve(
+        curve["threshold"].to_numpy(),
+        curve["n_detected"].to_numpy(),
+        curve["n_false"].to_numpy(),
+        int(curve.attrs["n_targets"]),
+        area,
+        {**curve.attrs, **describe(convention), "area_rule": "given"},
+        float(curve.attrs["level"]),
+    )
+
+
+def describe(convention: str) -> dict[str, Any]:
+    """Describe a convention in words that go with the table.
+
+    Parameters
+    ----------
+    convention : str
+        A name in ``CONVENTIONS``.
+
+    Returns
+    -------
+    dict
+        Entries for ``DataFrame.attrs``.
+    """
+    known = CONVENTIONS[convention]
+    return {"convention": known.name, "source": known.source, "far_is": known.far}

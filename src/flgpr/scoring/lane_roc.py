@@ -1,0 +1,210 @@
+"""ROC of an alarm list against a lane's truth, by the six rules of Wang et al. 2007."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from flgpr.scoring.checks import LaneLike
+from flgpr.scoring.curve import count_at, describe, make_curve
+from flgpr.scoring.matching import Match, Subset, match, one_of, select_targets
+
+AreaRule = Literal["union", "paper", "frames"]
+
+
+def roc(
+    alarms: pd.DataFrame,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    halo: float = 1.0,
+    subset: Subset = None,
+    *,
+    area: AreaRule = "union",
+    frame_area: float | None = None,
+    halo_as: Literal["radius", "diameter"] = "radius",
+    assignment: Literal["halo", "nearest"] = "halo",
+    shared: Literal["count", "drop"] = "count",
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Compute the ROC of an alarm list (Wang et al. 2007, Sec. II-F, rules 1 to 6).
+
+    The first row is the threshold +inf, where nothing is declared. One row follows for every distinct confidence of
+    the table, falling; alarms at or above the threshold are declared, so that ties are one step. All subsets of one
+    truth therefore share their thresholds.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarm table; with several lanes it names them in the column ``lane``.
+    truth : DataFrame
+        Truth table, likewise.
+    lane : Lane, mapping, Series or DataFrame
+        The scored lane, or several by name, see :func:`flgpr.scoring.as_lanes`.
+    halo : float
+        Halo size, m; its border is within.
+    subset : None, str, sequence, mapping or callable
+        Targets to score, see :func:`flgpr.scoring.select_targets`. Alarms in the halo of any known target are never
+        false, and the area stays that of all known targets (rules 5 and 6).
+    area : {"union", "paper", "frames"}
+        FAR area: lane less the exact union of halos clipped to it; lane less N·π·r² (rule 6); or ``frame_area``.
+    frame_area : float, optional
+        Area accumulated over all frames, m² (Fuse et al. 2018), see :func:`flgpr.scoring.accumulated_area`.
+    halo_as : {"radius", "diameter"}
+        What ``halo`` is: a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
+    assignment : {"halo", "nearest"}
+        Whether an alarm detects every target in reach or only the nearest.
+    shared : {"count", "drop"}
+        With a subset: whether an alarm that is also in the halo of a target outside the subset counts for its own. By
+        default it does, so that a target is found or missed alike in every subset; "drop" is rule 5 to the letter.
+    level : float
+        Level of the exact intervals of each row, Clopper-Pearson for Pd and Poisson for FAR.
+
+    Returns
+    -------
+    DataFrame
+        ``threshold``, ``pd``, ``far`` (per m²), ``n_detected``, ``n_false``, ``pd_low``, ``pd_high``, ``far_low``,
+        ``far_high``, ``n_targets``, ``area`` (m²); ``attrs`` name the convention and all choices. Without targets
+        ``pd`` is NaN.
+
+    Raises
+    ------
+    ValueError
+        If a table, the lane or an option is not valid, or the area is not positive.
+    """
+    matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment)
+    return roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)
+
+
+def roc_of(
+    matched: Match,
+    subset: Subset = None,
+    *,
+    area: AreaRule = "union",
+    frame_area: float | None = None,
+    shared: Literal["count", "drop"] = "count",
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Compute the ROC of alarms that are matched already; see :func:`roc`.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets.
+    subset, area, frame_area, shared, level
+        As for :func:`roc`.
+
+    Returns
+    -------
+    DataFrame
+        The curve.
+
+    Raises
+    ------
+    ValueError
+        As :func:`roc`.
+    """
+    one_of("shared", shared, ("count", "drop"))
+    chosen = select_targets(matched.truth, subset)
+    scores = matched.best(chosen, shared)[1][chosen]
+    thresholds = np.append(np.inf, np.unique(matched.confidence)[::-1])
+    attrs = {
+        **describe("frames" if area == "frames" else "lane"),
+        "area_rule": area,
+        "halo_radius": matched.halo,
+        "lanes": list(matched.lanes),
+        "n_alarms": len(matched.alarms),
+        "n_known_targets": len(matched.truth),
+        "subset": _in_words(subset),
+        "shared": shared,
+    }
+    return make_curve(
+        thresholds,
+        count_at(thresholds, scores),
+        count_at(thresholds, matched.confidence[matched.false]),
+        int(chosen.sum()),
+        far_area(matched, area, frame_area),
+        attrs,
+        level,
+    )
+
+
+def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) -> float:
+    """Compute the area that a FAR refers to.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets.
+    area : {"union", "paper", "frames"}
+        The rule.
+    frame_area : float, optional
+        The area of all frames, m², for "frames".
+
+    Returns
+    -------
+    float
+        Area, m².
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown, ``frame_area`` is missing or superfluous, or the area is not positive.
+    """
+    one_of("area", area, ("union", "paper", "frames"))
+    if (area == "frames") != (frame_area is not None):
+        raise ValueError(f'frame_area must be given with area="frames" and only then, got {frame_area} with {area!r}')
+    if frame_area is not None:
+        total = float(frame_area)
+    else:
+        total = float(matched.lane_areas("paper" if area == "paper" else "union").sum())
+    lanes = sum(lane.area for lane in matched.lanes.values())
+    # Rounding leaves a trace of area where halos cover the lane to the last point.
+    if not total > 1e-9 * lanes:
+        raise ValueError(
+            f"area must be positive, got {total:g} m² by the rule {area!r}: {len(matched.truth)} halos of radius "
+            f"{matched.halo:g} m in {lanes:g} m² of lane"
+        )
+    return total
+
+
+def accumulated_area(
+    frames: int, x_span: tuple[float, float] = (-7.0, 7.0), y_span: tuple[float, float] = (5.0, 10.0)
+) -> float:
+    """Compute the area of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames.
+    x_span, y_span : tuple of float
+        Cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
+
+    Returns
+    -------
+    float
+        Area, m².
+
+    Raises
+    ------
+    ValueError
+        If there is no frame or an extent is not positive.
+    """
+    width, length = x_span[1] - x_span[0], y_span[1] - y_span[0]
+    if frames < 1 or width <= 0 or length <= 0:
+        raise ValueError(f"frames and extents must be positive, got {frames} frames of {width:g} m by {length:g} m")
+    return frames * width * length
+
+
+def _in_words(subset: Subset) -> str:
+    if subset is None:
+        return "all targets"
+    if isinstance(subset, str):
+        return subset
+    if isinstance(subset, Mapping):
+        return ", ".join(f"{name}={_in_words(value) if callable(value) else value}" for name, value in subset.items())
+    if callable(subset):
+        return str(getattr(subset, "__name__", "predicate"))
+    return "chosen targets"

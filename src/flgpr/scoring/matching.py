@@ -1,0 +1,301 @@
+"""Which alarm belongs to which target, and which alarms are false: rules 1 to 5 of Wang et al. 2007."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flgpr.model import Lane, check_alarms, check_truth
+from flgpr.scoring.area import union_area
+from flgpr.scoring.checks import LaneLike, as_lanes, check_place, lane_of_rows
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+Subset = Sequence[Any] | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
+
+
+@dataclass(frozen=True)
+class Match:
+    """Alarms matched to targets; every score is a view of it.
+
+    Attributes
+    ----------
+    alarms, truth : DataFrame
+        The checked tables, rows numbered from 0.
+    lanes : dict of str to Lane
+        The scored lanes by name.
+    halo : float
+        Halo radius, m.
+    alarm_lane, target_lane : (alarm,), (target,) ndarray of int
+        Position of each row's lane in ``lanes``.
+    pair_alarm, pair_target : (pair,) ndarray of int
+        Rows of every alarm and target that are within a halo of one another.
+    pair_distance : (pair,) ndarray
+        Their distance, m.
+    in_halo : (alarm,) ndarray of bool
+        Alarms within the halo of any known target.
+    false : (alarm,) ndarray of bool
+        False alarms: in no halo and inside the lane (rule 3).
+    """
+
+    alarms: pd.DataFrame
+    truth: pd.DataFrame
+    lanes: dict[str, Lane]
+    halo: float
+    alarm_lane: IntArray
+    target_lane: IntArray
+    pair_alarm: IntArray
+    pair_target: IntArray
+    pair_distance: FloatArray
+    in_halo: BoolArray
+    false: BoolArray
+
+    @property
+    def confidence(self) -> FloatArray:
+        """Confidence of every alarm."""
+        return self.alarms["confidence"].to_numpy()
+
+    def lane_areas(self, area: Literal["union", "paper"] = "union") -> FloatArray:
+        """Compute the area false alarms can stand on, lane by lane.
+
+        Parameters
+        ----------
+        area : {"union", "paper"}
+            Lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6).
+
+        Returns
+        -------
+        (lane,) ndarray
+            Areas, m²; "paper" areas can be negative.
+        """
+        points = self.truth[["x", "y"]].to_numpy()
+        areas = []
+        for number, lane in enumerate(self.lanes.values()):
+            own = points[self.target_lane == number]
+            halos = union_area(own, self.halo, lane) if area == "union" else len(own) * math.pi * self.halo**2
+            areas.append(lane.area - halos)
+        return np.array(areas)
+
+    def best(self, chosen: BoolArray | None = None, shared: Literal["count", "drop"] = "count") -> tuple[Any, ...]:
+        """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
+
+        Parameters
+        ----------
+        chosen : (target,) ndarray of bool, optional
+            The targets that count; all by default.
+        shared : {"count", "drop"}
+            What becomes of an alarm in the halo of a chosen and of another target: it counts for the chosen one, or is
+            disregarded, as rule 5 to the letter has it.
+
+        Returns
+        -------
+        alarm : (target,) ndarray of int
+            Row of the best alarm, -1 where there is none.
+        confidence : (target,) ndarray
+            Its confidence, -inf where there is none.
+        distance : (target,) ndarray
+            Its distance, m, NaN where there is none.
+        """
+        targets = len(self.truth)
+        keep = np.ones(len(self.pair_alarm), dtype=bool) if chosen is None else chosen[self.pair_target]
+        if chosen is not None and shared == "drop":
+            elsewhere = np.zeros(len(self.alarms), dtype=bool)
+            elsewhere[self.pair_alarm[~keep]] = True
+            keep &= ~elsewhere[self.pair_alarm]
+        row, target, away = self.pair_alarm[keep], self.pair_target[keep], self.pair_distance[keep]
+        order = np.lexsort((row, away, -self.confidence[row], target))
+        first = order[np.unique(target[order], return_index=True)[1]]
+        alarm, distance = np.full(targets, -1, dtype=np.int64), np.full(targets, np.nan)
+        confidence = np.full(targets, -np.inf)
+        alarm[target[first]], distance[target[first]] = row[first], away[first]
+        confidence[target[first]] = self.confidence[row[first]]
+        return alarm, confidence, distance
+
+
+def match(
+    alarms: pd.DataFrame,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    halo: float = 1.0,
+    *,
+    halo_as: Literal["radius", "diameter"] = "radius",
+    assignment: Literal["halo", "nearest"] = "halo",
+) -> Match:
+    """Match alarms to targets.
+
+    Parameters
+    ----------
+    alarms, truth : DataFrame
+        Tables as :mod:`flgpr.model` describes them. With several lanes both name theirs in the column ``lane``, and
+        alarms meet only targets of their own lane.
+    lane : Lane, mapping, Series or DataFrame
+        The scored lane, or several, see :func:`as_lanes`.
+    halo : float
+        Halo size, m. An alarm at exactly this distance is within.
+    halo_as : {"radius", "diameter"}
+        Whether the halo is given as a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
+    assignment : {"halo", "nearest"}
+        Whether an alarm within several halos can detect each of those targets (Wang et al. 2007, rules 1 and 2 to the
+        letter), or only the nearest (as that paper labels training hits).
+
+    Returns
+    -------
+    Match
+        The result, which all scores are computed from.
+
+    Raises
+    ------
+    ValueError
+        If a table is not valid, does not lie in the lane, or an option is not one of those named.
+    """
+    if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
+        raise ValueError(f"halo must be a positive number of metres, got {halo!r}")
+    one_of("halo_as", halo_as, ("radius", "diameter"))
+    one_of("assignment", assignment, ("halo", "nearest"))
+    radius = float(halo) / (2 if halo_as == "diameter" else 1)
+    alarms, truth = check_alarms(alarms).reset_index(drop=True), check_truth(truth).reset_index(drop=True)
+    lanes = as_lanes(lane)
+    alarm_lane, target_lane = lane_of_rows(alarms, lanes, "alarms"), lane_of_rows(truth, lanes, "truth")
+    inside = np.zeros(len(alarms), dtype=bool)
+    pairs = []
+    for number, one in enumerate(lanes.values()):
+        own, known = np.flatnonzero(alarm_lane == number), np.flatnonzero(target_lane == number)
+        check_place(alarms.iloc[own], one, "alarms")
+        check_place(truth.iloc[known], one, "truth")
+        here, there = alarms[["x", "y"]].to_numpy()[own], truth[["x", "y"]].to_numpy()[known]
+        inside[own] = one.contains(here[:, 0], here[:, 1])
+        row, target, distance = pairs_within(here, there, radius)
+        pairs.append((own[row], known[target], distance))
+    row, target, distance = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    in_halo = np.zeros(len(alarms), dtype=bool)
+    in_halo[row] = True
+    if assignment == "nearest":
+        order = np.lexsort((target, distance, row))
+        keep = order[np.unique(row[order], return_index=True)[1]]
+        row, target, distance = row[keep], target[keep], distance[keep]
+    return Match(
+        alarms, truth, lanes, radius, alarm_lane, target_lane, row, target, distance, in_halo, inside & ~in_halo
+    )
+
+
+def pairs_within(here: FloatArray, there: FloatArray, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
+    """List all pairs of points of two sets that are within a radius, its border included.
+
+    Parameters
+    ----------
+    here, there : (point, 2) ndarray
+        Positions, m.
+    radius : float
+        Largest distance, m.
+
+    Returns
+    -------
+    first, second : (pair,) ndarray of int
+        Rows in ``here`` and ``there``.
+    distance : (pair,) ndarray
+        ``hypot`` of the difference, m.
+    """
+    if len(here) == 0 or len(there) == 0:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none, np.zeros(0)
+    # The tree rounds differently on the border: let it find a little too much, then decide by the plain formula.
+    near = cKDTree(here).sparse_distance_matrix(cKDTree(there), radius * (1 + 1e-6) + 1e-9, output_type="ndarray")
+    first, second = near["i"].astype(np.int64), near["j"].astype(np.int64)
+    distance = np.hypot(here[first, 0] - there[second, 0], here[first, 1] - there[second, 1])
+    keep = distance <= radius
+    return first[keep], second[keep], distance[keep]
+
+
+def select_targets(truth: pd.DataFrame, subset: Subset) -> BoolArray:
+    """Tell which targets a subset names.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+    subset : None, str, sequence, mapping or callable
+        ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of values or a
+        predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``. A
+        predicate of the table that gives one truth value per row. A boolean array with one value per row.
+
+    Returns
+    -------
+    (target,) ndarray of bool
+        True for the targets of the subset.
+
+    Raises
+    ------
+    ValueError
+        If a column or id is not in the table, or the subset names no target of a table that has some.
+    """
+    if subset is None:
+        return np.ones(len(truth), dtype=bool)
+    if isinstance(subset, Mapping):
+        chosen = np.ones(len(truth), dtype=bool)
+        for name, wanted in subset.items():
+            if name not in truth.columns:
+                raise ValueError(
+                    f"subset must name columns of truth, got {name!r}; there are {', '.join(truth.columns)}"
+                )
+            chosen &= _rows_with(truth[name], wanted)
+    elif callable(subset):
+        chosen = _as_mask(subset(truth), len(truth))
+    elif isinstance(subset, str):
+        chosen = _by_id(truth, [subset])
+    else:
+        values = np.asarray(subset)
+        chosen = _as_mask(values, len(truth)) if values.dtype == bool else _by_id(truth, list(subset))
+    if len(truth) and not chosen.any():
+        kinds = ", ".join(sorted(map(str, truth["kind"].unique())))
+        raise ValueError(f"subset must select at least one target, got {subset!r} of {len(truth)} targets ({kinds})")
+    return chosen
+
+
+def _rows_with(column: pd.Series[Any], wanted: Any) -> BoolArray:
+    if callable(wanted):
+        return _as_mask(wanted(column), len(column))
+    values = list(wanted) if isinstance(wanted, list | tuple | set | frozenset | np.ndarray | pd.Series) else [wanted]
+    return column.isin(values).to_numpy(dtype=bool)
+
+
+def _as_mask(values: Any, length: int) -> BoolArray:
+    mask = np.asarray(values)
+    if mask.shape != (length,) or mask.dtype != bool:
+        raise ValueError(f"subset must give one truth value per target ({length}), got {mask.dtype} {mask.shape}")
+    return mask
+
+
+def _by_id(truth: pd.DataFrame, wanted: list[Any]) -> BoolArray:
+    unknown = [name for name in wanted if name not in set(truth["target_id"])]
+    if unknown:
+        raise ValueError(f"subset must name target_id of truth, got {unknown[0]!r} ({len(unknown)} unknown)")
+    return truth["target_id"].isin(wanted).to_numpy(dtype=bool)
+
+
+def one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
+    """Check an option.
+
+    Parameters
+    ----------
+    name : str
+        The parameter.
+    value : object
+        What it is.
+    allowed : tuple
+        What it may be.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
+    """
+    if value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
