@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit, prange
@@ -348,7 +349,7 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _sum(path, spectrum, gain, tx, rx, first, step, mixed, out):
+def _sum(path: Any, spectrum: Any, gain: Any, tx: Any, rx: Any, first: Any, step: Any, mixed: Any, out: Any) -> None:
     tones = spectrum.shape[2]
     for q in prange(tx.shape[0]):
         a, b = tx[q], rx[q]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -53,7 +54,7 @@ class ArrayState:
 
 
 @njit(cache=True, inline="always")
-def _antenna_gain(kx, ky, kz, boresight, horizontal, vertical, exponent):
+def _antenna_gain(kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, vertical: Any, exponent: Any) -> Any:
     """Answer (H to h, H to v, V to v) of an antenna for the unit ray k leaving it."""
     if exponent >= 0:
         cosine = max(kx * boresight[0] + ky * boresight[1] + kz * boresight[2], 0.0)
@@ -67,7 +68,18 @@ def _antenna_gain(kx, ky, kz, boresight, horizontal, vertical, exponent):
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def antenna_terms(points, antennas, boresight, horizontal, vertical, exponent, wavenumber, distance, phasor, gain):
+def antenna_terms(
+    points: Any,
+    antennas: Any,
+    boresight: Any,
+    horizontal: Any,
+    vertical: Any,
+    exponent: Any,
+    wavenumber: Any,
+    distance: Any,
+    phasor: Any,
+    gain: Any,
+) -> None:
     """Fill distance (antenna, point) m, carrier phasor, and gain over distance (antenna, 3, point) of every ray."""
     for a in prange(antennas.shape[0]):
         for i in range(points.shape[0]):
@@ -83,7 +95,21 @@ def antenna_terms(points, antennas, boresight, horizontal, vertical, exponent, w
 
 
 @njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-def _spread_chunk(count, coefficient, ranks, mixed, distance, phasor, gain, tx, rx, per_metre, bins, table, profile):
+def _spread_chunk(
+    count: Any,
+    coefficient: Any,
+    ranks: Any,
+    mixed: Any,
+    distance: Any,
+    phasor: Any,
+    gain: Any,
+    tx: Any,
+    rx: Any,
+    per_metre: Any,
+    bins: Any,
+    table: Any,
+    profile: Any,
+) -> Any:
     """Add ``count`` points to the profiles (pair, bin, 2·channel): real parts first, then imaginary parts.
 
     ``coefficient`` (point, 3·rank) holds h, v and cross for each rank; channels are the same three for horns, and

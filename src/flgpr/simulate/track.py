@@ -41,14 +41,14 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[NDArray[np.float
     pose[:, 0] += (scene.x_min + scene.x_max) / 2
     pose[:, 2] = height + rng.normal(0, track.bounce, y.size)
     pose[:, 4:] = rng.normal(0, track.attitude, (y.size, 2))
-    return pose, seconds
+    return np.asarray(pose, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
 
 
 def _positions(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     track = scene.track
     if track.positions is not None:
         exact = np.asarray(track.positions, dtype=float)
-        return exact, np.arange(exact.size) * 1.0
+        return exact, np.arange(exact.size, dtype=np.float64)
     place = -20.0 if track.start is None else track.start
     end = scene.length - 5.0 if track.stop is None else track.stop
     stops = sorted(track.stops)
