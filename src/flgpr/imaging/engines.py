@@ -6,12 +6,15 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
+from scipy.sparse import csr_array
 
 from flgpr.imaging.plan import Layout, Plan, make_plan
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import CHANNELS, aligned
+from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.model import SPEED_OF_LIGHT
 
 FloatArray = NDArray[np.float64]
@@ -59,39 +62,75 @@ class ProfileEngine:
 
     method = "profile"
 
-    def __init__(self, plan: Plan, weight: FloatArray, phase: NDArray[np.complex128] | None) -> None:
-        self._plan = plan
+    def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        self._bins = plan.bins
+        self._geometry = plan.geometry()
+        self._spectrum = plan.spectrum.single()
         self._weight = weight.astype(np.float32)
-        self._phase = None if phase is None else phase.astype(np.complex64)
+        self._phase = None if plan.phase is None else plan.phase.astype(np.complex64)
         self._taps = (0,) * plan.window.width
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
-        plan = self._plan
         if self._phase is not None:
             data = data * self._phase
         for rows, bands, channels in passes(*out.shape[:2]):
-            table = self._table(channels)
-            lane = (0,) * channels
-            transform.compress(data[rows], self._weight[bands], plan.spectrum, table, lane)
+            table, lane = self._table(channels), (0,) * channels
+            transform.compress(data[rows], self._weight[bands], self._spectrum, table, lane)
             part = out[rows, bands].reshape(-1, out.shape[2])
-            profiles.adjoint(table, plan.bins, plan.geometry, part, self._taps, lane)
+            profiles.adjoint(table, self._bins, self._geometry, part, self._taps, lane)
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        plan = self._plan
         out[...] = 0
         for rows, bands, channels in passes(*image.shape[:2]):
-            table = self._table(channels)
-            lane = (0,) * channels
+            table, lane = self._table(channels), (0,) * channels
             part = image[rows, bands].reshape(-1, image.shape[2])
-            profiles.forward(table, plan.bins, plan.geometry, part, self._taps, lane)
-            transform.expand(table, self._weight[bands], plan.spectrum, out[rows], lane)
+            profiles.forward(table, self._bins, self._geometry, part, self._taps, lane)
+            transform.expand(table, self._weight[bands], self._spectrum, out[rows], lane)
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
-        return aligned(self._plan.geometry.tx.size * self._plan.bins * 2 * channels, np.float32)
+        return aligned(self._geometry.tx.size * self._bins * 2 * channels, np.float32)
+
+
+class PreciseEngine:
+    """Range profiles and their interpolation in double precision: for tolerances that single precision cannot keep."""
+
+    method = "profile"
+
+    def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        spectrum = plan.spectrum
+        self._spectrum, self._weight, self._phase = spectrum, weight, plan.phase
+        self._geometry = plan.precise_geometry()
+        shape = (weight.shape[1], spectrum.size)
+        self._slots = csr_array((spectrum.share, spectrum.slot, spectrum.entries), shape=shape)
+        self._bin = (spectrum.first + np.arange(plan.bins)) % spectrum.size
+
+    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
+        for rows, image in zip(data, out, strict=True):
+            rows = rows if self._phase is None else rows * self._phase
+            tones = rows[:, None, :] * self._weight
+            slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
+            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin] * self._spectrum.factor
+            table = np.ascontiguousarray(profile.transpose(0, 2, 1))
+            adjoint_precise(table, self._geometry, image)
+
+    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
+        pairs, bands, bins = out.shape[1], self._weight.shape[0], self._bin.size
+        table = np.empty((pairs, bins, bands), np.complex128)
+        for scene, rows in zip(image, out, strict=True):
+            forward_precise(table, self._geometry, scene)
+            slots = np.zeros((self._spectrum.size, pairs, bands), np.complex128)
+            np.add.at(slots, self._bin, (table * self._spectrum.factor[:, None]).transpose(1, 0, 2))
+            slots = fft.fft(slots, axis=0)
+            tones = (self._slots @ slots.reshape(slots.shape[0], -1)).reshape(-1, pairs, bands)
+            rows[...] = np.einsum("kqs,sk->qk", tones, self._weight)
+            if self._phase is not None:
+                rows *= self._phase.conj()
 
 
 def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
@@ -128,15 +167,9 @@ def make_engine(
         raise ValueError(f"device must be 'cpu', got {device!r}")
     if method not in ("auto", "profile", "direct"):
         raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
-    if method == "direct" or dtype == np.dtype(np.complex128):
-        return DirectEngine(layout, frequency, weight, offset)
     active = np.asarray(weight.any(axis=0))
-    if method == "auto" and layout.count * np.count_nonzero(active) < 2000:
+    # Below this many terms per pair, profiles cost more than the sums themselves.
+    if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, tolerance)
-    phase = plan.phase
-    if offset.any():
-        turns = -offset[:, None] * frequency / SPEED_OF_LIGHT
-        shift = np.exp(2j * np.pi * (turns - np.floor(turns)))
-        phase = shift if phase is None else shift * phase
-    return ProfileEngine(plan, weight, phase)
+    plan = make_plan(frequency, active, layout, offset, tolerance)
+    return ProfileEngine(plan, weight) if dtype == np.dtype(np.complex64) else PreciseEngine(plan, weight)

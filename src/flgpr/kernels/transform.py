@@ -7,7 +7,7 @@ the profiles come out in the order in which they are read.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange, uint64
@@ -29,9 +29,14 @@ class Spectrum(NamedTuple):
     first: int
     entries: NDArray[np.int64]
     slot: NDArray[np.int64]
-    share: NDArray[np.float32]
-    factor: NDArray[np.float32]
-    twiddle: NDArray[np.complex64]
+    share: NDArray[Any]
+    factor: NDArray[Any]
+    twiddle: NDArray[Any]
+
+    def single(self) -> Spectrum:
+        """Return the spectrum in single precision, which :func:`compress` and :func:`expand` work in."""
+        share, factor = self.share.astype(np.float32), self.factor.astype(np.float32)
+        return self._replace(share=share, factor=factor, twiddle=self.twiddle.astype(np.complex64))
 
 
 @njit(**_FAST)
