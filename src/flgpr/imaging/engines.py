@@ -163,13 +163,28 @@ def make_engine(
     ValueError
         If the device or the method is not known.
     """
-    if device != "cpu":
-        raise ValueError(f"device must be 'cpu', got {device!r}")
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
     if method not in ("auto", "profile", "direct"):
         raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
     active = np.asarray(weight.any(axis=0))
+    if device == "cuda":
+        return _cuda_engine(make_plan(frequency, active, layout, offset, tolerance), weight, dtype, method)
     # Below this many terms per pair, profiles cost more than the sums themselves.
     if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
     plan = make_plan(frequency, active, layout, offset, tolerance)
     return ProfileEngine(plan, weight) if dtype == np.dtype(np.complex64) else PreciseEngine(plan, weight)
+
+
+def _cuda_engine(plan: Plan, weight: FloatArray, dtype: np.dtype[Any], method: str) -> Engine:
+    if dtype != np.dtype(np.complex64):
+        raise ValueError(f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}")
+    if method == "direct":
+        raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
+    # Imported here because it needs numba-cuda, which only users of a device install.
+    try:
+        from flgpr.imaging.cuda import CudaEngine
+    except ImportError as error:
+        raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
+    return CudaEngine(plan, weight)

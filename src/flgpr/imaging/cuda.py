@@ -1,0 +1,174 @@
+"""The profile engine on a CUDA device: passes of a few scans in several streams, transfers beside sums."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import cuda
+from numpy.typing import NDArray
+
+from flgpr.imaging.plan import Plan
+from flgpr.kernels import gpu
+from flgpr.kernels.transform import Spectrum
+
+FloatArray = NDArray[np.float64]
+
+GROUP = 8
+"""Channels that a thread keeps in registers."""
+STREAMS = 3
+"""Passes in flight: one going in, one being summed, one coming out."""
+PASS_BYTES = 1 << 28
+"""Memory for the profiles of a pass."""
+
+
+def pinned(shape: tuple[int, ...]) -> NDArray[np.complex64]:
+    """Page-locked memory, which transfers reach without a copy."""
+    if math.prod(shape) == 0:
+        return np.empty(shape, np.complex64)
+    return np.asarray(cuda.pinned_array(shape, np.complex64))
+
+
+class CudaEngine:
+    """Range profiles and their interpolation in single precision on a CUDA device."""
+
+    method = "profile"
+
+    def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        if not cuda.is_available():
+            raise ValueError("device must be 'cpu' on a machine without a CUDA device, got 'cuda'")
+        self._spectrum, self._bins, self._width = plan.spectrum.single(), plan.bins, plan.window.width
+        self._geometry = plan.geometry()
+        self._on_device = _Constants(self._spectrum, weight, plan.phase)
+        self._place_antennas()
+        self._order: tuple[Any, Any] | None = None
+
+    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
+        self._run(data, out, self._adjoint_pass, out.shape[1])
+
+    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
+        self._run(image, out, self._forward_pass, image.shape[1])
+
+    def _run(self, given: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
+        """Send the rows of ``given`` through ``step``, a few at a time, each pass in the next stream."""
+        row_bytes = 16 * bands * self._geometry.tx.size * self._spectrum.size
+        rows = max(1, min(PASS_BYTES // row_bytes, -(-given.shape[0] // STREAMS)))
+        streams = [cuda.stream() for _ in range(STREAMS)]
+        for number, start in enumerate(range(0, given.shape[0], rows)):
+            part, stream = slice(start, start + rows), streams[number % STREAMS]
+            source = cuda.to_device(given[part], stream=stream)
+            target = cuda.device_array(out[part].shape, np.complex64, stream=stream)
+            step(source, target, stream)
+            target.copy_to_host(out[part], stream=stream)
+        for stream in streams:
+            stream.synchronize()
+
+    def _adjoint_pass(self, data: Any, out: Any, stream: Any) -> None:
+        here, g = self._on_device, self._geometry
+        bands, count = out.shape[1], out.shape[2]
+        shape = (out.shape[0] * bands, g.tx.size, self._spectrum.size)
+        a, b = (cuda.device_array(shape, np.complex64, stream=stream) for _ in range(2))
+        self._launch(gpu.fill, (shape[2], *shape[1::-1]), stream)(
+            data, here.weight, here.begin, here.tone, here.slot_share, here.phase, a
+        )
+        a = self._transform(a, b, 1.0, stream)
+        if here.factor is not None:
+            self._launch(gpu.scale, (shape[2], *shape[1::-1]), stream)(a, here.factor)
+        group = min(GROUP, shape[0])
+        blocks = (-(-count // gpu.THREADS), -(-shape[0] // group))
+        gpu.adjoint_kernel(self._width, group)[blocks, gpu.THREADS, stream](
+            a, here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift, self._spectrum.first, here.taps,
+            out.reshape(shape[0], count),
+        )  # fmt: skip
+
+    def _forward_pass(self, image: Any, out: Any, stream: Any) -> None:
+        here, g = self._on_device, self._geometry
+        shape = (image.shape[0] * image.shape[1], g.tx.size, self._spectrum.size)
+        a, b = (cuda.device_array(shape, np.complex64, stream=stream) for _ in range(2))
+        begin, order = self._sorted_pixels()
+        group = min(GROUP, shape[0])
+        blocks = (-(-shape[2] // gpu.THREADS), shape[1], -(-shape[0] // group))
+        gpu.forward_kernel(group)[blocks, (gpu.THREADS, 1, 1), stream](
+            image.reshape(shape[0], image.shape[2]), here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
+            begin, order, self._spectrum.first, self._bins, here.taps, a,
+        )  # fmt: skip
+        if here.factor is not None:
+            self._launch(gpu.scale, (shape[2], *shape[1::-1]), stream)(a, here.factor)
+        a = self._transform(a, b, -1.0, stream)
+        self._launch(gpu.collect, (out.shape[2], out.shape[1], out.shape[0]), stream)(
+            a, here.weight, here.entries, here.slot, here.share, here.phase, out
+        )
+
+    def _transform(self, a: Any, b: Any, sign: float, stream: Any) -> Any:
+        """Transform the last axis of ``a`` with ``b`` as work space; returns the one that holds the result."""
+        channels, pairs, size = a.shape
+        stride = 1
+        while size // stride >= 4:
+            self._launch(gpu.pass_four, (size // 4, pairs, channels), stream)(
+                a, b, stride, self._on_device.twiddle, np.float32(sign)
+            )
+            a, b, stride = b, a, 4 * stride
+        if size // stride == 2:
+            self._launch(gpu.pass_two, (size // 2, pairs, channels), stream)(a, b)
+            a, b = b, a
+        return a
+
+    @staticmethod
+    def _launch(kernel: Any, size: tuple[int, ...], stream: Any) -> Any:
+        threads = min(gpu.THREADS, size[0])
+        return kernel[(-(-size[0] // threads), *size[1:]), (threads, *(1 for _ in size[1:])), stream]
+
+    def _place_antennas(self) -> None:
+        g = self._geometry
+        shape = (g.antenna.shape[0], g.pixels.shape[1])
+        self._delay, self._phasor = cuda.device_array(shape, np.uint32), cuda.device_array(shape, np.complex64)
+        arrays = (cuda.to_device(np.ascontiguousarray(array)) for array in (g.pixels, g.antenna, g.medium))
+        gain = cuda.to_device(g.gain if g.gain.size else np.zeros((1, 1), np.float32)[:, :0])
+        stream = cuda.default_stream()
+        self._launch(gpu.locate, (shape[1], shape[0]), stream)(
+            *arrays, g.per_turn, g.carrier, gain, self._delay, self._phasor
+        )
+        stream.synchronize()
+        self._on_device.tx, self._on_device.rx = cuda.to_device(g.tx), cuda.to_device(g.rx)
+        self._on_device.taps = cuda.to_device(g.weight)
+
+    def _sorted_pixels(self) -> tuple[Any, Any]:
+        """Pixels of every pair in the order of their bins, and where each bin begins; made at the first use."""
+        if self._order is None:
+            g, reach = self._geometry, self._bins - self._width
+            delay = self._delay.copy_to_host()[:, : g.pixel_count].astype(np.int64)
+            order = np.empty((g.tx.size, g.pixel_count), np.int32)
+            begin = np.empty((g.tx.size, reach + 1), np.int32)
+            for q in range(g.tx.size):
+                bins = ((delay[g.tx[q]] + delay[g.rx[q]] - g.origin) % 2**32) >> g.shift
+                order[q] = np.argsort(bins, kind="stable")
+                begin[q] = np.searchsorted(bins[order[q]], np.arange(reach + 1))
+            self._order = cuda.to_device(begin), cuda.to_device(order)
+        return self._order
+
+
+class _Constants:
+    """Arrays of the tones and the window, on the device."""
+
+    tx: Any
+    rx: Any
+    taps: Any
+
+    def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: NDArray[np.complex128] | None) -> None:
+        tone = np.repeat(np.arange(spectrum.entries.size - 1), np.diff(spectrum.entries))
+        order = np.argsort(spectrum.slot, kind="stable")
+        begin = np.searchsorted(spectrum.slot[order], np.arange(spectrum.size + 1))
+        factor = np.ones(spectrum.size, np.float32)
+        bins = min(spectrum.factor.size, spectrum.size)
+        factor[(spectrum.first + np.arange(bins)) % spectrum.size] = spectrum.factor[:bins]
+        none = np.zeros((1, 1), np.complex64)[:0]
+        self.weight = cuda.to_device(weight.astype(np.float32))
+        self.begin, self.tone = cuda.to_device(begin.astype(np.int64)), cuda.to_device(tone[order].astype(np.int64))
+        self.slot_share, self.share = cuda.to_device(spectrum.share[order]), cuda.to_device(spectrum.share)
+        self.entries, self.slot = cuda.to_device(spectrum.entries), cuda.to_device(spectrum.slot)
+        self.phase = cuda.to_device(none if phase is None else phase.astype(np.complex64))
+        self.factor = None if (factor == 1).all() else cuda.to_device(factor)
+        self.twiddle = cuda.to_device(spectrum.twiddle)
