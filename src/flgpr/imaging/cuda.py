@@ -80,8 +80,8 @@ class CudaEngine:
         group = min(GROUP, shape[0])
         blocks = (-(-count // gpu.THREADS), -(-shape[0] // group))
         gpu.adjoint_kernel(self._width, group)[blocks, gpu.THREADS, stream](
-            a, here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift, self._spectrum.first, here.taps,
-            out.reshape(shape[0], count),
+            a.reshape(math.prod(shape)), shape[2], here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
+            self._spectrum.first, here.taps, out.reshape(shape[0], count),
         )  # fmt: skip
 
     def _forward_pass(self, image: Any, out: Any, stream: Any) -> None:

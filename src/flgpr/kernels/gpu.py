@@ -11,7 +11,7 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from numba import complex64, cuda, float32, int64, uint32
+from numba import complex64, cuda, float32, int64, uint32, uint64
 
 from flgpr.kernels.geometry import bent_path, entry_distance
 
@@ -94,7 +94,7 @@ def scale(profile, factor):  # type: ignore[no-untyped-def]
 
 @cuda.jit
 def pass_four(source, target, stride, twiddle, sign):  # type: ignore[no-untyped-def]
-    """Make one radix-4 pass of the transform Σ_k x_k exp(sign·j2πkm/n) along the last axis; ``twiddle`` exp(+j2πk/n)."""
+    """Make one radix-4 pass of Σ_k x_k exp(sign·j2πkm/n) along the last axis; ``twiddle`` holds exp(+j2πk/n)."""
     j, q, c = cuda.grid(3)
     size = source.shape[2]
     if j >= size // 4 or q >= source.shape[1] or c >= source.shape[0]:
@@ -131,8 +131,8 @@ def adjoint_kernel(width: int, group: int) -> Any:
     powers = width + 4
 
     @cuda.jit(fastmath=True)
-    def adjoint(profile, tx, rx, delay, phasor, origin, shift, first, weight, out):  # type: ignore[no-untyped-def]
-        """Fill ``out`` (channel, pixel) from ``profile`` (channel, pair, bin)."""
+    def adjoint(profile, size, tx, rx, delay, phasor, origin, shift, first, weight, out):  # type: ignore[no-untyped-def]
+        """Fill ``out`` (channel, pixel) from ``profile``, flat (channel, pair, bin) with ``size`` bins per pair."""
         p = cuda.grid(1)
         channel = cuda.blockIdx.y * group
         if p >= out.shape[1]:
@@ -140,13 +140,16 @@ def adjoint_kernel(width: int, group: int) -> Any:
         held = min(group, out.shape[0] - channel)
         taps = cuda.local.array(width, float32)
         form = cuda.local.array((width, powers), float32)
+        spot = cuda.local.array(width, uint64)
         total = cuda.local.array(group, complex64)
         for c in range(group):
             total[c] = complex64(0)
         for a in range(width):
             for n in range(powers):
                 form[a, n] = weight[a, n]
-        last = profile.shape[2] - 1
+        last = size - 1
+        # Unsigned flat indices: they spare the device the tests for negative ones.
+        stride = uint64(tx.shape[0] * size)
         below = (1 << shift) - 1
         unit = float32(1.0 / (1 << shift))
         for q in range(tx.shape[0]):
@@ -158,14 +161,16 @@ def adjoint_kernel(width: int, group: int) -> Any:
                 for n in range(powers - 2, -1, -1):
                     tap = tap * y + form[a, n]
                 taps[a] = tap
-            at = (d >> shift) + first
+                spot[a] = uint64(((d >> shift) + first + a) & last)
+            row = uint64((channel * tx.shape[0] + q) * size)
             turn = phasor[i, p] * phasor[j, p]
             for c in range(group):
                 if c < held:
-                    value = profile[channel + c, q, at & last] * taps[0]
+                    value = profile[row + spot[0]] * taps[0]
                     for a in range(1, width):
-                        value += profile[channel + c, q, (at + a) & last] * taps[a]
+                        value += profile[row + spot[a]] * taps[a]
                     total[c] += value * turn
+                row += stride
         for c in range(group):
             if c < held:
                 out[channel + c, p] = total[c]
