@@ -10,12 +10,12 @@ from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
 
 TONES = 500e6 + 40e6 * np.arange(20)
-TX = np.repeat([[-1.5, 0.0, 5.0], [1.5, 0.0, 5.0]], 2, axis=0)
-RX = np.tile([[-2.0, 0.0, 5.0], [2.0, 0.0, 5.0]], (2, 1))
+TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
+RX = np.array([[-2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.0, 0.0, 5.0]])
 BANDS = ((0.5e9, 1.0e9), (0.9e9, 1.3e9))
 
 
-def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=12):
+def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
     return np.random.default_rng(0).uniform(low, high, size=(count, 3))
 
 
@@ -37,7 +37,7 @@ CASES = {
     "odd width": {"tolerance": 4e-3},
     "fine": {"tolerance": 1e-5, "subbands": BANDS},
     "ground": {"half_space": 3.4},
-    "pattern and offset": {"tx_pattern": beam, "rx_pattern": beam, "path_offset": [0.0, 1.0, -2.0, 30.0]},
+    "pattern and offset": {"tx_pattern": beam, "rx_pattern": beam, "path_offset": [0.0, 1.0, 30.0]},
     "uneven": {"frequency": np.sort(np.random.default_rng(1).uniform(0.5e9, 1.3e9, 20)), "subbands": BANDS},
     "wrapping": {"pixels": scene((-20, 7, 0), (20, 30, 1))},
 }
@@ -48,8 +48,8 @@ def test_both_directions_agree_with_the_direct_sum(name):
     case = {"frequency": TONES, "tx_position": TX, "rx_position": RX, "pixels": scene(), **CASES[name]}
     operator = ImagingOperator(**case, device="cuda")
     exact = ImagingOperator(**case, method="direct")
-    data = noise((2, 4, 20))
-    image = noise((2, len(exact.subbands), 12), seed=1)
+    data = noise((2, 3, 20))
+    image = noise((2, len(exact.subbands), 8), seed=1)
     adjoint, forward = operator.adjoint(data), operator.forward(image)
     assert relative(adjoint, exact.adjoint(data)) < exact.tolerance
     assert relative(forward, exact.forward(image)) < exact.tolerance
@@ -60,7 +60,7 @@ def test_both_directions_agree_with_the_direct_sum(name):
 def test_batches_go_through_in_passes(monkeypatch):
     monkeypatch.setattr(engine, "PASS_BYTES", 1)
     operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
-    data = noise((4, 1, 4, 20))
+    data = noise((4, 1, 3, 20))
     images = operator.adjoint(data)
     assert images.shape == (4, 1, 1, 5)
     assert np.array_equal(images[2], operator.adjoint(data[2]))
@@ -68,11 +68,11 @@ def test_batches_go_through_in_passes(monkeypatch):
 
 
 def test_more_channels_than_registers():
-    edges = np.linspace(0.5e9, 1.3e9, 12)
+    edges = np.linspace(0.5e9, 1.3e9, 11)
     bands = tuple(itertools.pairwise(edges))
     operator = ImagingOperator(TONES, TX, RX, scene(count=4), bands, device="cuda")
     exact = ImagingOperator(TONES, TX, RX, scene(count=4), bands, method="direct")
-    data = noise((1, 4, 20))
+    data = noise((1, 3, 20))
     assert relative(operator.adjoint(data), exact.adjoint(data)) < 1e-3
     image = exact.adjoint(data)
     assert relative(operator.forward(image), exact.forward(image)) < 1e-3
@@ -87,12 +87,12 @@ def test_double_precision_is_refused():
 
 def test_nothing_in_nothing_out():
     operator = ImagingOperator(TONES, TX, RX, scene(), device="cuda")
-    assert operator.adjoint(np.zeros((0, 4, 20))).shape == (0, 1, 12)
+    assert operator.adjoint(np.zeros((0, 3, 20))).shape == (0, 1, 8)
 
 
 def test_page_locked_memory_holds_images():
     operator = ImagingOperator(TONES, TX, RX, scene(), device="cuda")
-    data, out = noise((1, 4, 20)), engine.pinned((1, 1, 12))
+    data, out = noise((1, 3, 20)), operator.image_buffer(1)
     assert operator.adjoint(data, out=out) is out
     assert np.array_equal(out, operator.adjoint(data))
     assert cuda.is_available()

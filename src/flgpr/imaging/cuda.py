@@ -23,13 +23,6 @@ PASS_BYTES = 1 << 28
 """Memory for the profiles of a pass."""
 
 
-def pinned(shape: tuple[int, ...]) -> NDArray[np.complex64]:
-    """Page-locked memory, which transfers reach without a copy."""
-    if math.prod(shape) == 0:
-        return np.empty(shape, np.complex64)
-    return np.asarray(cuda.pinned_array(shape, np.complex64))
-
-
 class CudaEngine:
     """Range profiles and their interpolation in single precision on a CUDA device."""
 
@@ -38,11 +31,15 @@ class CudaEngine:
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         if not cuda.is_available():
             raise ValueError("device must be 'cpu' on a machine without a CUDA device, got 'cuda'")
-        self._spectrum, self._bins, self._width = plan.spectrum.single(), plan.bins, plan.window.width
+        self._spectrum, self._bins, self.width = plan.spectrum.single(), plan.bins, plan.window.width
         self._geometry = plan.geometry()
         self._on_device = _Constants(self._spectrum, weight, plan.phase)
         self._place_antennas()
         self._order: tuple[Any, Any] | None = None
+
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Make page-locked memory, which transfers reach without a copy."""
+        return np.asarray(cuda.pinned_array(shape, dtype)) if math.prod(shape) else np.empty(shape, dtype)
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -79,7 +76,7 @@ class CudaEngine:
             self._launch(gpu.scale, (shape[2], *shape[1::-1]), stream)(a, here.factor)
         group = min(GROUP, shape[0])
         blocks = (-(-count // gpu.THREADS), -(-shape[0] // group))
-        gpu.adjoint_kernel(self._width, group)[blocks, gpu.THREADS, stream](
+        gpu.adjoint_kernel(self.width, group)[blocks, gpu.THREADS, stream](
             a.reshape(math.prod(shape)), shape[2], here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
             self._spectrum.first, here.taps, out.reshape(shape[0], count),
         )  # fmt: skip
@@ -138,7 +135,7 @@ class CudaEngine:
     def _sorted_pixels(self) -> tuple[Any, Any]:
         """Pixels of every pair in the order of their bins, and where each bin begins; made at the first use."""
         if self._order is None:
-            g, reach = self._geometry, self._bins - self._width
+            g, reach = self._geometry, self._bins - self.width
             delay = self._delay.copy_to_host()[:, : g.pixel_count].astype(np.int64)
             order = np.empty((g.tx.size, g.pixel_count), np.int32)
             begin = np.empty((g.tx.size, reach + 1), np.int32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.sparse import csr_array
@@ -13,7 +14,7 @@ from flgpr.imaging.plan import Layout, Plan, make_plan
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
-from flgpr.kernels.layout import CHANNELS, aligned
+from flgpr.kernels.layout import CHANNELS, SPREAD_PAIRS, aligned
 from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.model import SPEED_OF_LIGHT
 
@@ -24,6 +25,10 @@ class Engine(Protocol):
     """The adjoint and the forward sums on checked arrays."""
 
     method: str
+    width: int
+
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Make memory for images."""
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -32,10 +37,17 @@ class Engine(Protocol):
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
 
 
-class DirectEngine:
+class _HostMemory:
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Make memory for images."""
+        return np.empty(shape, dtype)
+
+
+class DirectEngine(_HostMemory):
     """Sums term by term in double precision."""
 
     method = "direct"
+    width = 0
 
     def __init__(self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray) -> None:
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
@@ -57,18 +69,19 @@ class DirectEngine:
         out[..., self._active] = part
 
 
-class ProfileEngine:
+class ProfileEngine(_HostMemory):
     """Range profiles and their interpolation in single precision on the CPU."""
 
     method = "profile"
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        self.width = plan.window.width
         self._bins = plan.bins
         self._geometry = plan.geometry()
         self._spectrum = plan.spectrum.single()
         self._weight = weight.astype(np.float32)
         self._phase = None if plan.phase is None else plan.phase.astype(np.complex64)
-        self._taps = (0,) * plan.window.width
+        self._taps = (0,) * self.width
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -83,10 +96,12 @@ class ProfileEngine:
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
+        # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
+        together = min(SPREAD_PAIRS, -(-out.shape[1] // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
             table, lane = self._table(channels), (0,) * channels
             part = image[rows, bands].reshape(-1, image.shape[2])
-            profiles.forward(table, self._bins, self._geometry, part, self._taps, lane)
+            profiles.forward(table, self._bins, self._geometry, part, together, self._taps, lane)
             transform.expand(table, self._weight[bands], self._spectrum, out[rows], lane)
         if self._phase is not None:
             out *= self._phase.conj()
@@ -95,13 +110,14 @@ class ProfileEngine:
         return aligned(self._geometry.tx.size * self._bins * 2 * channels, np.float32)
 
 
-class PreciseEngine:
+class PreciseEngine(_HostMemory):
     """Range profiles and their interpolation in double precision: for tolerances that single precision cannot keep."""
 
     method = "profile"
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         spectrum = plan.spectrum
+        self.width = plan.window.width
         self._spectrum, self._weight, self._phase = spectrum, weight, plan.phase
         self._geometry = plan.precise_geometry()
         shape = (weight.shape[1], spectrum.size)

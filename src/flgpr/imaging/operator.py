@@ -41,8 +41,8 @@ class ImagingOperator:
         Band edges in Hz, both included. None takes the whole band; the sub-band axis stays, with length 1.
     tolerance : float
         Largest relative L2 error against the direct double-precision sum.
-    device : {"cpu"}
-        Where the sums are computed.
+    device : {"cpu", "cuda"}
+        Where the sums are computed; "cuda" needs an NVIDIA device and the package numba-cuda.
     permittivity : float
         Relative permittivity of the medium between antennas and pixels.
     path_offset : (pair,) array_like, optional
@@ -128,6 +128,26 @@ class ImagingOperator:
         """The method in use: "profile" or "direct"."""
         return self._engine.method
 
+    @property
+    def width(self) -> int:
+        """Bins that the interpolation window covers; zero for direct sums."""
+        return self._engine.width
+
+    def image_buffer(self, *lead: int) -> NDArray[Any]:
+        """Make memory for images, to be passed as ``out``; page-locked for a CUDA device.
+
+        Parameters
+        ----------
+        *lead : int
+            Number of polarizations, after leading axes if any.
+
+        Returns
+        -------
+        (lead, subband, pixels.shape[:-1]) ndarray of complex64 or complex128
+            Uninitialised images.
+        """
+        return self._engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
+
     def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
 
@@ -150,7 +170,7 @@ class ImagingOperator:
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
         shape = (*lead, len(self.subbands), *self.pixel_shape)
-        images = _target(out, shape, self.dtype)
+        images = self._engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
         self._engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
         return images
 
@@ -269,9 +289,7 @@ def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
     return kind
 
 
-def _target(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    if out is None:
-        return np.empty(shape, dtype)
+def _target(out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
         raise ValueError(f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}")
     return out

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flgpr.kernels.geometry import antenna_rows
 from flgpr.kernels.lanes import gather_pairs, spread_pairs
-from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, SPREAD_PAIRS
+from flgpr.kernels.layout import BLOCK, GATHER_PAIRS
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -137,26 +137,27 @@ def _antennas_of(tx, rx, q, held, used, local):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, **_FAST)
-def forward(table, bins, geometry, image, taps, channels):  # type: ignore[no-untyped-def]
+def forward(table, bins, geometry, image, together, taps, channels):  # type: ignore[no-untyped-def]
     """Fill ``table`` from ``image`` (channel, pixel): the transpose of :func:`adjoint`.
 
-    A task owns the profiles of a few pairs and goes through all pixels in order.
+    A task owns the profiles of ``together`` pairs and goes through all pixels in order: what it finds for a pair does
+    not depend on the others.
     """
     tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
     medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
     origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
-    pairs, half, fields_per_pair, most = tx.shape[0], len(channels), (len(taps) + 2) * BLOCK, 2 * SPREAD_PAIRS
+    pairs, half, fields_per_pair, most = tx.shape[0], len(channels), (len(taps) + 2) * BLOCK, 2 * together
     lanes = 2 * half
-    for task in prange((pairs + SPREAD_PAIRS - 1) // SPREAD_PAIRS):
-        q = task * SPREAD_PAIRS
-        held = min(SPREAD_PAIRS, pairs - q)
+    for task in prange((pairs + together - 1) // together):
+        q = task * together
+        held = min(together, pairs - q)
         table[q * bins * lanes : (q + held) * bins * lanes] = 0
         used, local = np.empty(most, np.int64), np.empty(most, np.int64)
         antennas = _antennas_of(tx, rx, q, held, used, local)
         delay = np.empty(most * BLOCK, np.uint32)
         cosine, sine = np.empty(most * BLOCK, np.float32), np.empty(most * BLOCK, np.float32)
-        start = np.empty(SPREAD_PAIRS * BLOCK, np.uint32)
-        fields = np.empty(SPREAD_PAIRS * fields_per_pair, np.float32)
+        start = np.empty(together * BLOCK, np.uint32)
+        fields = np.empty(together * fields_per_pair, np.float32)
         value = np.zeros(BLOCK * lanes, np.float32)
         for block in range((count + BLOCK - 1) // BLOCK):
             first = uint64(block * BLOCK)
