@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,16 @@ PASS_BYTES = 1 << 28
 """Memory for the profiles of a pass."""
 
 
+class _Lane:
+    """A stream and the memory of its passes: input, output and two sets of spectra, and page-locked input."""
+
+    def __init__(self, given: tuple[int, ...], out: tuple[int, ...], spectra: tuple[int, ...]) -> None:
+        self.stream = cuda.stream()
+        self.staging = cuda.pinned_array(given, np.complex64)
+        self.given, self.out = cuda.device_array(given, np.complex64), cuda.device_array(out, np.complex64)
+        self.spectra = [cuda.device_array(spectra, np.complex64) for _ in range(2)]
+
+
 class CudaEngine:
     """Range profiles and their interpolation in single precision on a CUDA device."""
 
@@ -36,6 +47,8 @@ class CudaEngine:
         self._on_device = _Constants(self._spectrum, weight, plan.phase)
         self._place_antennas()
         self._order: tuple[Any, Any] | None = None
+        self._held: tuple[Any, list[_Lane]] | None = None
+        self._lock = Lock()
 
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         """Make page-locked memory, which transfers reach without a copy."""
@@ -53,48 +66,61 @@ class CudaEngine:
         """Send the rows of ``given`` through ``step``, a few at a time, each pass in the next stream."""
         row_bytes = 16 * bands * self._geometry.tx.size * self._spectrum.size
         rows = max(1, min(PASS_BYTES // row_bytes, -(-given.shape[0] // STREAMS)))
-        streams = [cuda.stream() for _ in range(STREAMS)]
-        for number, start in enumerate(range(0, given.shape[0], rows)):
-            part, stream = slice(start, start + rows), streams[number % STREAMS]
-            source = cuda.to_device(given[part], stream=stream)
-            target = cuda.device_array(out[part].shape, np.complex64, stream=stream)
-            step(source, target, stream)
-            target.copy_to_host(out[part], stream=stream)
-        for stream in streams:
-            stream.synchronize()
+        with self._lock:
+            lanes = self._lanes(rows, given.shape[1:], out.shape[1:], bands)
+            for number, start in enumerate(range(0, given.shape[0], rows)):
+                lane, count = lanes[number % STREAMS], min(rows, given.shape[0] - start)
+                lane.stream.synchronize()
+                lane.staging[:count] = given[start : start + count]
+                lane.given[:count].copy_to_device(lane.staging[:count], stream=lane.stream)
+                step(lane, count)
+                lane.out[:count].copy_to_host(out[start : start + count], stream=lane.stream)
+            for lane in lanes:
+                lane.stream.synchronize()
 
-    def _adjoint_pass(self, data: Any, out: Any, stream: Any) -> None:
-        here, g = self._on_device, self._geometry
-        bands, count = out.shape[1], out.shape[2]
-        shape = (out.shape[0] * bands, g.tx.size, self._spectrum.size)
-        a, b = (cuda.device_array(shape, np.complex64, stream=stream) for _ in range(2))
-        self._launch(gpu.fill, (shape[2], *shape[1::-1]), stream)(
-            data, here.weight, here.begin, here.tone, here.slot_share, here.phase, a
+    def _lanes(self, rows: int, given: tuple[int, ...], out: tuple[int, ...], bands: int) -> list[_Lane]:
+        """Memory and streams for passes of ``rows`` rows, kept from call to call."""
+        if self._held is None or self._held[0] != (rows, given, out):
+            spectra = (rows * bands, self._geometry.tx.size, self._spectrum.size)
+            self._held = None
+            self._held = ((rows, given, out), [_Lane((rows, *given), (rows, *out), spectra) for _ in range(STREAMS)])
+        return self._held[1]
+
+    def _adjoint_pass(self, lane: _Lane, rows: int) -> None:
+        here, g, stream = self._on_device, self._geometry, lane.stream
+        bands, count = lane.out.shape[1:]
+        channels, pairs, size = rows * bands, g.tx.size, self._spectrum.size
+        a, b = lane.spectra[0][:channels], lane.spectra[1][:channels]
+        everything = (size, pairs, channels)
+        self._launch(gpu.fill, everything, stream)(
+            lane.given[:rows], here.weight, here.begin, here.tone, here.slot_share, here.phase, a
         )
         a = self._transform(a, b, 1.0, stream)
         if here.factor is not None:
-            self._launch(gpu.scale, (shape[2], *shape[1::-1]), stream)(a, here.factor)
-        group = min(GROUP, shape[0])
-        blocks = (-(-count // gpu.THREADS), -(-shape[0] // group))
+            self._launch(gpu.scale, everything, stream)(a, here.factor)
+        group = min(GROUP, channels)
+        blocks = (-(-count // gpu.THREADS), -(-channels // group))
         gpu.adjoint_kernel(self.width, group)[blocks, gpu.THREADS, stream](
-            a.reshape(math.prod(shape)), shape[2], here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
-            self._spectrum.first, here.taps, out.reshape(shape[0], count),
+            a.reshape(channels * pairs * size), size, here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
+            self._spectrum.first, here.taps, lane.out[:rows].reshape(channels, count),
         )  # fmt: skip
 
-    def _forward_pass(self, image: Any, out: Any, stream: Any) -> None:
-        here, g = self._on_device, self._geometry
-        shape = (image.shape[0] * image.shape[1], g.tx.size, self._spectrum.size)
-        a, b = (cuda.device_array(shape, np.complex64, stream=stream) for _ in range(2))
+    def _forward_pass(self, lane: _Lane, rows: int) -> None:
+        here, g, stream = self._on_device, self._geometry, lane.stream
+        bands, count = lane.given.shape[1:]
+        channels, pairs, size = rows * bands, g.tx.size, self._spectrum.size
+        a, b = lane.spectra[0][:channels], lane.spectra[1][:channels]
         begin, order = self._sorted_pixels()
-        group = min(GROUP, shape[0])
-        blocks = (-(-shape[2] // gpu.THREADS), shape[1], -(-shape[0] // group))
+        group = min(GROUP, channels)
+        blocks = (-(-size // gpu.THREADS), pairs, -(-channels // group))
         gpu.forward_kernel(group)[blocks, (gpu.THREADS, 1, 1), stream](
-            image.reshape(shape[0], image.shape[2]), here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
+            lane.given[:rows].reshape(channels, count), here.tx, here.rx, self._delay, self._phasor, g.origin, g.shift,
             begin, order, self._spectrum.first, self._bins, here.taps, a,
         )  # fmt: skip
         if here.factor is not None:
-            self._launch(gpu.scale, (shape[2], *shape[1::-1]), stream)(a, here.factor)
+            self._launch(gpu.scale, (size, pairs, channels), stream)(a, here.factor)
         a = self._transform(a, b, -1.0, stream)
+        out = lane.out[:rows]
         self._launch(gpu.collect, (out.shape[2], out.shape[1], out.shape[0]), stream)(
             a, here.weight, here.entries, here.slot, here.share, here.phase, out
         )
