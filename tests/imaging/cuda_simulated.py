@@ -8,6 +8,7 @@ from numba import cuda
 
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
+from flgpr.pipeline import bench
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
@@ -96,3 +97,24 @@ def test_page_locked_memory_holds_images():
     assert operator.adjoint(data, out=out) is out
     assert np.array_equal(out, operator.adjoint(data))
     assert cuda.is_available()
+
+
+def test_sums_on_the_device_are_timed():
+    operator = ImagingOperator(TONES, TX, RX, scene(count=2), device="cuda")
+    assert operator.engine.device_seconds(1, 1, repeats=1) > 0
+    assert np.isfinite(operator.adjoint(noise((1, 3, 20)))).all()
+
+
+def test_the_benchmark_counts_batches_and_the_device(monkeypatch):
+    tones, points = 0.8e9 + 0.2e9 * np.arange(11), scene(count=3)
+    scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
+    monkeypatch.setattr(bench, "sri_scan", lambda: scan)
+    monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)
+    monkeypatch.setattr(bench, "CHECKED_TONES", 11)
+    monkeypatch.setattr(bench, "BATCH", 2)
+    monkeypatch.setattr(bench, "_interleave", lambda runs, rounds: ([1.0] * len(runs), 1.0, 1.0))
+    table = bench.bench_imaging(rounds=1, device="cuda").set_index("work")
+    assert table.loc["15 images of 2 scans", "time"] == 0.5
+    assert table.loc["15 images, on the device", "rate"] > 0
+    assert (table["error"] < 1e-3).all()
+    assert "| 15 images, on the device | flgpr cuda |" in bench.format_bench(table.reset_index())

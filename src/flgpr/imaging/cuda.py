@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from threading import Lock
 from typing import Any
 
@@ -61,6 +62,36 @@ class CudaEngine:
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         self._run(image, out, self._forward_pass, image.shape[1])
+
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+        """Time the adjoint on data that are on the device already, transfers left out.
+
+        Parameters
+        ----------
+        rows : int
+            Polarizations, of all scans together.
+        subbands : int
+            Sub-bands.
+        repeats : int
+            Times that the sums are made; a first time is not counted.
+
+        Returns
+        -------
+        float
+            Seconds for all rows once.
+        """
+        shape = (self._geometry.tx.size, self._spectrum.entries.size - 1)
+        with self._lock:
+            lane = self._lanes(rows, shape, (subbands, self._geometry.pixel_count), subbands)[0]
+            lane.staging[...] = 1
+            lane.given.copy_to_device(lane.staging, stream=lane.stream)
+            self._adjoint_pass(lane, rows)
+            lane.stream.synchronize()
+            start = time.perf_counter()
+            for _ in range(repeats):
+                self._adjoint_pass(lane, rows)
+            lane.stream.synchronize()
+            return (time.perf_counter() - start) / repeats
 
     def _run(self, given: NDArray[Any], out: NDArray[Any], step: Any, bands: int) -> None:
         """Send the rows of ``given`` through ``step``, a few at a time, each pass in the next stream."""

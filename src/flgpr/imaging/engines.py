@@ -36,11 +36,20 @@ class Engine(Protocol):
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
 
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+        """Time the adjoint without transfers."""
+
 
 class _HostMemory:
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         """Make memory for images."""
         return np.empty(shape, dtype)
+
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+        """Refuse: sums on the CPU have no transfers to leave out."""
+        raise ValueError(
+            f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, got 'cpu'"
+        )
 
 
 class DirectEngine(_HostMemory):

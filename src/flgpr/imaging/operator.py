@@ -114,7 +114,7 @@ class ImagingOperator:
         self.weight = self._weights(window)
         medium = (math.sqrt(self.permittivity), math.sqrt(self.half_space) if self.half_space else 0.0)
         layout = lay_out(self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern))
-        self._engine: Engine = make_engine(
+        self.engine: Engine = make_engine(
             layout, self.frequency, self.weight, self.path_offset, self.tolerance, self.dtype, device, method
         )
 
@@ -126,12 +126,12 @@ class ImagingOperator:
     @property
     def method(self) -> str:
         """The method in use: "profile" or "direct"."""
-        return self._engine.method
+        return self.engine.method
 
     @property
     def width(self) -> int:
         """Bins that the interpolation window covers; zero for direct sums."""
-        return self._engine.width
+        return self.engine.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
         """Make memory for images, to be passed as ``out``; page-locked for a CUDA device.
@@ -146,7 +146,7 @@ class ImagingOperator:
         (lead, subband, pixels.shape[:-1]) ndarray of complex64 or complex128
             Uninitialised images.
         """
-        return self._engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
+        return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
@@ -170,8 +170,8 @@ class ImagingOperator:
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
         shape = (*lead, len(self.subbands), *self.pixel_shape)
-        images = self._engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
-        self._engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
+        images = self.engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
+        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
@@ -194,7 +194,7 @@ class ImagingOperator:
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
-        self._engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
+        self.engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
         return out.reshape(*lead, *out.shape[1:])
 
     def _checked(self, value: ArrayLike, name: str, tail: tuple[int, ...]) -> tuple[NDArray[Any], tuple[int, ...]]:

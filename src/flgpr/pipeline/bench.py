@@ -19,6 +19,8 @@ SUBBANDS = ((0.8e9, 2.8e9), (0.75e9, 1.35e9), (1.25e9, 1.85e9), (1.75e9, 2.35e9)
 """Sub-bands of the images of a scan (Wang et al. 2007), Hz."""
 GRID = Grid(-6.0, 7.0, 240, 380, 0.05, 0.05)
 """Ground grid, 91,200 pixels."""
+BATCH = 32
+"""Scans in flight on a CUDA device."""
 CHECKED_PIXELS = 2000
 CHECKED_TONES = 57
 
@@ -61,6 +63,7 @@ class Case:
     exact: NDArray[np.complex128]
     images: int
     width: int = 0
+    scans: int = 1
 
 
 def sri_scan(seed: int = 0) -> Scan:
@@ -158,7 +161,7 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
     buried = operator(5e-4, scan.pixels - [0, 0, 0.1], subbands=SUBBANDS, half_space=3.4)
     one = operator(1e-3)
     buffer = images.image_buffer(3)
-    return [
+    cases = [
         Case("15 images", code, lambda: images.adjoint(scan.data, buffer), truth.images, 15, images.width),
         Case("15 images, 1e-5", code, lambda: fine.adjoint(scan.data, buffer), truth.images, 15, fine.width),
         Case("15 images, ground", code, lambda: buried.adjoint(scan.data, buffer), truth.buried, 15, buried.width),
@@ -166,6 +169,11 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
         Case("forward", code, lambda: one.forward(scan.image[:1]), truth.forward[:1], 1, one.width),
         Case("forward, 3 channels", code, lambda: one.forward(scan.image), truth.forward, 3, one.width),
     ]
+    if device == "cuda":
+        batch, images_of = np.repeat(scan.data[None], BATCH, axis=0), images.image_buffer(BATCH, 3)
+        run = lambda: images.adjoint(batch, images_of)  # noqa: E731
+        cases.append(Case(f"15 images of {BATCH} scans", code, run, truth.images, 15, images.width, BATCH))
+    return cases
 
 
 def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> pd.DataFrame:
@@ -183,10 +191,10 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     Returns
     -------
     pandas.DataFrame
-        One row per case with ``work``, ``code``, ``time`` (s, median), ``error`` (relative L2 against direct sums),
-        ``rate`` (updates per second; an update is one pixel, pair and image), ``ratio`` (time over this package's at
-        the same work) and ``roofline`` (least time that the measured peaks allow, over the time; this package on the
-        CPU only).
+        One row per case with ``work``, ``code``, ``time`` (s per scan, median), ``error`` (relative L2 against direct
+        sums), ``rate`` (updates per second; an update is one pixel, pair and image), ``ratio`` (time over this
+        package's at the same work) and ``roofline`` (least time that the measured peaks allow, over the time; this
+        package on the CPU only).
 
     Raises
     ------
@@ -206,10 +214,13 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     times, flops, bandwidth = _interleave([case.run for case in cases], rounds)
     rows = []
     for case, error, seconds in zip(cases, errors, times, strict=True):
+        seconds /= case.scans
         updates = len(scan.pixels) * len(scan.tx) * case.images
         floor = max(updates * (4 * case.width + 8) / flops, 8 * len(scan.pixels) * case.images / bandwidth)
         limited = device == "cpu" and case.width > 0
         rows.append((case.work, case.code, seconds, error, updates / seconds, floor / seconds if limited else np.nan))
+    if device == "cuda":
+        rows.append(_device_row(scan, rows[0]))
     table = pd.DataFrame(rows, columns=["work", "code", "time", "error", "rate", "roofline"])
     own = table[table["code"] == f"flgpr {device}"].set_index("work")["time"]
     table["ratio"] = table["time"] / table["work"].map(own)
@@ -217,11 +228,19 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     return table.sort_values(["work", "time"], ignore_index=True)
 
 
+def _device_row(scan: Scan, like: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Time the 15 images without transfers; ``like`` is the row of the same images with them."""
+    operator = ImagingOperator(scan.frequency, scan.tx, scan.rx, scan.pixels, SUBBANDS, 5e-4, device="cuda")
+    seconds = operator.engine.device_seconds(3, len(SUBBANDS))
+    updates = len(scan.pixels) * len(scan.tx) * 15
+    return ("15 images, on the device", like[1], seconds, like[3], updates / seconds, np.nan)
+
+
 def _error(case: Case, truth: Truth) -> float:
     value = case.run()
-    part = value[..., truth.tone] if case.work.startswith("forward") else value.reshape(*value.shape[:2], -1)
-    if not case.work.startswith("forward"):
-        part = part[..., truth.pixel]
+    if case.scans > 1:
+        value = value[-1]
+    part = value[..., truth.tone if case.work.startswith("forward") else truth.pixel]
     return float(np.linalg.norm(part - case.exact) / np.linalg.norm(case.exact))
 
 
