@@ -193,20 +193,33 @@ def make_engine(
     if method not in ("auto", "profile", "direct"):
         raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
     active = np.asarray(weight.any(axis=0))
+    # What single precision adds to the window's error is small but not nothing.
+    share = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
     if device == "cuda":
-        return _cuda_engine(make_plan(frequency, active, layout, offset, tolerance), weight, dtype, method)
+        return _cuda_engine(make_plan(frequency, active, layout, offset, share), weight, tolerance, dtype, method)
     # Below this many terms per pair, profiles cost more than the sums themselves.
     if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, offset, tolerance)
-    return ProfileEngine(plan, weight) if dtype == np.dtype(np.complex64) else PreciseEngine(plan, weight)
+    plan = make_plan(frequency, active, layout, offset, share)
+    if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
+        return ProfileEngine(plan, weight)
+    return PreciseEngine(plan, weight)
 
 
-def _cuda_engine(plan: Plan, weight: FloatArray, dtype: np.dtype[Any], method: str) -> Engine:
+def _fits_single(plan: Plan, tolerance: float) -> bool:
+    """Whether 32-bit delays are fine enough and 32-bit indices large enough: not with many thousands of tones."""
+    return plan.rounding < tolerance / 2 and plan.layout.tx.size * plan.bins * 2 * max(CHANNELS) < 2**32
+
+
+def _cuda_engine(plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str) -> Engine:
     if dtype != np.dtype(np.complex64):
         raise ValueError(f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}")
     if method == "direct":
         raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
+    if not _fits_single(plan, tolerance):
+        raise ValueError(
+            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these tones, got {tolerance:g}"
+        )
     # Imported here because it needs numba-cuda, which only users of a device install.
     try:
         from flgpr.imaging.cuda import CudaEngine

@@ -166,6 +166,8 @@ class Plan:
         First bin that a path reaches; the window's outer taps start earlier.
     phase : (1 or pair, tone) ndarray of complex or None
         Factor on every tone.
+    rounding : float
+        Largest phase that the 32-bit delays of the kernels in single precision are off by, rad.
     """
 
     layout: Layout
@@ -175,6 +177,7 @@ class Plan:
     carrier: float
     start: int
     phase: NDArray[np.complex128] | None
+    rounding: float
 
     @property
     def bins(self) -> int:
@@ -229,7 +232,8 @@ def make_plan(
         turns = turns - offset[:, None] * (frequency / SPEED_OF_LIGHT)
     phase = np.exp(2j * np.pi * (turns - np.floor(turns))) if turns.any() else None
     spectrum = _spectrum(tones, active, window, first - centre, bins, share)
-    return Plan(layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase)
+    rounding = 2 * math.pi * float(np.abs(tones.place).max()) * 2 / 2**32
+    return Plan(layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase, rounding)
 
 
 def _spectrum(
