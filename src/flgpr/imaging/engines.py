@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,10 +12,11 @@ from scipy import fft
 from scipy.sparse import csr_array
 
 from flgpr.imaging.plan import Layout, Plan, make_plan
+from flgpr.imaging.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
-from flgpr.kernels.layout import CHANNELS, SPREAD_PAIRS, aligned
+from flgpr.kernels.layout import BLOCK, CHANNELS, SPREAD_PAIRS, aligned
 from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.model import SPEED_OF_LIGHT
 
@@ -96,22 +98,27 @@ class ProfileEngine(_HostMemory):
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         if self._phase is not None:
             data = data * self._phase
+        pairs, blocks = data.shape[1], -(-out.shape[2] // BLOCK)
         for rows, bands, channels in passes(*out.shape[:2]):
             table, lane = self._table(channels), (0,) * channels
-            transform.compress(data[rows], self._weight[bands], self._spectrum, table, lane)
+            tones = (data[rows], self._weight[bands], self._spectrum, table, lane)
+            share(pairs, partial(transform.compress, *tones))
             part = out[rows, bands].reshape(-1, out.shape[2])
-            profiles.adjoint(table, self._bins, self._geometry, part, self._taps, lane)
+            share(blocks, partial(profiles.adjoint, table, self._bins, self._geometry, part, self._taps, lane))
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
-        together = min(SPREAD_PAIRS, -(-out.shape[1] // (2 * get_num_threads())))
+        pairs = out.shape[1]
+        together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
             table, lane = self._table(channels), (0,) * channels
             part = image[rows, bands].reshape(-1, image.shape[2])
-            profiles.forward(table, self._bins, self._geometry, part, together, self._taps, lane)
-            transform.expand(table, self._weight[bands], self._spectrum, out[rows], lane)
+            spread = partial(profiles.forward, table, self._bins, self._geometry, part, self._taps, lane)
+            share(pairs, spread, together)
+            tones = (table, self._weight[bands], self._spectrum, out[rows], lane)
+            share(pairs, partial(transform.expand, *tones))
         if self._phase is not None:
             out *= self._phase.conj()
 
