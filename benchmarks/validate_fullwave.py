@@ -27,7 +27,8 @@ IMAGES = Path(__file__).parent.parent / "docs" / "images"
 def lane_scene(run, truth, objects) -> Scene:
     soil = run.attrs["soil"]
     targets = [
-        {name: row[name] for name in ("kind", "x", "y", "depth", "radius", "height")} for row in truth.to_dict("records")
+        {name: row[name] for name in ("kind", "x", "y", "depth", "radius", "height")}
+        for row in truth.to_dict("records")
     ]
     rock = next(row for row in objects.to_dict("records") if row["kind"] == "rock")
     post = next(row for row in objects.to_dict("records") if row["kind"] == "post")
@@ -127,8 +128,10 @@ def report(names, pols, want, got, want_at, got_at) -> None:
     for i, name in enumerate(names):
         for label, p in (("HH", hh), ("VV", vv)):
             away = np.hypot(*(want_at[i, p] - np.median(got_at[:, i, p], axis=0)))
-            print(f"{name} {label}: peak at {want_at[i, p].round(3)} m from truth; simulated "
-                  f"{np.median(got_at[:, i, p], axis=0).round(3)}; apart {away:.3f} m")
+            print(
+                f"{name} {label}: peak at {want_at[i, p].round(3)} m from truth; simulated "
+                f"{np.median(got_at[:, i, p], axis=0).round(3)}; apart {away:.3f} m"
+            )
 
 
 def draw_images(full, simulated, places) -> None:
@@ -140,9 +143,13 @@ def draw_images(full, simulated, places) -> None:
             inside = np.abs(image["x"].values) < 1.0
             level = level - level[20:, inside].max()
             y = image["y"].values + image.attrs["pose"][1]
-            mesh = axes.pcolormesh(image["x"], y, level, vmin=-30, vmax=0, cmap="viridis", shading="nearest", rasterized=True)
+            mesh = axes.pcolormesh(
+                image["x"], y, level, vmin=-30, vmax=0, cmap="viridis", shading="nearest", rasterized=True
+            )
             axes.plot(*places.T, "s", mfc="none", mec="red", ms=9)
-            axes.set(aspect="equal", title=f"{polarization}, {label}", xlabel="x (m)", ylabel="y (m)" if not (i + j) else "")
+            axes.set(
+                aspect="equal", title=f"{polarization}, {label}", xlabel="x (m)", ylabel="y (m)" if not (i + j) else ""
+            )
     figure.colorbar(mesh, ax=figure.axes, shrink=0.7, label="dB re strongest pixel of the lane")
     figure.savefig(IMAGES / "fullwave-images.png", dpi=75, metadata={"Software": None})
 
@@ -155,8 +162,15 @@ def draw_levels(names, pols, want, got) -> None:
         place = np.arange(len(names)) + shift
         low, middle, high = np.percentile(got[:, :, p], [2.5, 50, 97.5], axis=0)
         colour = "C0" if polarization == "HH" else "C1"
-        axes.errorbar(place, middle, [middle - low, high - middle], fmt="o", color=colour, capsize=4,
-                      label=f"{polarization}, 50 surfaces (median, 95 %)")
+        axes.errorbar(
+            place,
+            middle,
+            [middle - low, high - middle],
+            fmt="o",
+            color=colour,
+            capsize=4,
+            label=f"{polarization}, 50 surfaces (median, 95 %)",
+        )
         axes.plot(place, want[:, p], "x", color=colour, ms=9, mew=2, label=f"{polarization}, full wave")
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("level (dB, one common scale)")
