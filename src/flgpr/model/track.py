@@ -172,7 +172,7 @@ def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0),
     check_track(track)
     lever = np.asarray(lever_arm, dtype=np.float64)
     if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
-        raise ValueError(f"lever_arm must be three finite lengths and latency finite, got {lever_arm} and {latency}")
+        raise ValueError(f"lever_arm must be three finite lengths and latency finite, got {lever.tolist()}, {latency}")
     moved = track.copy()
     moved["time"] = track["time"] - latency
     moved[["x", "y", "z"]] = track[["x", "y", "z"]].to_numpy() - attitudes(track) @ lever
