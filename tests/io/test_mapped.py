@@ -7,7 +7,7 @@ from scipy.io import savemat
 
 from flgpr.io.arrays import open_arrays
 from flgpr.io.mapped import import_mapped
-from flgpr.io.mapping import parse_mapping
+from flgpr.model.track import make_track
 
 FREQUENCY = np.array([1.0e9, 1.1e9, 1.25e9, 1.3e9])
 TX, RX = np.array([[-1.0, 0, 0], [1.0, 0, 0]]), np.array([[0.0, 0, 0.2], [0.5, 0, 0.2], [0.7, 0.1, 0.2]])
@@ -175,10 +175,20 @@ def test_mappings_that_lack_something_are_refused(arrays, old, new, words, tmp_p
         assert word in str(error.value)
 
 
-def test_a_mapping_without_poses_says_what_to_give():
+def test_a_mapping_without_poses_says_what_to_give(arrays, tmp_path):
     text = re.sub(r"\[pose\].*?\n\[time\]", "[time]", MAPPING, flags=re.S)
+    put(text, tmp_path / "m.toml")
+    file = write(arrays, tmp_path / "a.npz")
     with pytest.raises(ValueError, match="give pose, or track, or positions"):
-        parse_mapping(text)
+        import_mapped(tmp_path / "m.toml", file)
+    pose = np.zeros((5, 6))
+    pose[:, 1] = np.arange(5) + 0.5
+    np.testing.assert_array_equal(import_mapped(tmp_path / "m.toml", file, pose=pose).run["pose"].values, pose)
+    track = make_track([100.0, 110.0], [[0, 0, 1], [0, 20, 1]])
+    run = import_mapped(tmp_path / "m.toml", file, track=track, clock_offset=102.0).run
+    np.testing.assert_allclose(run["pose"].values[:, 1], 4 + 2 * np.arange(5))
+    with pytest.raises(ValueError, match="give one"):
+        import_mapped(tmp_path / "m.toml", file, pose=pose, track=track)
 
 
 def test_positions_in_the_lane_frame_give_the_poses(arrays, field, tmp_path):

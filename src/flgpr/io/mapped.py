@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flgpr.io.arrays import LIMIT, ArrayFile, open_arrays
 from flgpr.io.mapping import Index, Mapping, PathOffset, Positions, Quantity, Samples, factor, read_mapping
@@ -49,6 +49,9 @@ def import_mapped(
     data: str | Path | Sequence[str | Path] | None = None,
     folder: str | Path | None = None,
     limit: int = LIMIT,
+    pose: ArrayLike | None = None,
+    track: pd.DataFrame | None = None,
+    clock_offset: float = 0.0,
 ) -> Imported:
     """Import measured data by a mapping.
 
@@ -63,6 +66,12 @@ def import_mapped(
         the mapping's own.
     limit : int
         Largest array to read, bytes.
+    pose : (scan, 6) array_like, optional
+        Poses in place of the mapping's, such as from :func:`flgpr.io.tracks.read_survey`.
+    track : DataFrame, optional
+        Track of the reference point in place of the mapping's, such as from :func:`flgpr.io.tracks.read_nmea`.
+    clock_offset : float
+        With ``track``: time on the track's clock is that of the radar plus this, s.
 
     Returns
     -------
@@ -81,7 +90,13 @@ def import_mapped(
     home = Path(folder) if folder is not None else given[0].parent if given else None
     if home is None:
         home = Path() if isinstance(mapping, Mapping) else Path(mapping).parent
-    return _Importer(table, _files(table, home, given), limit).run()
+    importer = _Importer(table, _files(table, home, given), limit)
+    if pose is not None and track is not None:
+        raise ValueError("pose and track both tell where the vehicle was: give one")
+    importer.given_pose = None if pose is None else np.asarray(pose, dtype=np.float64)
+    importer.given_track = track
+    importer.clock_offset = clock_offset
+    return importer.run()
 
 
 def _files(mapping: Mapping, home: Path, given: list[Path]) -> dict[str, list[Path]]:
@@ -105,6 +120,9 @@ class _Importer:
     def __init__(self, mapping: Mapping, files: dict[str, list[Path]], limit: int) -> None:
         self.mapping, self.files, self.limit = mapping, files, limit
         self.notes: list[str] = []
+        self.given_pose: FloatArray | None = None
+        self.given_track: pd.DataFrame | None = None
+        self.clock_offset = 0.0
         self._open: dict[Path, ArrayFile] = {}
 
     def run(self) -> Imported:
@@ -295,6 +313,14 @@ class _Importer:
         self, time: FloatArray | None, origin: FloatArray | None, scans: int
     ) -> tuple[FloatArray, pd.DataFrame | None]:
         m = self.mapping
+        if self.given_pose is not None:
+            self.notes.append("poses given beside the mapping")
+            return self.given_pose, None
+        if self.given_track is not None:
+            if time is None:
+                raise ValueError("the mapping must have the table time, the radar's time of every scan, to use a track")
+            self.notes.append(f"poses from a track given beside the mapping, at {self.clock_offset:g} s + radar time")
+            return poses_at(self.given_track, time, self.clock_offset), self.given_track
         if m.pose is not None:
             pose = np.empty((scans, 6))
             for column, name in enumerate(POSE_COMPONENTS):
@@ -307,6 +333,11 @@ class _Importer:
             spec = m.track
             self.notes.append(f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time")
             return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
+        if origin is None:
+            raise ValueError(
+                "where the vehicle was is missing: give pose, or track, or positions with frame = 'lane' in the "
+                "mapping, or poses beside it"
+            )
         pose = np.zeros((scans, 6))
         pose[:, :3] = origin
         return pose, None

@@ -273,9 +273,9 @@ class Mapping(_Table):
         if getattr(self, wanted) is None or getattr(self, other) is not None:
             raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
         lane = [p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)]
-        if sum((self.pose is not None, self.track is not None, any(lane))) != 1:
+        if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
             raise ValueError(
-                "where the vehicle was is missing or double: give pose, or track, or positions with frame = 'lane'"
+                "where the vehicle was is told twice: give one of pose, track, or positions with frame = 'lane'"
             )
         if self.track is not None and self.time is None:
             raise ValueError("track asks for the table time, the radar's time of every scan")
