@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,14 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from flgpr.io.extras import MissingExtraError, optional
+from flgpr.io.matfile import read_mat
 from flgpr.io.textarrays import read_text_table
 
 LIMIT = 8 * 2**30
 """Largest array that is read, bytes, unless told otherwise."""
+_PATIENCE = 120.0  # s
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,30 @@ def _opener(path: Path) -> Callable[[Path], _Opened]:
     )
 
 
+_LOOK = """
+import sys, h5py
+def look(name, item):
+    if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
+        item[()]
+with h5py.File(sys.argv[1], "r") as file:
+    file.visititems(look)
+"""
+
+
+def _look_first(path: Path) -> None:
+    """Read a file in a child process: damaged ones can crash the HDF5 library or make it loop for ever."""
+    command = [sys.executable, "-P", "-c", _LOOK, str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"the HDF5 library did not come to an end with it in {_PATIENCE:g} s") from None
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ValueError(said[-1] if said and done.returncode > 0 else "the HDF5 library crashes on it")
+
+
 def _open_hdf5(path: Path) -> _Opened:
+    _look_first(path)
     infos: list[ArrayInfo] = []
 
     def visit(name: str, item: Any) -> None:
@@ -201,22 +227,8 @@ def _open_hdf5(path: Path) -> _Opened:
 
 
 def _open_mat(path: Path) -> _Opened:
-    content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
-    arrays = {
-        name: value for key, top in content.items() if not key.startswith("__") for name, value in _walk(key, top)
-    }
+    arrays = read_mat(path, LIMIT)
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
-
-
-def _walk(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    array = np.asarray(value)
-    if array.dtype.names:
-        for index, one in enumerate(array.ravel()):
-            label = name if array.size == 1 else f"{name}[{index}]"
-            for part in array.dtype.names:
-                yield from _walk(f"{label}.{part}", one[part])
-    elif array.dtype.kind in "fciubUS":
-        yield name, array
 
 
 def _open_npz(path: Path) -> _Opened:
