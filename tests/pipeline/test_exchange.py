@@ -3,10 +3,13 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.pipeline import exchange
-from flgpr.pipeline.tasks import demo
+from flgpr.pipeline.detect import Detection
+from flgpr.pipeline.recipe import parse_recipe, recipe_text
+from flgpr.pipeline.result import describe_run, write_result
 from io_geodesy import LANE, distance, on_the_ellipsoid
 
 
@@ -27,9 +30,21 @@ def anchor(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("result") / "demo"
-    demo(folder)
-    return folder
+    """A result as the demo recipe would write it, of three alarms."""
+    alarms = pd.DataFrame(
+        {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 1.1], "y": [3.0, 3.5, 4.2], "confidence": [9.0, 4.0, 2.5]}
+    )
+    x, y = np.arange(-1.5, 1.51, 0.1), np.arange(2.0, 5.01, 0.1)
+    view = xr.DataArray(
+        np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
+        dims=("polarization", "subband", "y", "x"),
+        coords={"polarization": ["HH"], "subband": ["F1"], "y": y, "x": x, "looks": (("y", "x"), np.ones((31, 31)))},
+    )
+    text = recipe_text("demo")
+    lane = parse_recipe(text, "demo").lane.lane()
+    run = describe_run(open_run(sample_lane() / "run.zarr"))
+    detection = Detection("main", "as it stands", alarms, view, {})
+    return write_result(tmp_path_factory.mktemp("result") / "demo", [detection], text, lane, run)
 
 
 def test_alarms_leave_as_evidence_points(result, anchor, tmp_path):
