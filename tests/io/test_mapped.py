@@ -1,4 +1,5 @@
 import re
+import sys
 
 import h5py
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from flgpr.io.arrays import open_arrays
+from flgpr.io.extras import MissingExtraError
 from flgpr.io.mapped import import_mapped
 from flgpr.model.track import make_track
 
@@ -283,6 +285,38 @@ def test_arrays_over_the_limit_are_not_read(arrays, tmp_path):
         open_arrays(tmp_path / "huge.h5").read("field")
     with pytest.raises(ValueError, match="at most"):
         open_arrays(tmp_path / "a.h5", limit=100)
+
+
+def test_files_beside_the_mapping_are_found_too(arrays, tmp_path):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "data").mkdir()
+    np.savez(tmp_path / "maps" / "antennas.npz", tx=arrays.pop("tx"), rx=arrays.pop("rx"))
+    text = MAPPING.replace('variable = "tx"', 'file = "antennas"\nvariable = "tx"')
+    text = text.replace('variable = "rx"', 'file = "antennas"\nvariable = "rx"')
+    text = text.replace("[signal]", '[files]\nantennas = "antennas.npz"\n[signal]', 1)
+    mapping = put(text, tmp_path / "maps" / "m.toml")
+    run = import_mapped(mapping, write(arrays, tmp_path / "data" / "a.npz")).run
+    np.testing.assert_allclose(run["rx_position"].values[1], RX[1])
+    (tmp_path / "maps" / "antennas.npz").unlink()
+    with pytest.raises(FileNotFoundError, match=r"files\.antennas: no file in .*data or .*maps"):
+        import_mapped(mapping, tmp_path / "data" / "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [("while True: pass", "did not come to an end"), ("import os; os.abort()", "the HDF5 library crashes")],
+)
+def test_hdf5_files_that_hang_or_crash_the_library_are_refused(arrays, code, words, tmp_path, monkeypatch):
+    monkeypatch.setattr("flgpr.io.arrays._LOOK", code)
+    monkeypatch.setattr("flgpr.io.arrays._PATIENCE", 0.5)
+    with pytest.raises(ValueError, match=words):
+        open_arrays(write(arrays, tmp_path / "a.h5"))
+
+
+def test_a_missing_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "skrf", None)
+    with pytest.raises(MissingExtraError, match=r"flgpr\[vna\]"):
+        open_arrays(put("# MHz S RI R 50\n500 0 0 0 0 0 0 0 0\n", tmp_path / "a.s2p"))
 
 
 def test_unknown_endings_and_absent_files(tmp_path):

@@ -213,6 +213,7 @@ def estimate_clock(
     """
     trials: list[tuple[float, float, float]] = []
     grid = np.asarray(pixels, dtype=np.float64)
+    run = run.compute()
 
     def attempt(offset: float, rate: float) -> None:
         try:

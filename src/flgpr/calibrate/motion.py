@@ -93,6 +93,6 @@ def remove_in_scan_motion(
         for name in ("tx_position", "rx_position"):
             antenna = run[name].values[:, None]
             longer += np.linalg.norm(antenna + moved - place, axis=-1) - np.linalg.norm(antenna - place, axis=-1)
-        one = run["signal"].values[scan]
+        one = run["signal"][scan].values
         signal[scan] = lengthen(one[..., None], frequency[:, None], -longer)[..., 0]
     return run.assign(signal=(run["signal"].dims, signal))

@@ -86,7 +86,7 @@ def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", sear
             np.linalg.norm(vehicle_to_lane(run[name].values, pose) - place, axis=1)
             for name in ("tx_position", "rx_position")
         ]
-        data = run["signal"].values[scan][rows].astype(np.complex128)
+        data = run["signal"][scan].values[rows].astype(np.complex128)
         aligned += lengthen(data, frequency, -(legs[0] + legs[1])) * (legs[0] * legs[1])[:, None]
     aligned /= scans.size * (frequency / frequency.mean()) ** SLOPES[kind]
     return _fit(tuple(labels[k] for k in rows), aligned, frequency, search)

@@ -72,6 +72,7 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
     sarkit = optional("sarkit.cphd", "cphd")
     frequency = run["frequency"].values
     _uniform(frequency)
+    run = run.compute()  # channels cut across the store's chunks
     scene = scene or _ahead(run)
     center = np.array([scene.x.mean(), scene.y.mean(), 0.0])
     names = [f"{pair}_{label}" for label in run["polarization"].values for pair in range(run.sizes["pair"])]

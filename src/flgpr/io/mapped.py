@@ -62,8 +62,8 @@ def import_mapped(
     data : path or list of path, optional
         Data files, in place of the mapping's entry ``files.data``.
     folder : path, optional
-        What the mapping's file names are relative to. Default: the folder of the first data file if one is given, else
-        the mapping's own.
+        What the mapping's file names are relative to, before the mapping's own folder. Default: the folder of the first
+        data file if one is given.
     limit : int
         Largest array to read, bytes.
     pose : (scan, 6) array_like, optional
@@ -87,10 +87,9 @@ def import_mapped(
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]
-    home = Path(folder) if folder is not None else given[0].parent if given else None
-    if home is None:
-        home = Path() if isinstance(mapping, Mapping) else Path(mapping).parent
-    importer = _Importer(table, _files(table, home, given), limit)
+    homes = [Path(folder)] if folder is not None else [given[0].parent] if given else []
+    homes.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
+    importer = _Importer(table, _files(table, homes, given), limit)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
     importer.given_pose = None if pose is None else np.asarray(pose, dtype=np.float64)
@@ -99,14 +98,19 @@ def import_mapped(
     return importer.run()
 
 
-def _files(mapping: Mapping, home: Path, given: list[Path]) -> dict[str, list[Path]]:
+def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     for name, entry in mapping.files.items():
+        if name == "data" and given:
+            continue
         paths: list[Path] = []
         for pattern in [entry] if isinstance(entry, str) else entry:
-            hits = sorted(home.glob(pattern)) if any(mark in pattern for mark in "*?[") else [home / pattern]
-            if not hits:
-                raise FileNotFoundError(f"files.{name}: no file in {home} is called {pattern}")
+            plain = not any(mark in pattern for mark in "*?[")
+            tries = ([home / pattern] if plain else sorted(home.glob(pattern)) for home in homes)
+            hits = next((hit for hit in tries if any(path.is_file() for path in hit)), None)
+            if hits is None:
+                places = " or ".join(str(home) for home in dict.fromkeys(homes))
+                raise FileNotFoundError(f"files.{name}: no file in {places} is called {pattern}")
             paths += hits
         found[name] = paths
     if given:

@@ -107,7 +107,7 @@ def import_with_mapping(
     survey : path, optional
         CSV of surveyed poses, a line per scan; see :func:`flgpr.io.tracks.read_survey`.
     track : path, optional
-        CSV track, or NMEA log (.nmea, .ubx.txt, .log), which needs the anchor.
+        CSV track; any other ending is read as an NMEA log, which needs the anchor.
     anchor : path, optional
         TOML that ties the lane to the Earth.
     clock_offset : float
