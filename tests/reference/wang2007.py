@@ -24,6 +24,11 @@ def equation_2_self_signature(scans):
     return total / len(scans)
 
 
+def clipped(v):
+    m = np.abs(v)
+    return v * np.minimum(m, m.mean() + 5 * m.std()) / m
+
+
 def window(array, y, x, size):
     hy, hx = size[0] // 2, size[1] // 2
     return array[max(0, y - hy) : y + hy + 1, max(0, x - hx) : x + hx + 1]

@@ -1,9 +1,9 @@
 """Sequential forward search with closed-form updates of Fisher's discriminant (Wang et al. 2007, Sec. II-F).
 
-The scatter matrix and the class means of all features are computed once per fold. Adding feature j to a set S then needs
-no new fit: with ``q = S_SS⁻¹ s_Sj`` and the Schur complement ``c = s_jj - q·s_Sj`` the direction becomes
-``(w_S - q·β, β)``, ``β = (Δ_j - q·Δ_S)/c``, and the confidences change by ``β·(x_j - X_S q)``. All candidates are tried
-at once.
+The scatter matrix and the class means of all features are computed once per fold. Adding feature j to a set S then
+needs no new fit: with ``q = S_SS⁻¹ s_Sj`` and the Schur complement ``c = s_jj - q·s_Sj`` the direction becomes
+``(w_S - q·β, β)``, ``β = (Δ_j - q·Δ_S)/c``, and the confidences change by ``β·(x_j - X_S q)``. All candidates are
+tried at once.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
 
     With the N training values sorted, duplicates counted as often as they occur, the k-th goes to
     ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values share the mean of
-    their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.) Between
-    training values the map is linear; beyond them it goes on along the line through the two end pairs.
+    their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.)
+    Between training values the map is linear; beyond them it goes on along the line through the two end pairs.
 
     Attributes
     ----------
