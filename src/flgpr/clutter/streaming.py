@@ -58,8 +58,12 @@ class Background:
         Background
             For images that end there.
         """
-        parts = (self.signature, self.gain, self.shared_signature, self.shared_gain)
-        return Background(*(np.ascontiguousarray(part[..., :rows, :]) for part in parts))
+        return Background(
+            np.ascontiguousarray(self.signature[..., :rows, :]),
+            np.ascontiguousarray(self.gain[..., :rows, :]),
+            np.ascontiguousarray(self.shared_signature[..., :rows, :]),
+            np.ascontiguousarray(self.shared_gain[..., :rows, :]),
+        )
 
     def magnitude(self, image: ComplexArray, gain: FloatArray) -> MagnitudeArray:
         """Clean an image channel by channel (Wang et al. 2007, Eq. 5).
