@@ -12,7 +12,7 @@ from flgpr.imaging import ScanImager
 from flgpr.io import save_run, write_table
 from flgpr.model import SPEED_OF_LIGHT, Lane, lane_to_scan, make_run, vehicle_to_scan
 from flgpr.pipeline import tasks
-from flgpr.pipeline.classifier import CLASSIFIER_A, load_classifier, make_examples, save_classifier, train
+from flgpr.pipeline.classifier import CLASSIFIER_A, load_classifier, make_training_set, save_classifier, train
 from flgpr.pipeline.detect import MAIN, detect, lane_of
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
 from flgpr.pipeline.result import read_result
@@ -161,7 +161,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
 
 
 def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, truth, found):
-    examples = make_examples([("one", found.alarms, found.features, truth, LANE)], 0.5)
+    examples = make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5)
     assert examples.label.sum() >= 3
     model = train(examples, ("C_HH_F1", "P_alpha_F1"))
     folder = save_classifier(model, tmp_path / "model", {"site": "yard"})
@@ -183,7 +183,7 @@ def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, 
 
 
 def test_a_single_feature_model_ranks_alarms_as_the_feature(found, truth):
-    model = train(make_examples([("one", found.alarms, found.features, truth, LANE)], 0.5), CLASSIFIER_A)
+    model = train(make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5), CLASSIFIER_A)
     score = model.confidence(found.features)
     order = np.argsort(-found.features["C_HH_F1"].to_numpy())
     assert (np.diff(score[order]) <= 1e-12).all() or (np.diff(score[order]) >= -1e-12).all()
@@ -196,7 +196,7 @@ def test_simulants_weigh_half(found):
     truth = pd.DataFrame(
         {"target_id": ["m", "s"], "x": [0.0, 0.0], "y": [4.0, 8.0], "kind": ["metal", "simulant"], "depth": [0.0, 0.0]}
     )
-    examples = make_examples([("one", alarms, features, truth, LANE)])
+    examples = make_training_set([("one", alarms, features, truth, LANE)])
     assert examples.weight[:2].tolist() == [20, 10]
     assert (examples.weight[2:] == 1).all()
 

@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Examples:
+class TrainingSet:
     """Labelled alarms of one or several lanes.
 
     Attributes
@@ -99,14 +99,70 @@ class Classifier:
         return result
 
 
-def make_examples(
+def label_lanes(
+    lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, Lane]], label_radius: float = 1.0
+) -> pd.DataFrame:
+    """Label the alarms of lanes with their truth (Wang et al. 2007, Sec. II-B).
+
+    Parameters
+    ----------
+    lanes : sequence of (name, alarms, truth, lane)
+        What was found in each lane and what is there.
+    label_radius : float
+        r_label, m.
+
+    Returns
+    -------
+    DataFrame
+        One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target`` (number of the
+        target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5 for hits on simulants).
+
+    Raises
+    ------
+    ValueError
+        If a truth table is not valid or there is no lane.
+    """
+    if not lanes:
+        raise ValueError("lanes must hold at least one lane, got none")
+    parts, targets = [], 0
+    for name, alarms, truth, lane in lanes:
+        part = label_alarms(alarms, truth, lane, label_radius)
+        hit = (part["label"] == "hit").to_numpy()
+        kind = np.append(truth["kind"].to_numpy(dtype=object), "")[part["target"].to_numpy()]
+        part["beta"] = np.where(hit & (kind == "simulant"), SIMULANT_BETA, 1.0)
+        part["target"] = np.where(hit, part["target"] + targets, -1)
+        parts.append(part.assign(lane=name))
+        targets += len(truth)
+    return pd.concat(parts, ignore_index=True)
+
+
+def duplication(labels: pd.DataFrame, targets: int, label_radius: float = 1.0) -> NDArray[np.int64]:
+    """Weigh labelled alarms (Wang et al. 2007, Eq. 18 and 19), W0 being false alarms over targets.
+
+    Parameters
+    ----------
+    labels : DataFrame
+        Rows of :func:`label_lanes` that are trained on.
+    targets : int
+        Number of targets there, simulants included.
+    label_radius : float
+        r_label, m.
+
+    Returns
+    -------
+    (alarm,) ndarray of int
+        W.
+    """
+    w0 = float((labels["label"] == "false").sum() / max(targets, 1))
+    return hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
+
+
+def make_training_set(
     lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]],
     label_radius: float = 1.0,
     columns: Sequence[str] | None = None,
-) -> Examples:
-    """Label the alarms of lanes with their truth and weigh them (Wang et al. 2007, Sec. II-B and II-E).
-
-    W0 is the number of false alarms over the number of targets, simulants included.
+) -> TrainingSet:
+    """Label and weigh the alarms of lanes.
 
     Parameters
     ----------
@@ -119,9 +175,7 @@ def make_examples(
 
     Returns
     -------
-
-    Examples
-    --------
+    TrainingSet
         Hits and false alarms; alarms that are neither are left out.
 
     Raises
@@ -129,33 +183,22 @@ def make_examples(
     ValueError
         If a truth table is not valid or there is no lane.
     """
-    if not lanes:
-        raise ValueError("lanes must hold at least one lane, got none")
-    parts, targets = [], 0
-    for name, alarms, features, truth, lane in lanes:
-        labels = label_alarms(alarms, truth, lane, label_radius).reset_index(drop=True)
-        table = features.reset_index(drop=True)
-        known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(axis=1)
-        keep = known & (labels["label"] != "neither").to_numpy()
-        kind = truth["kind"].to_numpy()[labels["target"].to_numpy()[keep]] if len(truth) else ""
-        hit = (labels["label"] == "hit").to_numpy()[keep]
-        beta = np.where(hit & (kind == "simulant"), SIMULANT_BETA, 1.0)
-        number = np.where(hit, labels["target"].to_numpy()[keep] + targets, -1)
-        parts.append((table[keep], hit, number, labels["distance"].to_numpy()[keep], beta, np.full(keep.sum(), name)))
-        targets += len(truth)
-    tables, *rest = zip(*parts, strict=True)
-    hit, number, distance, beta, lane_names = (np.concatenate(column) for column in rest)
-    w0 = float((~hit).sum() / max(targets, 1))
-    weight = hit_weights(number, np.nan_to_num(distance, nan=0.0), w0, beta, label_radius)
-    return Examples(pd.concat(tables, ignore_index=True), hit.astype(np.int64), weight, lane_names)
+    labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
+    table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
+    known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(axis=1)
+    keep = known & (labels["label"] != "neither").to_numpy()
+    labels = labels[keep]
+    weight = duplication(labels, sum(len(truth) for *_, truth, _ in lanes), label_radius)
+    label = (labels["label"] == "hit").to_numpy().astype(np.int64)
+    return TrainingSet(table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str))
 
 
-def train(examples: Examples, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True) -> Classifier:
+def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True) -> Classifier:
     """Train a classifier.
 
     Parameters
     ----------
-    examples : Examples
+    examples : TrainingSet
         Labelled alarms.
     features : sequence of str
         Columns to use.

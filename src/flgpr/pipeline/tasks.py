@@ -30,7 +30,7 @@ from flgpr.pipeline.classifier import (
     CLASSIFIER_B,
     Classifier,
     load_classifier,
-    make_examples,
+    make_training_set,
     save_classifier,
     train,
 )
@@ -197,7 +197,7 @@ def train_runs(
         if detection.features is None:
             raise ValueError(f"recipe must compute features to train, got {recipe}")
         found.append((f"{number + 1}:{Path(run).stem}", detection.alarms, detection.features, truth, area))
-    classifier = train(make_examples(found, label_radius, features), features)
+    classifier = train(make_training_set(found, label_radius, features), features)
     digests = [read_manifest(run)["sha256"] for run in runs]
     notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
     save_classifier(classifier, output, notes)

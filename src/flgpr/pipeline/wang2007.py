@@ -91,7 +91,12 @@ class CleanedRun:
 
 
 def detect_with_features(
-    run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track, classifier: Classifier | None = None
+    run: xr.Dataset,
+    recipe: Recipe,
+    lane: Lane,
+    track: Track,
+    classifier: Classifier | None = None,
+    cleaned: CleanedRun | None = None,
 ) -> Found:
     """Find alarms and compute their features (Wang et al. 2007, Sec. II).
 
@@ -107,6 +112,8 @@ def detect_with_features(
         Shows progress.
     classifier : Classifier, optional
         Scores the alarms; default: their local contrast.
+    cleaned : CleanedRun, optional
+        The run's cleaned images, if they are at hand.
 
     Returns
     -------
@@ -120,7 +127,7 @@ def detect_with_features(
     """
     if recipe.features is None:
         raise ValueError("recipe must have the table features")
-    cleaned = CleanedRun(run, recipe, track)
+    cleaned = cleaned or CleanedRun(run, recipe, track)
     view = _view(cleaned, run, recipe, lane, track)
     screen = recipe.prescreen
     chosen = select(view, screen.polarization, screen.subband)
