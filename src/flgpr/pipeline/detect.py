@@ -21,7 +21,7 @@ from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
-from flgpr.pipeline.wang2007 import detect_with_features
+from flgpr.pipeline.wang2007 import Found, detect_with_features
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
@@ -90,9 +90,7 @@ def detect(
     _check_channels(run, recipe)
     lane = lane or lane_of(run, recipe)
     if recipe.features is not None:
-        found_by = detect_with_features(run, recipe, lane, track, classifier)
-        alarms, features = _ranked(found_by.alarms, found_by.features)
-        return [Detection(MAIN, recipe.description, alarms, found_by.view, found_by.notes, features)]
+        return [detection_of(detect_with_features(run, recipe, lane, track, classifier), recipe)]
     if classifier is not None:
         raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
@@ -113,6 +111,25 @@ def detect(
         signature = variant.self_signature or recipe.background.self_signature
         found.append(_chain(chosen, recipe, lane, signature, variant.name, variant.title, notes))
     return found
+
+
+def detection_of(found: Found, recipe: Recipe) -> Detection:
+    """Make a detection of what the chain with features found: alarms ranked by confidence.
+
+    Parameters
+    ----------
+    found : Found
+        Alarms and features.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Detection
+        The main detection.
+    """
+    alarms, features = _ranked(found.alarms, found.features)
+    return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features)
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:

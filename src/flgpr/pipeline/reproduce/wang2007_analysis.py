@@ -163,6 +163,10 @@ class Pool:
         folds = self.folds(columns, *_settings(method))
         return _refit(folds, len(self.labels))
 
+    def magnitude(self) -> FloatArray:
+        """Magnitude of all alarms: what the prescreener goes by."""
+        return np.concatenate([one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results])
+
     def nested(self, columns: Sequence[str], steps: int) -> tuple[float, FloatArray, list[list[str]]]:
         """PD_mean where each lane is scored with features that a search without it has chosen.
 

@@ -73,7 +73,7 @@ def quick_scenes() -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene,
     """
     track = {**TRACK, "step": (2.0, 3.0), "start": -14.0}
     surface = {"density": 20.0}
-    few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", 0.05), ("plastic", 0.10), ("simulant", 0.05)]
+    few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
     calibration = {
         name: (_scene(name, 36.0, draws, track, surface), seed) for seed, name in enumerate(_CALIBRATION, start=101)
@@ -111,6 +111,7 @@ def store_lane(folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Tra
     simulator = Simulator(scene, sensor, seed)
     attrs = simulator.attributes() | {"title": f"lane {scene.name}", "digest": _digest(scene, seed, sensor)}
     if not _is_there(path, folder / f"{scene.name}.digest", attrs["digest"]):
+        folder.mkdir(parents=True, exist_ok=True)
         write_table(simulator.truth, folder / f"{scene.name}-truth.csv")
         write_table(simulator.objects, folder / f"{scene.name}-objects.csv")
         tx, rx = sensor.pairs()
