@@ -5,8 +5,8 @@ shows, and the density rule fixes the number of alarms. Usage::
 
     python benchmarks/wang2007.py [--scans 600] [--folder DIR]
 
-Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall times
-mean something only on an idle machine; processor times nearly always.
+Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall
+times mean something only on an idle machine; processor times nearly always.
 """
 
 from __future__ import annotations
