@@ -1,13 +1,18 @@
 """From images to cleaned images: self-signature, gain background, model-based suppression."""
 
 from flgpr.clutter.background import gain_background, remove_background, scan_gain, self_signature
+from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain
 from flgpr.clutter.suppression import Suppression, suppress_by_model
 
 __all__ = [
+    "Background",
+    "BackgroundEstimator",
+    "CausalBackground",
     "Suppression",
     "gain_background",
     "remove_background",
     "scan_gain",
     "self_signature",
+    "shared_gain",
     "suppress_by_model",
 ]

@@ -18,8 +18,10 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
+from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.wang2007 import Found, detect_with_features
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
@@ -41,6 +43,8 @@ class Detection:
         Run-view (polarization, subband, y, x) in units of the gain background.
     notes : dict
         Figures worth reporting.
+    features : DataFrame or None
+        One row per alarm, in the order of ``alarms``, where the recipe computes features.
     """
 
     name: str
@@ -48,9 +52,16 @@ class Detection:
     alarms: pd.DataFrame
     view: xr.DataArray
     notes: dict[str, Any] = field(default_factory=dict)
+    features: pd.DataFrame | None = None
 
 
-def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Track = silent) -> list[Detection]:
+def detect(
+    run: xr.Dataset,
+    recipe: Recipe,
+    lane: Lane | None = None,
+    track: Track = silent,
+    classifier: Classifier | None = None,
+) -> list[Detection]:
     """Run a recipe on a run.
 
     Parameters
@@ -63,6 +74,8 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
         Lane in place of the recipe's.
     track : Track
         Shows progress.
+    classifier : Classifier, optional
+        Trained classifier whose score is the confidence, for recipes with features; default: the local contrast.
 
     Returns
     -------
@@ -75,7 +88,11 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
         If the recipe does not fit the run; the message names the entry.
     """
     _check_channels(run, recipe)
-    lane = lane or recipe.lane.lane()
+    lane = lane or lane_of(run, recipe)
+    if recipe.features is not None:
+        return [detection_of(detect_with_features(run, recipe, lane, track, classifier), recipe)]
+    if classifier is not None:
+        raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
     images = _remember(imager, track)
     main = _chain(images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
@@ -94,6 +111,48 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
         signature = variant.self_signature or recipe.background.self_signature
         found.append(_chain(chosen, recipe, lane, signature, variant.name, variant.title, notes))
     return found
+
+
+def detection_of(found: Found, recipe: Recipe) -> Detection:
+    """Make a detection of what the chain with features found: alarms ranked by confidence.
+
+    Parameters
+    ----------
+    found : Found
+        Alarms and features.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Detection
+        The main detection.
+    """
+    alarms, features = _ranked(found.alarms, found.features)
+    return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features)
+
+
+def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Lane
+        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
+        first scan to the farthest that counts at the last.
+    """
+    if recipe.lane is not None:
+        return recipe.lane.lane()
+    pose = run["pose"].values
+    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
+    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
 
 
 def _check_channels(run: xr.Dataset, recipe: Recipe) -> None:
@@ -127,17 +186,17 @@ def _chain(
     gain = gain_background(
         (one.values for one in images),
         signature,
-        _odd_pixels(table.median, image.spacing),
-        _odd_pixels(table.mean, image.spacing),
+        *table.windows(image.spacing),
     )
 
     def cleaned() -> Iterator[xr.DataArray]:
         for one in images:
             yield one.copy(data=remove_background(one.values, signature, gain))
 
-    view = run_view(cleaned(), recipe.run_view.grid(), recipe.run_view.y_max)
+    view = run_view(cleaned(), recipe.run_view.grid(lane), recipe.run_view.y_max)
     screen, contrast = recipe.prescreen, recipe.contrast
-    alarms = prescreen(select(view, screen.polarization, screen.subband), lane, screen.radius, screen.density)
+    chosen = select(view, screen.polarization, screen.subband)
+    alarms = prescreen(chosen, lane, screen.radius, screen.density, screen.count)
     confidence = local_contrast(
         cleaned(), alarms, contrast.polarization, contrast.subband, recipe.run_view.y_max, contrast.patch()
     )
@@ -145,17 +204,17 @@ def _chain(
 
 
 def _alarm_table(alarms: pd.DataFrame, confidence: pd.DataFrame) -> pd.DataFrame:
-    table = alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"])
-    table = table[table["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    return _ranked(alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"]), confidence)[0]
+
+
+def _ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step."""
+    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    features = features.loc[table.index].reset_index(drop=True)
     table = table.reset_index(drop=True)
     table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
     known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
-    return table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]
-
-
-def _odd_pixels(length: float, spacing: float) -> tuple[int, int]:
-    pixels = 2 * round((length / spacing - 1) / 2) + 1
-    return max(pixels, 1), max(pixels, 1)
+    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
 
 
 def _suppress_roadside(

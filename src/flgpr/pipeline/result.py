@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import flgpr
@@ -134,6 +135,8 @@ def write_result(
         write_table(detection.alarms, home / "alarms.csv")
         write_geojson(detection.alarms, home / "alarms.geojson")
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
+        if detection.features is not None:
+            write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
     write_whole(partial / "recipe.toml", recipe_text)
     manifest = {
         "format": FORMAT,
@@ -211,7 +214,9 @@ def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
             },
             name="run_view",
         )
-    return Detection(entry["name"], entry["title"], read_table(home / "alarms.csv", "alarms"), view, entry["notes"])
+    alarms = read_table(home / "alarms.csv", "alarms")
+    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features)
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:
