@@ -2,12 +2,15 @@
 
 from flgpr.clutter.background import gain_background, remove_background, scan_gain, self_signature
 from flgpr.clutter.suppression import Suppression, suppress_by_model
+from flgpr.clutter.whitening import ClutterWhitener, whitening_matrix
 
 __all__ = [
+    "ClutterWhitener",
     "Suppression",
     "gain_background",
     "remove_background",
     "scan_gain",
     "self_signature",
     "suppress_by_model",
+    "whitening_matrix",
 ]
