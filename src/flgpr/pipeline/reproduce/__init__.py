@@ -1,0 +1,1 @@
+"""The papers' studies, run anew on simulated lanes."""
