@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -34,15 +35,12 @@ from flgpr.pipeline.reproduce.cosgrove2004_findings import (
     findings,
     pd_table,
 )
-from flgpr.pipeline.reproduce.cosgrove2004_images import Look, lane_looks
+from flgpr.pipeline.reproduce.cosgrove2004_images import WORLDS, Look, lane_looks, signature_looks
 from flgpr.pipeline.reproduce.cosgrove2004_page import page_html
 from flgpr.pipeline.reproduce.cosgrove2004_recipe import StudyRecipe, study_recipe
 
 ComplexArray = NDArray[np.complex128]
-Cases = Mapping[str, Sequence[Case]]
-Job = tuple[str, int]
-_SIGNATURE_SEEDS = 10_000
-_SIGNATURE_SHARE = 0.2
+Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 
 
 def reproduce(
@@ -78,116 +76,104 @@ def reproduce(
     folder = Path(output)
     (folder / "lanes").mkdir(parents=True, exist_ok=True)
     seeds = range(1, 1 + (study.study.quick_seeds if quick else study.study.seeds))
-    share = study.study.quick_share if quick else 1.0
+    share = study.study.quick_share if quick else study.study.share
     cases = _run_cases(study, folder, seeds, share, track, workers)
-    table = pd_table(study, cases)
-    found = findings(study, cases, table)
+    tables = {world: pd_table(study, cases[world]) for world in WORLDS}
+    found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
     responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
     drawn = _figures(study, cases, responses, seeds[0])
     for name, figure in drawn.items():
         if quick:
             figure.text(0.5, 0.5, "QUICK", fontsize=60, color="#d33", alpha=0.15, ha="center", va="center", rotation=20)
         figure.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
-    table.to_csv(folder / "pd.csv", index=False)
+    pd.concat(tables, names=["world"]).reset_index("world").to_csv(folder / "pd.csv", index=False)
     summary = {
         "quick": quick,
         "seeds": len(seeds),
         "resolution_m": {name: response.resolution for name, response in responses.items()},
-        "findings": as_records(found),
+        "findings": {world: as_records(found[world]) for world in WORLDS},
     }
     write_whole(folder / "findings.json", json.dumps(summary, indent=2) + "\n")
     page = folder / "index.html"
-    write_whole(page, page_html(study, cases, table, found, responses, drawn, quick))
+    write_whole(page, page_html(study, cases, tables, found, responses, drawn, quick))
     return page
 
 
-def run_lane(
-    recipe: StudyRecipe,
-    site: str,
-    seed: int,
-    share: float,
-    other: ComplexArray | None = None,
-    models: Path | None = None,
-) -> Case:
-    """Simulate one lane, train on it and score every detector.
+def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None = None) -> dict[str, dict[str, Case]]:
+    """Simulate every lane of a seed, train on it and score every detector.
 
     Parameters
     ----------
     recipe : StudyRecipe
         The study.
-    site : str
-        Its name.
     seed : int
-        Seed of the lane.
+        Seed of the lanes.
     share : float
         Share of the mines that are laid.
-    other : (n_samples, n_features) ndarray of complex, optional
-        Whitened training cuts of another lane, for the detector trained there.
     models : Path, optional
-        Folder to save the deflection detector in.
+        Folder to save the deflection detectors in.
 
     Returns
     -------
-    case
-        Plain values: peaks by detector, eigenvalue ratios, eigenvectors, cuts, numbers of looks.
+    dict
+        World, site, case.
     """
-    looks = lane_looks(recipe, site, seed, share)
-    trains, test = [look for look in looks if look.trains], [look for look in looks if not look.trains]
-    training = learn(recipe, trains)
-    # Other mines than those of the lane, as few as give every depth.
-    bare = lane_looks(recipe, site, seed + _SIGNATURE_SEEDS, _SIGNATURE_SHARE, clean=True)
-    signatures = np.concatenate([target_cut(recipe, look) for look in bare]).astype(np.complex128)
-    made = detectors(recipe, training, signatures, other)
-    if models is not None:
-        made[f"rank {recipe.detector.rank}"].save(models / site)
-    return {
-        "site": site,
-        "seed": seed,
-        "training_looks": len(trains),
-        "test_looks": len(test),
-        "ratios": eigenvalue_ratios(recipe, training).tolist(),
-        "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
-        "white": [training.white.real.tolist(), training.white.imag.tolist()],
-        "cuts": [_sample_cut(recipe, look) for look in _one_per_depth(looks)],
-        "peaks": {name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()},
-    }
+    cases: dict[str, dict[str, Case]] = {world: {} for world in WORLDS}
+    taught: dict[str, ComplexArray] = {}
+    for site in sorted(
+        recipe.sites, key=lambda name: name != "sand"
+    ):  # dry sand first: its detector is tried elsewhere
+        signatures = np.concatenate([target_cut(recipe, look) for look in signature_looks(recipe, site)])
+        for world, looks in lane_looks(recipe, site, seed, share).items():
+            trains = [look for look in looks if look.trains]
+            test = [look for look in looks if not look.trains]
+            training = learn(recipe, trains)
+            made = detectors(recipe, training, signatures.astype(np.complex128), taught.get(world))
+            if site == "sand":
+                taught[world] = training.white
+            if models is not None:
+                made[f"rank {recipe.detector.rank}"].save(models / f"{site}-{world}")
+            cases[world][site] = {
+                "site": site,
+                "seed": seed,
+                "training_looks": len(trains),
+                "test_looks": len(test),
+                "ratios": eigenvalue_ratios(recipe, training).tolist(),
+                "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
+                "cuts": [_sample_cut(recipe, look) for look in _one_per_depth(looks)],
+                "peaks": {name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()},
+            }
+    return cases
 
 
 def _run_cases(
     recipe: StudyRecipe, folder: Path, seeds: range, share: float, track: Track, workers: int
-) -> dict[str, list[Case]]:
-    """Run what is not yet on disk: dry sand first, since the other lanes also try the detector trained there."""
+) -> dict[str, dict[str, list[Case]]]:
+    """Run the seeds that are not yet on disk, then read all; returns world, site, cases."""
     key = hashlib.sha256(f"{recipe.model_dump_json()} {share}".encode()).hexdigest()[:12]
-    others = [site for site in recipe.sites if site != "sand"]
-    cases: dict[str, list[Case]] = {}
-    trained: list[ComplexArray | None] = [None] * len(seeds)
-    for sites, label in ((["sand"], "dry sand"), (others, "other lanes")):
-        jobs = [(site, k) for k in range(len(seeds)) for site in sites]
-        paths = {job: folder / "lanes" / f"{job[0]}-{seeds[job[1]]}-{key}.json" for job in jobs}
-        todo = {
-            (site, k): (recipe, site, seeds[k], share, trained[k], folder / "models" if k == 0 else None)
-            for site, k in jobs
-            if not paths[site, k].is_file()
-        }
-        with _executor(workers) as run:
-            for job, case in track(run(todo), label, len(todo)):
-                write_whole(paths[job], json.dumps(case))
-        cases |= {site: [json.loads(paths[site, k].read_text("utf-8")) for k in range(len(seeds))] for site in sites}
-        if sites == ["sand"]:
-            trained = [np.array(case["white"][0]) + 1j * np.array(case["white"][1]) for case in cases["sand"]]
-    return {site: cases[site] for site in recipe.sites}
+    paths = {seed: folder / "lanes" / f"seed-{seed}-{key}.json" for seed in seeds}
+    todo = {
+        seed: (recipe, seed, share, folder / "models" if seed == seeds[0] else None)
+        for seed in seeds
+        if not paths[seed].is_file()
+    }
+    with _executor(workers) as run:
+        for seed, made in track(run(todo), "lanes, seed by seed", len(todo)):
+            write_whole(paths[seed], json.dumps(made))
+    read = [json.loads(paths[seed].read_text("utf-8")) for seed in seeds]
+    return {world: {site: [one[world][site] for one in read] for site in recipe.sites} for world in WORLDS}
 
 
 @contextmanager
-def _executor(workers: int) -> Iterator[Callable[[Mapping[Job, tuple[Any, ...]]], Iterator[tuple[Job, Case]]]]:
-    """Give a function that runs jobs and yields what each makes, here or in processes."""
+def _executor(workers: int) -> Iterator[Callable[[Mapping[int, tuple[Any, ...]]], Iterator[tuple[int, Any]]]]:
+    """Give a function that runs seeds and yields what each makes, here or in processes."""
     if workers == 1:
-        yield lambda jobs: ((job, run_lane(*values)) for job, values in jobs.items())
+        yield lambda jobs: ((seed, run_seed(*values)) for seed, values in jobs.items())
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
 
-        def run(jobs: Mapping[Job, tuple[Any, ...]]) -> Iterator[tuple[Job, Case]]:
-            futures = {pool.submit(run_lane, *values): job for job, values in jobs.items()}
+        def run(jobs: Mapping[int, tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+            futures = {pool.submit(run_seed, *values): seed for seed, values in jobs.items()}
             return ((futures[done], done.result()) for done in as_completed(futures))
 
         yield run
@@ -207,16 +193,19 @@ def _sample_cut(recipe: StudyRecipe, look: Look) -> dict[str, Any]:
 
 def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int) -> dict[str, Figure]:
     image = wide_image(recipe, seed)
-    sand = cases["sand"][0]
-    magnitudes: NDArray[np.float64] = np.array(sand["eigenvectors"])
-    return {
+    drawn = {
         "figure-1": figures.geometry(recipe),
         "figure-2": figures.sample_image(image),
         "figure-3": figures.simulated_signature(*signature_cuts(recipe)),
-        "figure-4": figures.imaged_signatures(recipe, sand["cuts"]),
         "figure-5": figures.feature_vector(recipe, image),
-        "figure-6": figures.eigenvector_figure(recipe, magnitudes, np.array(sand["ratios"])),
-        "figure-7": figures.roc_figure(recipe, cases),
         "resolution": figures.point_figure(responses),
-        "depth": figures.depth_figure(recipe, cases),
     }
+    for world in WORLDS:
+        sand = cases[world]["sand"][0]
+        drawn[f"figure-4-{world}"] = figures.imaged_signatures(recipe, sand["cuts"])
+        drawn[f"figure-6-{world}"] = figures.eigenvector_figure(
+            recipe, np.array(sand["eigenvectors"]), np.array(sand["ratios"])
+        )
+        drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
+        drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
+    return dict(sorted(drawn.items()))

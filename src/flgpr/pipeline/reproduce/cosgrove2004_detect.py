@@ -15,9 +15,11 @@ from flgpr.detect import (
     LinearQuadraticForm,
     NeymanPearsonDetector,
     PolarimetricWhiteningFilter,
+    deflection_form,
     magnitude_form,
 )
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.kernels.moments import sample_moments
 from flgpr.pipeline.reproduce.cosgrove2004_images import Look
 from flgpr.pipeline.reproduce.cosgrove2004_recipe import StudyRecipe
 from flgpr.scoring import offset_boxes
@@ -40,12 +42,18 @@ class Training:
         Whitened target cuts, taken where survey and refraction place the mines.
     pixels : (n_pixels, n_polarizations) ndarray of complex
         Clutter pixels.
+    unshrunk : ClutterWhitener
+        Whitener with sample moments.
+    clutter_energy : float
+        Mean energy of the whitened clutter samples.
     """
 
     whitener: ClutterWhitener
     white: ComplexArray
     surveyed: ComplexArray
     pixels: ComplexArray
+    unshrunk: ClutterWhitener
+    clutter_energy: float
 
 
 @dataclass
@@ -72,7 +80,7 @@ class Peaks:
     rock: list[bool] = field(default_factory=list)
 
 
-def learn(recipe: StudyRecipe, looks: Sequence[Look], moments: str | None = None) -> Training:
+def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     """Take target cuts and clutter from training looks and whiten them.
 
     Parameters
@@ -81,8 +89,6 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look], moments: str | None = None
         The study.
     looks : sequence of Look
         Looks at training mines; what is away from the mine is clutter.
-    moments : str, optional
-        Estimator of the clutter's moments in place of the recipe's.
 
     Returns
     -------
@@ -100,9 +106,11 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look], moments: str | None = None
         cuts.append(target_cut(recipe, look))
         expected = look.place + [0.0, look.shift]
         surveyed.append(range_cuts(look.image, expected[None], shape, recipe.cut.polarizations))
-    whitener = ClutterWhitener(moments or recipe.training.moments).fit(np.concatenate(clutter))
+    samples = np.concatenate(clutter)
+    whitener, unshrunk = (ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample"))
+    energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
     white, placed = (whitener.transform(np.concatenate(parts)) for parts in (cuts, surveyed))
-    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128))
+    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128), unshrunk, energy)
 
 
 def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
@@ -165,22 +173,30 @@ def detectors(
     if other is not None:
         trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(other)
     if signatures is not None:
-        trained["trained on simulation"] = DeflectionDetector(rank, ddof).fit(calibrated(training, signatures))
+        mean, covariance = sample_moments(calibrated(training, signatures))
+        form = deflection_form(mean, covariance, rank=rank)
+        made["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
+    plain = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
+    made["unshrunk clutter"] = chip_detector(recipe, plain.forms_, training.unshrunk, length, detector=repr(plain))
     for name, detector in trained.items():
         made[name] = chip_detector(recipe, detector.forms_, whitener, length, detector=repr(detector))
     return made
 
 
+def _rewhitened(training: Training) -> ComplexArray:
+    """Target cuts whitened by sample moments instead."""
+    back = np.linalg.solve(training.whitener.matrix_, training.white.T).T + training.whitener.mean_
+    return np.asarray(training.unshrunk.transform(back))
+
+
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
     """Bring simulated signatures to the level of the training examples and whiten them.
 
-    The level is set once for all, so that with the clutter's own energy added theirs equals that of the examples; the
-    clutter's covariance, here I, belongs to E(xx^H) of Eq. 6 and is added as one unit vector per feature.
+    The level is set once for all, so that their mean energy equals what the examples have over the clutter.
     """
-    features = training.white.shape[1]
     white = signatures @ training.whitener.matrix_.T
-    wanted = max(float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - features, 1.0)
-    white *= np.sqrt(wanted / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
+    wanted = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
+    white *= np.sqrt(max(wanted, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
     return np.asarray(white)
 
 

@@ -125,6 +125,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
                 {"kind": "metal", "x": x, "y": y, "depth": 0.05} for x, y in ((-0.6, 15), (0.5, 20), (0.0, 25))
             ],
             "surface": {"density": recipe.radar.scatterers},
+            "clutter": {"bushes": 0.0, "posts": 0.0},
             "track": {"positions": [0.0]},
         }
     )

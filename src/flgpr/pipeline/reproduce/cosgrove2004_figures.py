@@ -48,12 +48,13 @@ def sample_image(image: xr.DataArray) -> Figure:
     """Show the HH image of three mines (Fig. 2)."""
     figure = Figure(figsize=(8.5, 4.2), layout="constrained")
     axes = figure.subplots()
-    level = _decibel(image.sel(polarization="HH").values)
     x, y = image["x"].values, image["y"].values
+    magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
+    level = _level(magnitude / np.median(magnitude, axis=1, keepdims=True))
     shown = axes.imshow(
-        level.T, origin="lower", extent=(y[0], y[-1], x[0], x[-1]), cmap="gray", vmin=-30, vmax=0, aspect="equal"
+        level.T, origin="lower", extent=(y[0], y[-1], x[0], x[-1]), cmap="gray", vmin=0, vmax=25, aspect="equal"
     )
-    figure.colorbar(shown, ax=axes, label="dB under the peak", shrink=0.8)
+    figure.colorbar(shown, ax=axes, label="dB over the median of the range", shrink=0.8)
     for at, (px, py) in enumerate(((-0.6, 15), (0.5, 20), (0.0, 25))):
         axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
         axes.text(py, px + 0.6, f"mine {at + 1}", color="#ffb347", ha="center", fontsize=8)
@@ -91,8 +92,9 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     y, length = image["y"].values, recipe.cut.length
     part = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
     power = (np.abs(part.values) ** 2).sum(axis=0)
-    row, column = np.unravel_index(int(np.argmax(power[length:-length, 30:-30])), power[length:-length, 30:-30].shape)
-    row, column = int(row) + length, int(column) + 30
+    inner = power[length:-length, 30:-30]
+    row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
+    row, column = row + length, column + 30
     cuts = []
     for axes, name in ((hh, "HH"), (vv, "VV")):
         stack = np.abs(part.sel(polarization=name).values)
@@ -187,11 +189,6 @@ def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     for k, name in enumerate(recipe.cut.polarizations):
         axes.text((k + 0.5) * length, 0.98 * top, name, ha="center", va="top", color="#666", fontsize=8)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
-
-
-def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
-    magnitude = np.abs(image)
-    return np.asarray(20 * np.log10(np.maximum(magnitude, 1e-12 * magnitude.max()) / magnitude.max()))
 
 
 def _level(level: NDArray[np.float64]) -> NDArray[np.float64]:

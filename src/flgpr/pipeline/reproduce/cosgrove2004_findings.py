@@ -178,6 +178,7 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame, titles: Mapping[st
         "Neyman-Pearson": "The Gaussian Neyman-Pearson detector of low rank",
         "gamma 0.5": "Generalised deflection (Eq. 3), γ = 0.5",
         "matched filter": "The linear part alone",
+        "unshrunk clutter": "Whitening by the sample covariance of the clutter, not shrunk",
     }
     for name, text in questions.items():
         for site in SOILS:

@@ -82,9 +82,10 @@ class Score(_Table):
 
 
 class Study(_Table):
-    """Number of seeds; with ``quick``, fewer seeds and fewer mines."""
+    """Number of seeds and share of the mines that are laid; with ``quick``, fewer of both."""
 
     seeds: Annotated[int, Field(ge=2)]
+    share: Annotated[float, Field(gt=0, le=1)]
     quick_seeds: Annotated[int, Field(ge=2)]
     quick_share: Annotated[float, Field(gt=0, le=1)]
 
