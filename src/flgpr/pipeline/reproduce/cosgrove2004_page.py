@@ -166,7 +166,7 @@ def _choices(recipe: StudyRecipe) -> str:
     width = recipe.image.x[1] - recipe.image.x[0]
     told = [
         f"H0 boxes tile {width:g} m x {recipe.radar.stop_spacing:g} m about the range of each mine, "
-        f"{score.clearance:g} m off the mine's box. P_FA is the share of these boxes above the threshold, per box area.",
+        f"{score.clearance:g} m off the mine's box. P_FA is the share of these boxes above the threshold per box area.",
         "Boxes stand at the surveyed places; refraction, which makes deep mines appear farther, is not corrected.",
         f"Training cuts of {cut.length} samples are taken where the mine is brightest within {training.search:g} m of "
         "its place; 'placed by survey' takes the surveyed place shifted by refraction instead.",
