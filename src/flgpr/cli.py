@@ -14,6 +14,7 @@ from rich.table import Table
 
 from flgpr import __version__
 from flgpr.pipeline import tasks
+from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.progress import Bars, Track, silent
 from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
 
@@ -25,6 +26,8 @@ app = typer.Typer(
 )
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 app.add_typer(import_app, name="import")
+bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
+app.add_typer(bench_app, name="bench")
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 app.add_typer(recipe_app, name="recipe")
 
@@ -163,6 +166,17 @@ def replay(
         )
     if not outcome["agrees"]:
         raise typer.Exit(1)
+
+
+@bench_app.command("imaging")
+def bench_imaging_command(
+    peers: Annotated[bool, typer.Option("--peers", help="Measure the installed peers beside it.")] = False,
+    rounds: Annotated[int, typer.Option(help="Rounds; medians are reported.", min=1)] = 7,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+) -> None:
+    """Time the imaging operator on one scan of sri-array."""
+    with _plain_errors():
+        typer.echo(format_bench(bench_imaging(peers, rounds, device)))
 
 
 @recipe_app.command("list")
