@@ -10,7 +10,7 @@ from flgpr.detect import load_detector
 from flgpr.pipeline.reproduce import cosgrove2004
 from flgpr.pipeline.reproduce.cosgrove2004_detect import box_values, calibrated, detectors, learn, score_looks
 from flgpr.pipeline.reproduce.cosgrove2004_examples import half_power_width, point_response, signature_cuts
-from flgpr.pipeline.reproduce.cosgrove2004_findings import case_curve, findings, interval, pd_table
+from flgpr.pipeline.reproduce.cosgrove2004_findings import case_curve, contrast_table, findings, interval, pd_table
 from flgpr.pipeline.reproduce.cosgrove2004_images import lane_looks, study_sensor, tone_weight
 from flgpr.pipeline.reproduce.cosgrove2004_recipe import study_recipe
 from flgpr.scoring import pd_at
@@ -151,6 +151,7 @@ def case(seed, target, clutter, names=("HH", "PWF", "rank 1", "rank 3")):
             "clutter": clutter.tolist(),
             "target_quantile": values,
             "clutter_quantile": clutter.tolist(),
+            "depth": [0.05] * 20 + [0.15] * (len(values) - 20),
             "rock": [k == int(np.argmax(clutter)) for k in range(clutter.size)],
         }
 
@@ -170,10 +171,20 @@ def test_verdicts_follow_the_interval_over_seeds():
     assert found["Eigenvalue 3 is 0.075 of the first (dry sand)"].verdict == "disagrees"
     worst = [one for statement, one in found.items() if statement.startswith("Wet clay")]
     assert {one.verdict for one in worst} <= {"cannot say", "disagrees"}
+    blind = {s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
+    for one in findings(recipe, blind, pd_table(recipe, blind)):
+        assert one.verdict in ("cannot say", "open") or one.statement.startswith(("Eigenvalue", "Pd is about"))
     for row in table.itertuples():
         curve = case_curve(cases[row.site][row.seed], row.detector, 1.0)
         assert row.pd == pd_at(curve, 0.01)
     assert (table["pd_rockless"] >= table["pd"]).all()
+
+
+def test_contrast_is_that_of_median_peaks():
+    one = case(1, np.r_[np.full(20, 100.0), np.full(5, 10.0)], np.arange(1.0, 20.0))
+    table = contrast_table({"sand": [one, one]})
+    assert list(table["looks"]) == [40, 10]
+    assert np.allclose(table["contrast"], [10.0, 0.0])
 
 
 def test_interval_is_students():

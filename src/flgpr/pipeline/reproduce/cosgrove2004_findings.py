@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 Case = dict[str, Any]
 PAPER_RATIOS = (1, 0.089, 0.075, 0.028, 0.019, 0.014)
 SOILS = ("sand", "gravel", "clay")
+_NOTHING = 0.1  # Pd below which detectors are not compared with each other
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,33 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
     return pd.DataFrame(rows)
 
 
+def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
+    """Tabulate the HH level of the mines over that of the clutter, all seeds pooled.
+
+    Parameters
+    ----------
+    cases : mapping of str to sequence of case
+        Cases of every site.
+
+    Returns
+    -------
+    DataFrame
+        site, depth (m), looks, contrast (median peak in the boxes at the mines over the median peak in clutter boxes,
+        dB).
+    """
+    rows = []
+    for site, lanes in cases.items():
+        peaks = [case["peaks"]["HH"] for case in lanes]
+        clutter = np.nanmedian(np.concatenate([one["clutter"] for one in peaks]))
+        depth = np.concatenate([one["depth"] for one in peaks])
+        target = np.concatenate([one["target"] for one in peaks])
+        for one in np.unique(depth):
+            chosen = target[depth == one]
+            level = 10 * math.log10(float(np.nanmedian(chosen) / clutter))
+            rows.append({"site": site, "depth": float(one), "looks": chosen.size, "contrast": level})
+    return pd.DataFrame(rows)
+
+
 def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame) -> list[Finding]:
     """Judge every statement of the paper.
 
@@ -135,14 +163,14 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
     best = max(SOILS, key=lambda soil: float(np.mean(pds[soil, rank])))
     found.append(_about(f"Pd is about 0.9 in the best soil (ours: {titles[best]})", pfa, pds[best, rank], 0.85, 0.95))
     for soil in SOILS:
-        found.append(
-            _above(
-                f"The first eigenvector alone is an excellent candidate: {titles[soil]}",
-                f"{pfa}: M' = 1 less M' = {recipe.detector.rank}, to lie above -0.05",
-                pds[soil, "rank 1"] - pds[soil, rank],
-                -0.05,
-            )
+        one = _above(
+            f"The first eigenvector alone is an excellent candidate: {titles[soil]}",
+            f"{pfa}: M' = 1 less M' = {recipe.detector.rank}, to lie above -0.05",
+            pds[soil, "rank 1"] - pds[soil, rank],
+            -0.05,
         )
+        # Two detectors that find nothing are as good as each other.
+        found.append(replace(one, verdict="cannot say") if np.mean(pds[soil, rank]) < _NOTHING else one)
     for better, worse in (("sand", "gravel"), ("sand", "clay"), ("gravel", "clay")):
         statement = "Dry sand is the best soil" if better == "sand" else "Wet clay is the worst soil"
         quantity = f"{pfa}: {titles[better]} less {titles[worse]}"

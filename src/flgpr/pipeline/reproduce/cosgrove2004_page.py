@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from flgpr.pipeline.figures import data_url
 from flgpr.pipeline.reproduce.cosgrove2004_examples import PointResponse
-from flgpr.pipeline.reproduce.cosgrove2004_findings import PAPER_RATIOS, Case, Finding, interval
+from flgpr.pipeline.reproduce.cosgrove2004_findings import PAPER_RATIOS, Case, Finding, contrast_table, interval
 from flgpr.pipeline.reproduce.cosgrove2004_recipe import StudyRecipe
 
 _CSS = """
@@ -84,6 +84,7 @@ def page_html(
     for world, lanes in cases.items():
         parts.append(f"<h2>Detectors side by side, {escape(_WORLDS[world])}</h2>")
         parts += [_detectors(recipe, site, tables[world]) for site in lanes]
+        parts += [f"<h2>Mines over clutter in HH, {escape(_WORLDS[world])}</h2>", _contrast(recipe, lanes)]
         parts += [f"<h2>Eigenvalue ratios in dry sand, {escape(_WORLDS[world])}</h2>", _ratios(lanes["sand"])]
     parts += ["<h2>Resolution at 15 m</h2>", _resolution(responses)]
     for name, figure in drawn.items():
@@ -138,6 +139,16 @@ def _detectors(recipe: StudyRecipe, site: str, table: pd.DataFrame) -> str:
         f"<th>by the {100 * recipe.score.quantile:g} % quantile of boxes<th>boxes with rocks left out"
         "<th>mean Pd up to 0.1 per m²</tr>"
     )
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _contrast(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> str:
+    rows = [
+        f"<tr><td class=t>{escape(recipe.sites[str(row['site'])].title)}</td><td>{100 * row['depth']:.0f} cm</td>"
+        f"<td>{row['looks']}</td><td>{row['contrast']:.1f} dB</td></tr>"
+        for row in contrast_table(lanes).to_dict("records")
+    ]
+    head = "<tr><th class=t>site<th>depth<th>looks, all seeds<th>median box peak, mines over clutter</tr>"
     return f"<table>{head}{''.join(rows)}</table>"
 
 
