@@ -1,1 +1,1 @@
-"""The papers' studies, run anew on simulated lanes."""
+"""Papers' experiments, run again on simulated lanes: one module per paper, one page each."""
