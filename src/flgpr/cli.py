@@ -201,6 +201,26 @@ def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TO
     typer.echo(f"{name}: good ({recipe.description})")
 
 
+@app.command()
+def simulate(
+    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Run store to make.")] = None,
+    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
+    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a lane with truth; with --preview alone only draw it."""
+    with _plain_errors(), _progress(quiet) as track:
+        if output is None and preview is None:
+            raise ValueError("simulate needs --output or --preview, got neither")
+        written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track)
+    if not quiet:
+        for path in written:
+            typer.echo(f"wrote {path}")
+
+
 @import_app.command("fullwave")
 def import_fullwave(
     archive: Annotated[Path, typer.Argument(help="NumPy archive (.npz) of a full-wave lane.")],
