@@ -8,7 +8,14 @@ import pytest
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import load_detector
 from flgpr.pipeline.reproduce import cosgrove2004
-from flgpr.pipeline.reproduce.cosgrove2004_detect import box_values, calibrated, detectors, learn, score_looks
+from flgpr.pipeline.reproduce.cosgrove2004_detect import (
+    box_values,
+    calibrated,
+    detectors,
+    eigenvectors,
+    learn,
+    score_looks,
+)
 from flgpr.pipeline.reproduce.cosgrove2004_examples import half_power_width, point_response, signature_cuts
 from flgpr.pipeline.reproduce.cosgrove2004_findings import case_curve, contrast_table, findings, interval, pd_table
 from flgpr.pipeline.reproduce.cosgrove2004_images import lane_looks, study_sensor, tone_weight
@@ -112,6 +119,16 @@ def test_likelihood_of_a_cut_is_that_of_the_slow_twin(recipe, looks):
     white = training.whitener.transform(cut[None])[0]
     expected = equations_7_to_12(white, training.white, 2, recipe.detector.ddof)
     assert value[row, column] == pytest.approx(expected, rel=1e-3)
+
+
+def test_eigenvectors_are_shown_as_they_look_in_the_image(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    shown = eigenvectors(recipe, training)
+    white = shown @ training.whitener.matrix_.T
+    white /= np.linalg.norm(white, axis=1, keepdims=True)
+    assert np.allclose(white @ white.conj().T, np.eye(len(shown)), atol=1e-6)
+    second = training.white.T @ training.white.conj()
+    assert np.allclose(np.linalg.norm(second @ white[0]), np.linalg.norm(second, 2))
 
 
 def test_simulated_signatures_get_the_level_of_the_examples(recipe, looks):

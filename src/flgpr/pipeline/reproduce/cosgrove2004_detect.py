@@ -268,5 +268,10 @@ def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
-    """First six eigenvectors of Â as rows (Cosgrove et al. 2004, Fig. 6)."""
-    return np.asarray(DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors)
+    """First six eigenvectors of Â as rows, as they look in the image (Cosgrove et al. 2004, Fig. 6).
+
+    The whitener's coordinates are no samples of a range cut, so the whitening is undone; each row has the norm one.
+    """
+    vectors = DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors
+    rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

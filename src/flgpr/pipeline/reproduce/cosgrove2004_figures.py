@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from flgpr.pipeline.reproduce.cosgrove2004_examples import PointResponse
 from flgpr.pipeline.reproduce.cosgrove2004_findings import SOILS, Case, case_curve
@@ -92,6 +93,7 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     y, length = image["y"].values, recipe.cut.length
     part = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
     power = (np.abs(part.values) ** 2).sum(axis=0)
+    power = uniform_filter1d(power, length, axis=0)
     inner = power[length:-length, 30:-30]
     row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
     row, column = row + length, column + 30
@@ -108,7 +110,7 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     hh.set_ylabel("y (m)")
     vector.plot(np.concatenate(cuts), color="#1b1b1b")
     _stacked(vector, recipe)
-    vector.set_title("|x|")
+    vector.set_ylabel("|x|")
     return figure
 
 
@@ -118,7 +120,7 @@ def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], rat
     panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
     for j, (axes, row) in enumerate(zip(panels, magnitudes, strict=False)):
         axes.plot(row, color="#1b1b1b")
-        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}", fontsize=9)
+        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}", fontsize=9, pad=14)
         _stacked(axes, recipe)
     return figure
 
@@ -185,9 +187,9 @@ def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Fi
 def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
     length = recipe.cut.length
     axes.axvline(length - 0.5, color="#999", lw=0.8)
-    top = axes.get_ylim()[1]
     for k, name in enumerate(recipe.cut.polarizations):
-        axes.text((k + 0.5) * length, 0.98 * top, name, ha="center", va="top", color="#666", fontsize=8)
+        place = axes.get_xaxis_transform()
+        axes.text((k + 0.5) * length, 1.01, name, ha="center", va="bottom", color="#666", fontsize=8, transform=place)
     axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
 
 

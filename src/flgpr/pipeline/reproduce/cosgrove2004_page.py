@@ -39,7 +39,7 @@ _FIGURES = {
     "figure-5": ("Fig. 5, the feature vector", "28 samples of HH, then 28 of VV."),
     "figure-6": (
         "Fig. 6, first six eigenvectors",
-        "the first shows the double hump in both polarizations. Ours: first seed, whitened, magnitudes.",
+        "the first shows the double hump in both polarizations. Ours: first seed, whitening undone, magnitudes.",
     ),
     "figure-7": (
         "Fig. 7, ROC at 15 m",
