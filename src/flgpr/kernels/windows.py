@@ -42,6 +42,16 @@ def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> Fl
     return np.asarray(weight / (1 + 2 * coefficients.sum()), dtype=np.float64)
 
 
+def ramp(frequency: FloatArray) -> FloatArray:
+    """Weigh tones (Hz) in proportion to their frequency, as filtered backprojection does; the maximum is one.
+
+    Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a sample is
+    ``k dk dθ``: the inverse transform, the image, is the backprojection of data weighed by ``k ∝ f``. It holds for data
+    whose amplitude does not depend on frequency otherwise.
+    """
+    return np.asarray(frequency / frequency.max(), dtype=np.float64)
+
+
 WINDOWS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "boxcar": boxcar,
     "hann": hann,

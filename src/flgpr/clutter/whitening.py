@@ -1,0 +1,143 @@
+"""Mean and covariance of clutter, and the whitening that takes them away (Cosgrove et al. 2004, Sec. II)."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from flgpr.kernels.moments import ESTIMATORS
+
+BASES = ("eigen", "cholesky", "symmetric")
+
+
+def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any]:
+    """Matrix W with ``W C W^H = I``.
+
+    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind.
+
+    Parameters
+    ----------
+    covariance : (n_features, n_features) array_like
+        C, Hermitian and positive definite.
+    basis : {"eigen", "cholesky", "symmetric"}
+        Scaled eigenvectors, inverse Cholesky factor, or ``C^(-1/2)``.
+
+    Returns
+    -------
+    (n_features, n_features) ndarray
+        W.
+
+    Raises
+    ------
+    ValueError
+        If the basis is unknown or the covariance is not Hermitian and positive definite to the working precision.
+    """
+    C = np.asarray(covariance)
+    if basis not in BASES:
+        raise ValueError(f"basis must be one of {', '.join(BASES)}, got {basis!r}")
+    if C.ndim != 2 or C.shape[0] != C.shape[1] or not np.allclose(C, C.conj().T):
+        raise ValueError(f"covariance must be a Hermitian matrix, got one of shape {C.shape}")
+    values, vectors = np.linalg.eigh(C)
+    if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
+        raise ValueError(
+            f"covariance must be positive definite, got eigenvalues from {values[0]:g} to {values[-1]:g}; "
+            "take more clutter samples or shrinkage"
+        )
+    if basis == "cholesky":
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(C)))
+    rows = vectors.conj().T / np.sqrt(values)[:, None]
+    return np.asarray(vectors @ rows if basis == "symmetric" else rows)
+
+
+class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Take mean and covariance of the clutter from samples, so that clutter becomes CN(0, I).
+
+    Parameters
+    ----------
+    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
+        Estimator of mean and covariance: sample moments, two ways to shrink the covariance to a multiple of the
+        identity, the minimum covariance determinant, or sample moments of vectors whose energy is clipped at the
+        median.
+    basis : {"eigen", "cholesky", "symmetric"}
+        As in :func:`whitening_matrix`.
+
+    Attributes
+    ----------
+    mean_ : (n_features,) ndarray
+        Clutter mean.
+    covariance_ : (n_features, n_features) ndarray
+        Clutter covariance.
+    matrix_ : (n_features, n_features) ndarray
+        Whitening matrix.
+    n_features_in_ : int
+        Number of features.
+
+    References
+    ----------
+    Cosgrove et al. 2004, Sec. II; Ledoit & Wolf 2004; Chen et al. 2010; Rousseeuw & Van Driessen 1999.
+    """
+
+    def __init__(self, moments: str = "sample", basis: str = "eigen") -> None:
+        self.moments = moments
+        self.basis = basis
+
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
+        """Learn the clutter.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like of float or complex
+            Clutter samples without targets.
+        y : ignored
+            Not used.
+
+        Returns
+        -------
+        Self
+            The fitted whitener.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the samples break a rule, or the covariance is singular.
+        """
+        if self.moments not in ESTIMATORS:
+            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+        samples = self._checked(X, reset=True, minimum=2)
+        self.mean_, self.covariance_ = ESTIMATORS[self.moments](samples)
+        self.matrix_ = whitening_matrix(self.covariance_, self.basis)
+        return self
+
+    def transform(self, X: ArrayLike) -> NDArray[Any]:
+        """Whiten samples.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like of float or complex
+            Samples.
+
+        Returns
+        -------
+        (n_samples, n_features) ndarray
+            ``W (x - mean)``, row by row.
+
+        Raises
+        ------
+        ValueError
+            If the samples do not fit those of ``fit``.
+        """
+        check_is_fitted(self)
+        samples = self._checked(X, reset=False)
+        return np.asarray((samples - self.mean_) @ self.matrix_.T)
+
+    def _checked(self, X: ArrayLike, reset: bool, minimum: int = 1) -> NDArray[Any]:
+        # scikit-learn's validation refuses complex numbers, so real and imaginary part go through it one by one.
+        if not np.iscomplexobj(np.asarray(X)):
+            return np.asarray(validate_data(self, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum))
+        values = np.asarray(X, dtype=np.complex128)
+        real = validate_data(self, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
+        return np.asarray(real + 1j * validate_data(self, values.imag, reset=False, dtype=np.float64))

@@ -1,0 +1,153 @@
+"""The linear-quadratic form that every detector of Cosgrove et al. 2004 is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.kernels.correlate import correlate_bank
+
+
+@dataclass(frozen=True)
+class LinearQuadraticForm:
+    """``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k`` (Cosgrove et al. 2004, Eq. 4 and 12).
+
+    Attributes
+    ----------
+    strength : (rank,) ndarray
+        Weights s_j, of either sign.
+    vectors : (rank, n_features) ndarray
+        u_j, one per row.
+    linear : (n_features,) ndarray
+        b.
+    offset : (rank,) ndarray
+        o_j.
+    constant : float
+        k.
+    """
+
+    strength: NDArray[np.float64]
+    vectors: NDArray[Any]
+    linear: NDArray[Any]
+    offset: NDArray[Any]
+    constant: float = 0.0
+
+    @property
+    def rank(self) -> int:
+        """Number of projections."""
+        return self.strength.size
+
+    def __call__(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Evaluate the form on samples (n_samples, n_features); returns (n_samples,)."""
+        samples = np.asarray(X)
+        projection = samples @ self.vectors.conj().T - self.offset
+        value = np.abs(projection) ** 2 @ self.strength + 2 * (samples @ self.linear.conj()).real + self.constant
+        return np.asarray(value, dtype=np.float64)
+
+    def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
+        """Give the form of y whose value is that of this one at ``x = matrix (y - mean)``.
+
+        Parameters
+        ----------
+        mean : (n_raw,) ndarray
+            Clutter mean.
+        matrix : (n_features, n_raw) ndarray
+            Whitening matrix.
+
+        Returns
+        -------
+        LinearQuadraticForm
+            Form on raw samples.
+        """
+        vectors, linear = self.vectors @ matrix.conj(), matrix.conj().T @ self.linear
+        offset = self.offset + vectors.conj() @ mean
+        constant = self.constant - 2 * float((linear.conj() @ mean).real)
+        return LinearQuadraticForm(self.strength, vectors, linear, offset, constant)
+
+    def likelihood(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Evaluate the form on the chip around every pixel.
+
+        Parameters
+        ----------
+        image : (channel, y, x) ndarray
+            Image; not finite where nothing was imaged.
+        shape : (int, int)
+            Pixels of a chip down-track and cross-track. The chip of pixel i reaches from ``i - n//2`` on over n
+            pixels; its samples are stacked channel by channel, row by row.
+
+        Returns
+        -------
+        (y, x) ndarray of float32
+            Values of the form; NaN where the chip leaves the image or touches a pixel that is not finite.
+
+        Raises
+        ------
+        ValueError
+            If channels and chip do not make the form's number of features.
+        """
+        channels, (v, u) = image.shape[0], shape
+        if channels * v * u != self.linear.size:
+            raise ValueError(
+                f"image and chip must make {self.linear.size} features, got {channels} channels of {v} x {u} pixels"
+            )
+        value = np.full(image.shape[1:], np.nan, dtype=np.float32)
+        if image.shape[1] < v or image.shape[2] < u:
+            return value
+        kind = np.complex64 if np.iscomplexobj(image) or np.iscomplexobj(self.linear) else np.float32
+        # The total is finite only if all pixels are, which spares the common case a mask.
+        broken = None if np.isfinite(image.sum()) else ~np.isfinite(image).all(axis=0)
+        clean = image if broken is None else np.where(broken, 0, image)
+        inner = self._correlate(np.asarray(clean, dtype=kind), shape)
+        value[v // 2 : v // 2 + inner.shape[0], u // 2 : u // 2 + inner.shape[1]] = inner
+        return value if broken is None else np.where(_touched(broken, shape), np.nan, value)
+
+    def _correlate(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
+        scaled = self.vectors * np.sqrt(np.abs(self.strength))[:, None]
+        bank = np.concatenate([scaled, self.linear[None]]).reshape(-1, image.shape[0], *shape)
+        answer = correlate_bank(image, bank.astype(np.complex64))
+        shift = (self.offset * np.sqrt(np.abs(self.strength))).astype(np.complex64)
+        value = np.float32(2) * answer[-1].real + np.float32(self.constant)
+        for j in range(self.rank):
+            part = answer[j] - shift[j] if shift[j] else answer[j]
+            value += np.float32(np.sign(self.strength[j])) * (part.real**2 + part.imag**2)
+        return np.asarray(value)
+
+
+def hermitian_form(
+    A: NDArray[Any], b: NDArray[Any], rank: int | None = None, by_magnitude: bool = False
+) -> LinearQuadraticForm:
+    """Write ``x^H A x + 2 Re(b^H x)`` through eigenvectors (Cosgrove et al. 2004, Eq. 9-12).
+
+    Parameters
+    ----------
+    A : (n, n) ndarray
+        Hermitian matrix.
+    b : (n,) ndarray
+        Linear part.
+    rank : int, optional
+        Number of eigenvectors kept; None keeps all.
+    by_magnitude : bool
+        Keep the largest in magnitude rather than the largest.
+
+    Returns
+    -------
+    LinearQuadraticForm
+        Strengths in the order in which they are kept.
+    """
+    values, vectors = np.linalg.eigh(A)
+    order = np.argsort(-np.abs(values) if by_magnitude else -values, kind="stable")[:rank]
+    return LinearQuadraticForm(values[order], vectors[:, order].T.copy(), b, np.zeros(order.size))
+
+
+def _touched(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels whose chip holds a broken pixel, by a summed-area table."""
+    (v, u), (rows, columns) = shape, broken.shape
+    table = np.zeros((rows + 1, columns + 1), dtype=np.int64)
+    table[1:, 1:] = broken.cumsum(0).cumsum(1)
+    count = table[v:, u:] - table[:-v, u:] - table[v:, :-u] + table[:-v, :-u]
+    touched = np.zeros(broken.shape, dtype=bool)
+    touched[v // 2 : v // 2 + count.shape[0], u // 2 : u // 2 + count.shape[1]] = count > 0
+    return touched

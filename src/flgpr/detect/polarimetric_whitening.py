@@ -1,0 +1,124 @@
+"""Detectors that know no target: the polarimetric whitening filter and the magnitude of one channel."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+
+from flgpr.detect.complex_data import check_samples
+from flgpr.detect.linear_quadratic import LinearQuadraticForm
+from flgpr.kernels.moments import ESTIMATORS
+
+
+class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
+    """Energy of a pixel after its polarizations are decorrelated: ``x^H Σ^-1 x`` (Novak et al. 1993).
+
+    Σ is the second moment of clutter pixels, as the clutter is taken to have no mean. Any set of polarizations will do;
+    Cosgrove et al. 2004 use HH and VV.
+
+    Parameters
+    ----------
+    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
+        Estimator of Σ; all but "sample" estimate a mean, whose outer product is added.
+
+    Attributes
+    ----------
+    covariance_ : (n_features, n_features) ndarray
+        Σ.
+    forms_ : tuple of LinearQuadraticForm
+        The form, for chips of one pixel.
+    n_features_in_ : int
+        Number of polarizations.
+
+    References
+    ----------
+    Novak et al. 1993; Cosgrove et al. 2004, Sec. III-C and IV-B.
+    """
+
+    def __init__(self, moments: str = "sample") -> None:
+        self.moments = moments
+
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
+        """Learn the clutter.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like of float or complex
+            Clutter pixels, one polarization per feature.
+        y : ignored
+            Not used.
+
+        Returns
+        -------
+        Self
+            The fitted filter.
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the samples break a rule, or Σ is singular.
+        """
+        if self.moments not in ESTIMATORS:
+            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+        samples = check_samples(self, X, reset=True)
+        mean, covariance = ESTIMATORS[self.moments](samples)
+        self.covariance_: NDArray[Any] = covariance + np.outer(mean, mean.conj())
+        values, vectors = np.linalg.eigh(self.covariance_)
+        if not values[0] > values.size * np.finfo(np.float64).eps * values[-1]:
+            raise ValueError(
+                f"X must span all {values.size} features for Σ to have an inverse, got n_samples = {samples.shape[0]} "
+                f"with second moments from {values[0]:g} to {values[-1]:g}"
+            )
+        zero = np.zeros(values.size)
+        self.forms_ = (LinearQuadraticForm(1 / values, vectors.T.copy(), zero, zero),)
+        return self
+
+    def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Score pixels.
+
+        Parameters
+        ----------
+        X : (n_samples, n_features) array_like of float or complex
+            Pixels, one polarization per feature.
+
+        Returns
+        -------
+        (n_samples,) ndarray
+            Whitened energy; its mean over the clutter is the number of polarizations.
+
+        Raises
+        ------
+        ValueError
+            If the samples do not fit those of ``fit``.
+        """
+        check_is_fitted(self)
+        return self.forms_[0](check_samples(self, X, reset=False))
+
+
+def magnitude_form(channels: int, channel: int = 0) -> LinearQuadraticForm:
+    """Form ``|x_channel|²`` on pixels of several channels: thresholding one polarization's image.
+
+    Parameters
+    ----------
+    channels : int
+        Number of channels of a pixel.
+    channel : int
+        The channel taken.
+
+    Returns
+    -------
+    LinearQuadraticForm
+        Form for chips of one pixel.
+
+    Raises
+    ------
+    ValueError
+        If there is no such channel.
+    """
+    if not 0 <= channel < channels:
+        raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
+    return LinearQuadraticForm(np.ones(1), np.eye(channels)[[channel]], np.zeros(channels), np.zeros(1))

@@ -1,0 +1,24 @@
+"""scikit-learn's own checks; complex data are the one thing that our estimators take and theirs refuse."""
+
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from flgpr.clutter import ClutterWhitener
+from flgpr.detect import DeflectionDetector, NeymanPearsonDetector, PolarimetricWhiteningFilter
+
+
+def declared(estimator):
+    return {"check_complex_data": "takes complex samples"}
+
+
+@parametrize_with_checks(
+    [
+        DeflectionDetector(),
+        DeflectionDetector(gamma=0.5, moments="ledoit-wolf"),
+        NeymanPearsonDetector(),
+        PolarimetricWhiteningFilter(),
+        ClutterWhitener(),
+    ],
+    expected_failed_checks=declared,
+)
+def test_scikit_learn_check(estimator, check):
+    check(estimator)

@@ -1,0 +1,63 @@
+"""Slow twins of Cosgrove et al. 2004, written from its equations."""
+
+import numpy as np
+
+
+def equation_2(x, mu, C):
+    """Neyman-Pearson statistic, by inverting C + I."""
+    rest = x - mu
+    return float((-rest.conj() @ np.linalg.inv(C + np.eye(mu.size)) @ rest + x.conj() @ x).real)
+
+
+def equation_4(x, A, b):
+    """Linear-quadratic form."""
+    return float((x.conj() @ A @ x + x.conj() @ b + b.conj() @ x).real)
+
+
+def equations_7_to_12(x, examples, rank, ddof):
+    """Detector output for one vector after training on examples, example by example."""
+    count, features = examples.shape
+    A, b = np.zeros((features, features), complex), np.zeros(features, complex)
+    for example in examples:
+        A += np.outer(example, example.conj()) / (count - ddof)
+        b += example / count
+    A -= np.eye(features)
+    sigma, u = np.linalg.eigh(A)
+    total = 2 * (x.conj() @ b).real
+    for j in np.argsort(-sigma)[:rank]:
+        total += sigma[j] * abs(x.conj() @ u[:, j]) ** 2
+    return float(total)
+
+
+def deflection(A, b, mu, C, gamma=1.0):
+    """Generalised deflection (Eq. 3) of Eq. 4 from its mean and variance for circular Gaussian data."""
+    R, eye = C + np.eye(mu.size), np.eye(mu.size)
+    gain = np.trace(A @ C).real + (mu.conj() @ A @ mu).real + 2 * (b.conj() @ mu).real
+
+    def variance(S, centre):
+        g = b + A @ centre
+        return np.trace(A @ S @ A @ S).real + 2 * (g.conj() @ S @ g).real
+
+    return gain**2 / (gamma * variance(eye, 0 * mu) + (1 - gamma) * variance(R, mu))
+
+
+def likelihood_map(image, shape, score):
+    """Score of the chip about every pixel, pixel by pixel; NaN where it leaves the image."""
+    (v, u), (channels, rows, columns) = shape, image.shape
+    out = np.full((rows, columns), np.nan)
+    for row in range(rows):
+        for column in range(columns):
+            top, left = row - v // 2, column - u // 2
+            if top < 0 or left < 0 or top + v > rows or left + u > columns:
+                continue
+            cut = np.concatenate([image[c, top : top + v, left : left + u].ravel() for c in range(channels)])
+            if np.isfinite(cut).all():
+                out[row, column] = score(cut)
+    return out
+
+
+def circular(rng, mean, covariance, count):
+    """Draw CN(mean, covariance), one vector per row."""
+    root = np.linalg.cholesky(covariance)
+    noise = rng.normal(size=(2, count, mean.size)) / np.sqrt(2)
+    return mean + (noise[0] + 1j * noise[1]) @ root.T
