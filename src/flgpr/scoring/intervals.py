@@ -49,7 +49,7 @@ def poisson_interval(count: ArrayLike, exposure: ArrayLike = 1.0, level: float =
     Parameters
     ----------
     count : array_like
-        Number of events.
+        Number of events; a mean of repeated counts need not be whole.
     exposure : array_like
         What they are counted over, e.g. an area in m²; the bounds are per unit of it.
     level : float
@@ -81,7 +81,7 @@ def _gamma_quantile(shape: FloatArray, probability: float) -> FloatArray:
     """Invert the regularised incomplete gamma function for rising shapes; 0 for the shape 0."""
     if len(shape) <= 4 * _NODES or shape[0] < _SMOOTH:
         few = shape[: max(4 * _NODES, int(np.searchsorted(shape, _SMOOTH)))]
-        exact = np.where(few > 0, special.gammaincinv(np.maximum(few, 1), probability), 0.0)
+        exact = np.where(few > 0, special.gammaincinv(np.where(few > 0, few, 1), probability), 0.0)
         rest = shape[len(few) :]
         return exact if len(rest) == 0 else np.append(exact, _gamma_quantile(rest, probability))
     # The standardised quantile varies slowly with the shape: a spline through nodes agrees to 1e-12 and takes no time.

@@ -11,6 +11,8 @@ import pandas as pd
 from flgpr.scoring.checks import LaneLike
 from flgpr.scoring.curve import count_at, describe, make_curve
 from flgpr.scoring.matching import Match, Subset, match, one_of, select_targets
+from flgpr.scoring.refraction import Refraction
+from flgpr.scoring.survey import survey_share
 
 AreaRule = Literal["union", "paper", "frames"]
 
@@ -27,6 +29,8 @@ def roc(
     halo_as: Literal["radius", "diameter"] = "radius",
     assignment: Literal["halo", "nearest"] = "halo",
     shared: Literal["count", "drop"] = "count",
+    refraction: Refraction | None = None,
+    survey_error: float | None = None,
     level: float = 0.95,
 ) -> pd.DataFrame:
     """Compute the ROC of an alarm list (Wang et al. 2007, Sec. II-F, rules 1 to 6).
@@ -59,6 +63,11 @@ def roc(
     shared : {"count", "drop"}
         With a subset: whether an alarm that is also in the halo of a target outside the subset counts for its own. By
         default it does, so that a target is found or missed alike in every subset; "drop" is rule 5 to the letter.
+    refraction : Refraction, optional
+        Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
+    survey_error : float, optional
+        Standard deviation of the surveyed positions per axis, m; it changes no count, ``attrs`` tell its share of the
+        halo.
     level : float
         Level of the exact intervals of each row, Clopper-Pearson for Pd and Poisson for FAR.
 
@@ -74,8 +83,13 @@ def roc(
     ValueError
         If a table, the lane or an option is not valid, or the area is not positive.
     """
-    matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment)
-    return roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)
+    matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction)
+    curve = roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)
+    curve.attrs["assignment"] = assignment
+    if survey_error is not None:
+        curve.attrs["survey_error"] = float(survey_error)
+        curve.attrs["survey_share_of_halo"] = survey_share(survey_error, matched.halo).share
+    return curve
 
 
 def roc_of(
@@ -119,6 +133,7 @@ def roc_of(
         "n_known_targets": len(matched.truth),
         "subset": _in_words(subset),
         "shared": shared,
+        "refraction": "none" if matched.refraction is None else str(matched.refraction),
     }
     return make_curve(
         thresholds,

@@ -15,11 +15,12 @@ from scipy.spatial import cKDTree
 from flgpr.model import Lane, check_alarms, check_truth
 from flgpr.scoring.area import union_area
 from flgpr.scoring.checks import LaneLike, as_lanes, check_place, lane_of_rows
+from flgpr.scoring.refraction import Refraction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-Subset = Sequence[Any] | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
+Subset = Sequence[Any] | BoolArray | Mapping[str, Any] | Callable[[pd.DataFrame], Any] | str | None
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Match:
     Attributes
     ----------
     alarms, truth : DataFrame
-        The checked tables, rows numbered from 0.
+        The checked tables, rows numbered from 0; targets where they are expected in the image.
     lanes : dict of str to Lane
         The scored lanes by name.
     halo : float
@@ -44,6 +45,8 @@ class Match:
         Alarms within the halo of any known target.
     false : (alarm,) ndarray of bool
         False alarms: in no halo and inside the lane (rule 3).
+    refraction : Refraction or None
+        The correction that moved the targets.
     """
 
     alarms: pd.DataFrame
@@ -57,6 +60,7 @@ class Match:
     pair_distance: FloatArray
     in_halo: BoolArray
     false: BoolArray
+    refraction: Refraction | None = None
 
     @property
     def confidence(self) -> FloatArray:
@@ -128,6 +132,7 @@ def match(
     *,
     halo_as: Literal["radius", "diameter"] = "radius",
     assignment: Literal["halo", "nearest"] = "halo",
+    refraction: Refraction | None = None,
 ) -> Match:
     """Match alarms to targets.
 
@@ -145,6 +150,8 @@ def match(
     assignment : {"halo", "nearest"}
         Whether an alarm within several halos can detect each of those targets (Wang et al. 2007, rules 1 and 2 to the
         letter), or only the nearest (as that paper labels training hits).
+    refraction : Refraction, optional
+        Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
 
     Returns
     -------
@@ -165,11 +172,14 @@ def match(
     lanes = as_lanes(lane)
     alarm_lane, target_lane = lane_of_rows(alarms, lanes, "alarms"), lane_of_rows(truth, lanes, "truth")
     inside = np.zeros(len(alarms), dtype=bool)
+    for number, one in enumerate(lanes.values()):
+        check_place(alarms[alarm_lane == number], one, "alarms")
+        check_place(truth[target_lane == number], one, "truth")
+    if refraction is not None:
+        truth = refraction.move(truth)
     pairs = []
     for number, one in enumerate(lanes.values()):
         own, known = np.flatnonzero(alarm_lane == number), np.flatnonzero(target_lane == number)
-        check_place(alarms.iloc[own], one, "alarms")
-        check_place(truth.iloc[known], one, "truth")
         here, there = alarms[["x", "y"]].to_numpy()[own], truth[["x", "y"]].to_numpy()[known]
         inside[own] = one.contains(here[:, 0], here[:, 1])
         row, target, distance = pairs_within(here, there, radius)
@@ -181,8 +191,9 @@ def match(
         order = np.lexsort((target, distance, row))
         keep = order[np.unique(row[order], return_index=True)[1]]
         row, target, distance = row[keep], target[keep], distance[keep]
+    false = inside & ~in_halo
     return Match(
-        alarms, truth, lanes, radius, alarm_lane, target_lane, row, target, distance, in_halo, inside & ~in_halo
+        alarms, truth, lanes, radius, alarm_lane, target_lane, row, target, distance, in_halo, false, refraction
     )
 
 

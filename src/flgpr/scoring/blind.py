@@ -1,0 +1,231 @@
+"""Blind scoring: an encrypted truth, scores without positions, and a log of every look.
+
+This guards against accidents, not against the holder of the passphrase, who can open the truth at will.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.model import check_truth
+from flgpr.scoring.checks import LaneLike, as_lanes
+from flgpr.scoring.curve import operating_row
+from flgpr.scoring.lane_roc import roc_of
+from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register
+from flgpr.scoring.matching import Match, match
+
+FORMAT = "flgpr-sealed-truth-1"
+FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+_COST = 2**15
+_MOST_COST = 2**20  # a sealed file may not make its reader take gigabytes
+_SHORTEST = 8
+
+
+@dataclass(frozen=True)
+class BlindScore:
+    """What a blind scoring tells.
+
+    Attributes
+    ----------
+    points : DataFrame
+        One row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
+        ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``. It has no thresholds: the confidence at
+        which Pd rises would tell which alarm lies on a target.
+    counts : dict
+        ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``.
+    looks : int
+        How often this truth was scored so far, this time included.
+    lists : int
+        How many different alarm lists that were.
+    """
+
+    points: pd.DataFrame
+    counts: dict[str, Any]
+    looks: int
+    lists: int
+
+
+def seal_truth(
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    path: str | Path,
+    passphrase: str,
+    *,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+) -> Path:
+    """Write an encrypted truth together with the lane and the rules it is to be scored by.
+
+    The key comes from the passphrase by scrypt, the content is encrypted and authenticated with Fernet (AES-128-CBC
+    and HMAC-SHA-256); both from the library ``cryptography``, the extra ``seal``.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+    lane : Lane, mapping, Series or DataFrame
+        The scored lane or lanes.
+    path : str or Path
+        File to write; an existing one is refused.
+    passphrase : str
+        At least 8 characters.
+    halo : float
+        Halo radius, m.
+    area : {"union", "paper"}
+        Rule of the FAR area.
+    by : str, optional
+        Column of truth whose groups get curves of their own beside that of all targets.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If truth, lane or a rule is not valid, or the passphrase is too short.
+    FileExistsError
+        If the file exists.
+    ModuleNotFoundError
+        If ``cryptography`` is not installed.
+    """
+    lanes = as_lanes(lane)
+    if len(passphrase) < _SHORTEST:
+        raise ValueError(f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}")
+    if by is not None and by not in truth.columns:
+        raise ValueError(f"by must name a column of truth, got {by!r}")
+    # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
+    trial = match(pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo)
+    roc_of(trial, area=area)  # type: ignore[arg-type]
+    content = {
+        "truth": check_truth(truth).to_dict("list"),
+        "lanes": {name: vars(one) for name, one in lanes.items()},
+        "rules": {"halo": float(halo), "area": area, "by": by},
+    }
+    salt = secrets.token_bytes(16)
+    token = _fernet(passphrase, salt, _COST).encrypt(json.dumps(content).encode())
+    sealed = {
+        "format": FORMAT,
+        "note": "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase",
+        "scrypt": {"n": _COST, "r": 8, "p": 1, "salt": base64.b64encode(salt).decode()},
+        "token": token.decode(),
+    }
+    file = Path(path)
+    with file.open("x", encoding="utf-8") as stream:
+        json.dump(sealed, stream, indent=1)
+    return file
+
+
+def open_truth(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+    """Decrypt a sealed truth.
+
+    Parameters
+    ----------
+    path : str or Path
+        File that :func:`seal_truth` wrote.
+    passphrase : str
+        Its passphrase.
+
+    Returns
+    -------
+    truth : DataFrame
+        Truth table.
+    lanes : dict
+        Lanes by name, as :func:`flgpr.scoring.as_lanes` takes them.
+    rules : dict
+        ``halo``, ``area`` and ``by``.
+
+    Raises
+    ------
+    ValueError
+        If the file is no sealed truth, was altered, or the passphrase is wrong.
+    """
+    from cryptography.fernet import InvalidToken
+
+    try:
+        sealed = json.loads(Path(path).read_text(encoding="utf-8"))
+        known = sealed["format"] == FORMAT
+        cost, salt, token = int(sealed["scrypt"]["n"]), base64.b64decode(sealed["scrypt"]["salt"]), sealed["token"]
+    except (ValueError, KeyError, TypeError):
+        known = False
+    if not known:
+        raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
+    if not (2 <= cost <= _MOST_COST and cost & (cost - 1) == 0):
+        raise ValueError(f"sealed must have a scrypt cost that is a power of two up to {_MOST_COST}, got {cost}")
+    try:
+        content = json.loads(_fernet(passphrase, salt, cost).decrypt(token.encode()))
+    except InvalidToken:
+        raise ValueError("passphrase must be the one of the sealed truth, or the file was altered") from None
+    truth = pd.DataFrame(content["truth"])
+    return truth, content["lanes"], content["rules"]
+
+
+def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: str | Path | None = None) -> BlindScore:
+    """Score an alarm list against a sealed truth: operating points and counts, nothing that shows a position.
+
+    Every call appends the hash of the alarm list to a log beside the sealed file before anything is shown, so that
+    repeated looks show.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        Alarm table.
+    sealed : str or Path
+        The sealed truth.
+    passphrase : str
+        Its passphrase.
+    log : str or Path, optional
+        The log; ``<sealed>.log.jsonl`` by default.
+
+    Returns
+    -------
+    BlindScore
+        Operating points, counts and the number of looks.
+
+    Raises
+    ------
+    ValueError
+        If the alarms, the sealed file or the passphrase are not valid, or the log was altered.
+    """
+    truth, lanes, rules = open_truth(sealed, passphrase)
+    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], rules["halo"])
+    book = Path(f"{sealed}.log.jsonl") if log is None else Path(log)
+    key = content_hash(Path(sealed))
+    register(book, event="score", alarms=alarm_hash(matched.alarms), n_alarms=len(matched.alarms), sealed=key)
+    mine = [line for line in read_register(book) if line.get("sealed") == key and line.get("event") == "score"]
+    groups: list[tuple[str, Any]] = [("all", None)]
+    if rules["by"] is not None:
+        groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].unique())]
+    points = pd.concat([_points(matched, name, subset, rules["area"]) for name, subset in groups], ignore_index=True)
+    curve = roc_of(matched, area=rules["area"])
+    counts = {name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")}
+    return BlindScore(points, counts, len(mine), len({line["alarms"] for line in mine}))
+
+
+def _points(matched: Match, name: str, subset: Any, area: Any) -> pd.DataFrame:
+    curve = roc_of(matched, subset, area=area)
+    rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
+    columns = ["far", "far_low", "far_high", "pd", "pd_low", "pd_high", "n_detected", "n_targets", "n_false"]
+    rows = rows[columns].assign(group=name, far_allowed=FAR_GRID)
+    rows.attrs = {}
+    return rows[["group", "far_allowed", *columns]]
+
+
+def _fernet(passphrase: str, salt: bytes, cost: int) -> Any:
+    try:
+        from cryptography.fernet import Fernet
+        from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError('sealed truth needs the library cryptography: pip install "flgpr[seal]"') from error
+    key = Scrypt(salt=salt, length=32, n=cost, r=8, p=1).derive(passphrase.encode())
+    return Fernet(base64.urlsafe_b64encode(key))

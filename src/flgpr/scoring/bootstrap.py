@@ -1,0 +1,278 @@
+"""Uncertainty of a whole curve: resampling of targets, lanes and stretches of lane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from flgpr.model import Lane
+from flgpr.scoring.area import union_area
+from flgpr.scoring.matching import Match, Subset, select_targets
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is drawn anew: clusters of targets, lanes, and blocks of lane.
+
+    The factors may cross (the same mine in two passes), so each is drawn by itself with replacement and a target or
+    false alarm weighs the product of its factors' weights (pigeonhole bootstrap, Owen 2007).
+
+    Attributes
+    ----------
+    lanes : int
+        Number of lanes; they are drawn only if there are several.
+    clusters : int
+        Number of clusters of targets.
+    target_cluster, target_lane : (target,) ndarray of int
+        Cluster and lane of every chosen target.
+    block_lane : (block,) ndarray of int
+        Lane of every block.
+    block_area : (block,) ndarray
+        Area of every block outside the halos, m².
+    block_y : tuple of (int, float, float)
+        First block, start (m) and length (m) of the blocks of each lane.
+    """
+
+    lanes: int
+    clusters: int
+    target_cluster: IntArray
+    target_lane: IntArray
+    block_lane: IntArray
+    block_area: FloatArray
+    block_y: tuple[tuple[int, float, float], ...]
+
+    def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draw weights of the targets and of the blocks; some target always has weight."""
+        while True:
+            lane = _counts(rng, self.lanes) if self.lanes > 1 else np.ones(1)
+            target = _counts(rng, self.clusters)[self.target_cluster] * lane[self.target_lane]
+            block = _counts(rng, len(self.block_lane)) * lane[self.block_lane]
+            if target.any() and (block * self.block_area).sum() > 0:
+                return target, block
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What a detector's alarms amount to: scores of the targets, false alarms in falling order.
+
+    Attributes
+    ----------
+    target : (target,) ndarray
+        Confidence of each chosen target's best alarm, -inf where there is none.
+    false : (false,) ndarray
+        Confidences of the false alarms, falling.
+    block : (false,) ndarray of int
+        Block each of them lies in.
+    above : (target,) ndarray of int
+        Number of false alarms at or above each target's score.
+    """
+
+    target: FloatArray
+    false: FloatArray
+    block: IntArray
+    above: IntArray
+
+    def pd_at(self, far: FloatArray, target: FloatArray, block: FloatArray, area: float) -> FloatArray:
+        """Read weighted Pd at allowed false alarm rates."""
+        rate = np.cumsum(block[self.block]) / area
+        first = np.searchsorted(rate, far, side="right")
+        barrier = np.append(self.false, -np.inf)[first]
+        order = np.argsort(-self.target)
+        gained = np.append(0.0, np.cumsum(target[order]))
+        return gained[np.searchsorted(-self.target[order], -barrier, side="left")] / target.sum()
+
+    def shares(self, far_max: float, block: FloatArray, area: float) -> FloatArray:
+        """Compute what each target adds to PD_mean: 1 - FAR/far_max at which it is found, at least 0."""
+        rate = np.append(0.0, np.cumsum(block[self.block])) / area
+        return np.where(np.isneginf(self.target), 0.0, np.maximum(0.0, 1 - rate[self.above] / far_max))
+
+
+def band(
+    matched: Match,
+    subset: Subset = None,
+    far: ArrayLike | None = None,
+    *,
+    level: float = 0.95,
+    draws: int = 1000,
+    seed: int = 0,
+    block: float = 10.0,
+    cluster: str | None = None,
+) -> pd.DataFrame:
+    """Compute a simultaneous confidence band of Pd over FAR by bootstrap, clustered by target and lane.
+
+    The band is Pd ± c·s: s is the standard deviation of the resampled curves, not less than the binomial one with two
+    successes and two failures added (resampling sees no spread where all targets are found), and c the level's
+    quantile of the largest standardised deviation over the whole grid, not less than the normal one. See the docs for
+    its measured coverage.
+
+    Parameters
+    ----------
+    matched : Match
+        Alarms and targets, see :func:`flgpr.scoring.match`.
+    subset : None, str, sequence, mapping or callable
+        Targets to score.
+    far : (point,) array_like, optional
+        Grid of false alarm rates, per m²; 0 to 0.1 in 51 points by default.
+    level : float
+        Probability that the band holds the whole curve.
+    draws : int
+        Number of resamplings.
+    seed : int
+        Seed of the draws.
+    block : float
+        Length of the blocks of lane whose false alarms are drawn together, m.
+    cluster : str, optional
+        Column of truth that names the mine where several rows show the same one; by default each row is its own.
+
+    Returns
+    -------
+    DataFrame
+        ``far``, ``pd``, ``pd_low``, ``pd_high``.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range or there is no target.
+    """
+    grid = np.linspace(0, 0.1, 51) if far is None else np.atleast_1d(np.asarray(far, dtype=np.float64))
+    if grid.ndim != 1 or not (grid >= 0).all():
+        raise ValueError(f"far must be rates of at least 0, got {grid}")
+    if not 0 < level < 1:
+        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    design = make_design(matched, subset, block=block, cluster=cluster)
+    scores = make_scores(matched, design, subset)
+    ones = np.ones(len(scores.target)), np.ones(len(design.block_lane))
+    centre = scores.pd_at(grid, *ones, float(design.block_area.sum()))
+    curves = np.array([scores.pd_at(grid, *weights) for weights in _draws(design, draws, seed)])
+    n = design.clusters
+    shrunk = (centre * n + 2) / (n + 4)
+    spread = np.maximum(curves.std(axis=0, ddof=1), np.sqrt(shrunk * (1 - shrunk) / (n + 4)))
+    factor = max(
+        float(np.quantile((np.abs(curves - centre) / spread).max(axis=1), level)), float(special.ndtri((1 + level) / 2))
+    )
+    # Pd rises with FAR, so a bound that dips or juts may be drawn level without losing a curve that was inside.
+    low = np.maximum.accumulate(np.clip(centre - factor * spread, 0, 1))
+    high = np.minimum.accumulate(np.clip(centre + factor * spread, 0, 1)[::-1])[::-1]
+    result = pd.DataFrame({"far": grid, "pd": centre, "pd_low": low, "pd_high": high})
+    result.attrs = {
+        "level": level,
+        "draws": draws,
+        "seed": seed,
+        "clusters": n,
+        "lanes": design.lanes,
+        "factor": factor,
+    }
+    return result
+
+
+def pd_mean_interval(
+    matched: Match,
+    far_max: float = 0.1,
+    subset: Subset = None,
+    *,
+    level: float = 0.95,
+    draws: int = 1000,
+    seed: int = 0,
+    block: float = 10.0,
+    cluster: str | None = None,
+) -> tuple[float, float]:
+    """Bound PD_mean by the percentiles of resampled curves.
+
+    Parameters
+    ----------
+    matched, subset, level, draws, seed, block, cluster
+        As for :func:`band`.
+    far_max : float
+        End of the averaging, per m².
+
+    Returns
+    -------
+    low, high : float
+        Bounds.
+
+    Raises
+    ------
+    ValueError
+        As :func:`band`.
+    """
+    design = make_design(matched, subset, block=block, cluster=cluster)
+    scores = make_scores(matched, design, subset)
+    means = [
+        (target * scores.shares(far_max, weight, area)).sum() / target.sum()
+        for target, weight, area in _draws(design, draws, seed)
+    ]
+    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def make_design(matched: Match, subset: Subset = None, *, block: float = 10.0, cluster: str | None = None) -> Design:
+    """Lay out what is drawn; see :func:`band`."""
+    if not (math.isfinite(block) and block > 0):
+        raise ValueError(f"block must be a positive length, got {block} m")
+    if cluster is not None and cluster not in matched.truth.columns:
+        raise ValueError(f"cluster must name a column of truth, got {cluster!r}")
+    chosen = select_targets(matched.truth, subset)
+    if not chosen.any():
+        raise ValueError("truth must have at least one target for a bootstrap, got none")
+    names = matched.truth.loc[chosen, cluster] if cluster is not None else np.arange(chosen.sum())
+    codes, unique = pd.factorize(np.asarray(names))
+    points = matched.truth[["x", "y"]].to_numpy()
+    layout: list[tuple[int, float, float]] = []
+    areas: list[float] = []
+    lane_of: list[int] = []
+    for number, lane in enumerate(matched.lanes.values()):
+        pieces = max(1, round((lane.y_max - lane.y_min) / block))
+        edges = np.linspace(lane.y_min, lane.y_max, pieces + 1)
+        layout.append((len(areas), lane.y_min, (lane.y_max - lane.y_min) / pieces))
+        own = points[matched.target_lane == number]
+        for low, high in pairwise(edges):
+            piece = Lane(lane.x_min, lane.x_max, float(low), float(high))
+            near = own[(own[:, 1] > low - matched.halo) & (own[:, 1] < high + matched.halo)]
+            areas.append(piece.area - union_area(near, matched.halo, piece))
+            lane_of.append(number)
+    return Design(
+        len(matched.lanes), len(unique), codes.astype(np.int64), matched.target_lane[chosen],
+        np.array(lane_of), np.maximum(areas, 0.0), tuple(layout),
+    )  # fmt: skip
+
+
+def make_scores(matched: Match, design: Design, subset: Subset = None) -> Scores:
+    """Take from matched alarms what resampling needs."""
+    chosen = select_targets(matched.truth, subset)
+    target = matched.best(chosen)[1][chosen]
+    row = np.flatnonzero(matched.false)
+    row = row[np.argsort(-matched.confidence[row], kind="stable")]
+    false, lane, y = matched.confidence[row], matched.alarm_lane[row], matched.alarms["y"].to_numpy()[row]
+    first, start, length = (np.array(column)[lane] for column in zip(*design.block_y, strict=True))
+    block = np.minimum(first + np.floor((y - start) / length).astype(np.int64), _last_block(design, lane))
+    above = np.searchsorted(-false, -target, side="right")
+    return Scores(target, false, block.astype(np.int64), above.astype(np.int64))
+
+
+def _last_block(design: Design, lane: IntArray) -> IntArray:
+    ends = [first for first, _, _ in design.block_y[1:]] + [len(design.block_lane)]
+    return np.asarray(np.array(ends)[lane] - 1, dtype=np.int64)
+
+
+def _draws(design: Design, draws: int, seed: int) -> Iterator[tuple[FloatArray, FloatArray, float]]:
+    if draws < 2:
+        raise ValueError(f"draws must be at least 2, got {draws}")
+    rng = np.random.default_rng(seed)
+    for _ in range(draws):
+        target, block = design.draw(rng)
+        yield target, block, float((block * design.block_area).sum())
+
+
+def _counts(rng: np.random.Generator, units: int) -> Any:
+    return np.bincount(rng.integers(units, size=units), minlength=units).astype(np.float64)

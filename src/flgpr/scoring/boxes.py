@@ -1,0 +1,186 @@
+"""ROC of peaks in boxes at the targets against boxes off them (Cosgrove et al. 2004, Sec. IV-B)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.model import as_lane, check_truth
+from flgpr.scoring.checks import LaneLike, check_place
+from flgpr.scoring.curve import count_at, describe, make_curve
+from flgpr.scoring.intervals import clopper_pearson
+from flgpr.scoring.matching import Subset, select_targets
+
+FloatArray = NDArray[np.float64]
+
+
+def box_roc(
+    image: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    box: float = 1.0,
+    subset: Subset = None,
+    *,
+    clearance: float = 0.0,
+    level: float = 0.95,
+) -> pd.DataFrame:
+    """Compute the ROC of a detector image from its peaks in boxes (Cosgrove et al. 2004, Sec. IV-B).
+
+    H1 is the peak in the box around every target of the subset, H0 the peak in every box of a tiling of the lane that
+    keeps off all known targets. Its FAR is the fraction of H0 boxes at or above the threshold over the area of a box.
+    It saturates at one per box and is no count of alarms.
+
+    Parameters
+    ----------
+    image : (y, x) or (look, y, x) array_like
+        Detector output, higher means more like a mine; NaN where nothing was imaged. Looks of the same mine count as
+        distinct samples, as in the paper.
+    x, y : (x,), (y,) array_like
+        Pixel centres in the lane frame, m, rising.
+    truth : DataFrame
+        Truth table.
+    lane : Lane, mapping, Series or one-row DataFrame
+        The lane.
+    box : float
+        Side of the boxes, m.
+    subset : None, str, sequence, mapping or callable
+        Targets for H1, see :func:`flgpr.scoring.select_targets`.
+    clearance : float
+        Gap between H0 boxes and the box of any target, m.
+    level : float
+        Level of the Clopper-Pearson intervals, row by row.
+
+    Returns
+    -------
+    DataFrame
+        As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that of H0 boxes at or
+        above the threshold, ``area`` that of all H0 boxes.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the axes do not rise, or no H0 box is left.
+    """
+    truth, one = check_truth(truth), as_lane(lane)
+    check_place(truth, one, "truth")
+    chosen = select_targets(truth, subset)
+    at = truth[["x", "y"]].to_numpy()
+    peaks = box_peaks(image, x, y, at[chosen], box).ravel()
+    clutter = box_peaks(image, x, y, offset_boxes(at, one, box, clearance), box).ravel()
+    return peak_roc(peaks, clutter, box**2, level)
+
+
+def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float, level: float = 0.95) -> pd.DataFrame:
+    """Compute the ROC of peaks under H1 and H0, e.g. pooled over lanes; see :func:`box_roc`.
+
+    Parameters
+    ----------
+    target_peaks, clutter_peaks : array_like
+        Peaks in boxes at and off targets; NaN for boxes that were not imaged, which are left out.
+    box_area : float
+        Area of one box, m².
+    level : float
+        Level of the intervals.
+
+    Returns
+    -------
+    DataFrame
+        The curve.
+
+    Raises
+    ------
+    ValueError
+        If there is no H0 peak or the box area is not positive.
+    """
+    if not (math.isfinite(box_area) and box_area > 0):
+        raise ValueError(f"box_area must be positive, got {box_area}")
+    at, off = (np.asarray(peaks, dtype=np.float64).ravel() for peaks in (target_peaks, clutter_peaks))
+    unseen = int(np.isnan(at).sum())
+    at, off = at[~np.isnan(at)], off[~np.isnan(off)]
+    if len(off) == 0:
+        raise ValueError("clutter_peaks must hold at least one imaged box, got none")
+    thresholds = np.append(np.inf, np.unique(np.concatenate([at, off]))[::-1])
+    n_false = count_at(thresholds, off)
+    attrs = {**describe("box"), "box_area": float(box_area), "n_boxes": len(off), "n_not_imaged": unseen}
+    curve = make_curve(thresholds, count_at(thresholds, at), n_false, len(at), len(off) * box_area, attrs, level)
+    low, high = clopper_pearson(n_false, len(off), level)
+    return curve.assign(far_low=low / box_area, far_high=high / box_area)
+
+
+def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, box: float = 1.0) -> FloatArray:
+    """Find the peak of an image in boxes. A box holds the pixel centres from its lower border up to below its upper.
+
+    Parameters
+    ----------
+    image : (y, x) or (look, y, x) array_like
+        Detector output; NaN where nothing was imaged.
+    x, y : (x,), (y,) array_like
+        Pixel centres, m, rising.
+    centre : (box, 2) array_like
+        Centres x, y of the boxes, m.
+    box : float
+        Side of the boxes, m.
+
+    Returns
+    -------
+    (look, box) ndarray
+        Peaks; NaN for a box without an imaged pixel.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, the axes do not rise, or the box is not positive.
+    """
+    values = np.asarray(image, dtype=np.float64)
+    across, along = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if values.ndim not in (2, 3) or values.shape[-2:] != (along.size, across.size):
+        raise ValueError(f"image must have the shape ([look,] {along.size}, {across.size}), got {values.shape}")
+    if (np.diff(across) <= 0).any() or (np.diff(along) <= 0).any():
+        raise ValueError("x and y must rise strictly")
+    if not (math.isfinite(box) and box > 0):
+        raise ValueError(f"box must be positive, got {box}")
+    values = values.reshape(-1, along.size, across.size)
+    known = np.where(np.isnan(values), -np.inf, values)
+    points = np.asarray(centre, dtype=np.float64).reshape(-1, 2)
+    left, right = (np.searchsorted(across, points[:, 0] + half) for half in (-box / 2, box / 2))
+    low, high = (np.searchsorted(along, points[:, 1] + half) for half in (-box / 2, box / 2))
+    peaks = np.full((len(known), len(points)), -np.inf)
+    for number in range(len(points)):
+        patch = known[:, low[number] : high[number], left[number] : right[number]]
+        if patch.size:
+            peaks[:, number] = patch.max(axis=(1, 2))
+    return np.where(np.isneginf(peaks), np.nan, peaks)
+
+
+def offset_boxes(targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance: float = 0.0) -> FloatArray:
+    """Tile a lane with boxes from its lower left corner and keep those off the boxes of all targets.
+
+    Parameters
+    ----------
+    targets : (target, 2) array_like
+        Positions of all known targets, m.
+    lane : Lane, mapping, Series or one-row DataFrame
+        The lane; only boxes wholly inside are made.
+    box : float
+        Side of the boxes, m.
+    clearance : float
+        Gap to keep to the box of a target, m.
+
+    Returns
+    -------
+    (box, 2) ndarray
+        Centres of the boxes, m.
+    """
+    one = as_lane(lane)
+    columns = int((one.x_max - one.x_min) / box + 1e-9)
+    rows = int((one.y_max - one.y_min) / box + 1e-9)
+    x, y = np.meshgrid(one.x_min + box * (np.arange(columns) + 0.5), one.y_min + box * (np.arange(rows) + 0.5))
+    centres = np.stack([x.ravel(), y.ravel()], axis=1)
+    points = np.asarray(targets, dtype=np.float64).reshape(-1, 2)
+    apart = np.abs(centres[:, None, :] - points[None, :, :]).max(axis=-1, initial=0.0)
+    return centres[(apart >= box + clearance - 1e-9).all(axis=1)]

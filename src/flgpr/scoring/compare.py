@@ -1,0 +1,173 @@
+"""Two detectors on the same lanes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.matching import Match, Subset, select_targets
+
+_ENUMERATED = 20  # signs; a million sums
+_FLIPS = 100_000
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Paired comparison of two detectors A and B.
+
+    Attributes
+    ----------
+    pd_mean_a, pd_mean_b : float
+        Their PD_mean.
+    difference : float
+        A less B.
+    low, high : float
+        Bootstrap interval of the difference; targets, lanes and stretches of lane drawn alike for both.
+    p_value : float
+        Two-sided p of the sign-flip test on what each mine adds to PD_mean; the false alarms are taken as given.
+    enumerated : bool
+        Whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid then.
+    far : float
+        Operating point of the test on detections, per m².
+    only_a, only_b : int
+        Targets found there by one alone.
+    p_detections : float
+        Two-sided p of the exact binomial test on these (McNemar).
+    n_targets : int
+        Number of targets.
+    """
+
+    pd_mean_a: float
+    pd_mean_b: float
+    difference: float
+    low: float
+    high: float
+    p_value: float
+    enumerated: bool
+    far: float
+    only_a: int
+    only_b: int
+    p_detections: float
+    n_targets: int
+
+
+def compare(
+    first: Match,
+    second: Match,
+    subset: Subset = None,
+    *,
+    far_max: float = 0.1,
+    far: float = 0.01,
+    level: float = 0.95,
+    draws: int = 1000,
+    seed: int = 0,
+    block: float = 10.0,
+    cluster: str | None = None,
+) -> Comparison:
+    """Compare two detectors' alarms on the same lanes and targets.
+
+    Parameters
+    ----------
+    first, second : Match
+        Alarms of detector A and B, matched to the same truth with the same lanes and halo.
+    subset : None, str, sequence, mapping or callable
+        Targets to score.
+    far_max : float
+        End of the averaging of PD_mean, per m².
+    far : float
+        Operating point for the comparison of detections, per m².
+    level, draws, seed, block, cluster
+        As for :func:`flgpr.scoring.band`.
+
+    Returns
+    -------
+    Comparison
+        Difference, interval and tests.
+
+    Raises
+    ------
+    ValueError
+        If the two do not share truth, lanes and halo.
+    """
+    _check_pair(first, second)
+    design = make_design(first, subset, block=block, cluster=cluster)
+    a, b = make_scores(first, design, subset), make_scores(second, design, subset)
+    ones, area = np.ones(len(design.block_lane)), float(design.block_area.sum())
+    share_a, share_b = a.shares(far_max, ones, area), b.shares(far_max, ones, area)
+    rng = np.random.default_rng(seed)
+    gaps = np.empty(draws)
+    for number in range(draws):
+        target, weight = design.draw(rng)
+        drawn = float((weight * design.block_area).sum())
+        gap = a.shares(far_max, weight, drawn) - b.shares(far_max, weight, drawn)
+        gaps[number] = (target * gap).sum() / target.sum()
+    low, high = np.quantile(gaps, [(1 - level) / 2, (1 + level) / 2])
+    by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
+    p_value, enumerated = sign_flip_test(by_mine, seed)
+    found_a, found_b = (~np.isneginf(s.target) & (s.above / area <= far) for s in (a, b))
+    only_a, only_b = int((found_a & ~found_b).sum()), int((found_b & ~found_a).sum())
+    return Comparison(
+        float(share_a.mean()), float(share_b.mean()), float((share_a - share_b).mean()), float(low), float(high),
+        p_value, enumerated, far, only_a, only_b, mcnemar_test(only_a, only_b),
+        int(select_targets(first.truth, subset).sum()),
+    )  # fmt: skip
+
+
+def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
+    """Test whether paired differences are symmetric about zero, by flipping their signs.
+
+    Parameters
+    ----------
+    differences : array_like
+        One difference per mine.
+    seed : int
+        Seed for more than 20 differences that are not zero, when signs are drawn.
+
+    Returns
+    -------
+    p_value : float
+        Two-sided.
+    enumerated : bool
+        Whether all signs were tried.
+    """
+    values = np.asarray(differences, dtype=np.float64)
+    sizes = np.abs(values[values != 0])
+    limit = abs(float(values.sum())) * (1 - 1e-12)
+    if len(sizes) <= _ENUMERATED:
+        sums = np.zeros(1)
+        for size in sizes:
+            sums = np.concatenate([sums + size, sums - size])
+        return float((np.abs(sums) >= limit).mean()), True
+    rng = np.random.default_rng(seed)
+    count = 0
+    for _ in range(10):
+        signs = rng.integers(0, 2, size=(_FLIPS // 10, len(sizes))) * 2 - 1
+        count += int((np.abs(signs @ sizes) >= limit).sum())
+    return (count + 1) / (_FLIPS + 1), False
+
+
+def mcnemar_test(only_a: int, only_b: int) -> float:
+    """Test whether two detectors find equally many targets, on those that one alone finds (McNemar, exact).
+
+    Parameters
+    ----------
+    only_a, only_b : int
+        Targets that one alone finds.
+
+    Returns
+    -------
+    float
+        Two-sided p; 1 where the detectors agree on all.
+    """
+    total = only_a + only_b
+    return float(stats.binomtest(only_a, total).pvalue) if total else 1.0
+
+
+def _check_pair(first: Match, second: Match) -> None:
+    same_truth = first.truth[["target_id", "x", "y"]].equals(second.truth[["target_id", "x", "y"]])
+    if not same_truth or first.lanes != second.lanes or first.halo != second.halo:
+        raise ValueError("first and second must be matched to the same truth, lanes and halo, in the same order")

@@ -1,0 +1,168 @@
+"""Figures of curves and patches, for the report and for papers."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+DASHES = ("-", "--", "-.", ":")
+
+
+def roc_figure(
+    curves: Mapping[str, pd.DataFrame],
+    bands: Mapping[str, pd.DataFrame] | None = None,
+    far_max: float = 0.1,
+    title: str = "",
+) -> Figure:
+    """Draw ROC curves as staircases, with confidence bands where given.
+
+    Parameters
+    ----------
+    curves : mapping of str to DataFrame
+        ROC tables of one convention by name.
+    bands : mapping of str to DataFrame, optional
+        Bands by the same names, see :func:`flgpr.scoring.band`.
+    far_max : float
+        End of the FAR axis, per m².
+    title : str
+        Title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    ValueError
+        If the curves do not share one convention.
+    """
+    conventions = {str(curve.attrs.get("convention")) for curve in curves.values()}
+    if len(conventions) > 1:
+        raise ValueError(f"curves must share one convention to be drawn together, got {', '.join(sorted(conventions))}")
+    figure = _new_figure(figsize=(5.2, 4.0), dpi=150)
+    axes = figure.add_subplot()
+    for number, (name, curve) in enumerate(curves.items()):
+        colour = COLOURS[number % len(COLOURS)]
+        if bands and name in bands:
+            area = bands[name]
+            axes.fill_between(area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0)
+        _draw_steps(axes, curve, far_max, f"{name} ({int(curve.attrs['n_targets'])})", colour, number)
+    axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02), xlabel="false alarms per m²", ylabel="probability of detection")
+    axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+    if curves:
+        axes.legend(title="targets (number)", fontsize=8, title_fontsize=8, loc="lower right")
+    return figure
+
+
+def _draw_steps(axes: Axes, curve: pd.DataFrame, far_max: float, label: str, colour: str, number: int) -> None:
+    """Draw the Pd that thresholds do reach: level between them, on to the end of the axis."""
+    shown = curve[curve["far"] <= far_max]
+    far, found = np.append(shown["far"], far_max), np.append(shown["pd"], shown["pd"].iloc[-1])
+    axes.step(far, found, where="post", color=colour, linestyle=DASHES[number % len(DASHES)], label=label, lw=1.6)
+
+
+def _new_figure(figsize: tuple[float, float], dpi: int) -> Figure:
+    # Drawing is the one part of scoring that needs it, and it takes longer to import than all the rest.
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=figsize, dpi=dpi, layout="constrained")
+
+
+def decision_figure(table: pd.DataFrame) -> Figure:
+    """Draw Pd against the distance at which the decision must stand.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As :func:`flgpr.scoring.decision_table` gives it.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+    """
+    figure = _new_figure(figsize=(5.2, 3.2), dpi=150)
+    axes = figure.add_subplot()
+    axes.fill_between(table["distance"], table["pd_low"], table["pd_high"], color=COLOURS[0], alpha=0.18, linewidth=0)
+    axes.plot(table["distance"], table["pd"], "o-", color=COLOURS[0], label="Pd at the operating point")
+    axes.plot(table["distance"], table["pd_mean"], "s--", color=COLOURS[1], label="mean Pd")
+    axes.set(ylim=(-0.02, 1.02), xlabel="least distance of the scans that count (m)", ylabel="probability of detection")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: int = 6) -> Figure:
+    """Draw image patches side by side, each on its own grey scale.
+
+    Parameters
+    ----------
+    patches : sequence of (y, x) array_like
+        Values to show, forward upwards; complex ones by modulus.
+    labels : sequence of str
+        One label per patch.
+    columns : int
+        Patches per row.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no patch, a patch has not two dimensions, or labels are missing.
+    """
+    arrays = [np.asarray(patch) for patch in patches]
+    if len(arrays) == 0 or len(arrays) != len(labels):
+        raise ValueError(f"patches and labels must be equally many and some, got {len(arrays)} and {len(labels)}")
+    if any(array.ndim != 2 for array in arrays):
+        raise ValueError(f"patches must have two dimensions, got {[array.ndim for array in arrays]}")
+    rows = math.ceil(len(arrays) / columns)
+    figure = _new_figure(figsize=(1.45 * columns, 1.75 * rows), dpi=120)
+    for number, (array, label) in enumerate(zip(arrays, labels, strict=True)):
+        axes = figure.add_subplot(rows, columns, number + 1)
+        axes.imshow(np.abs(array) if np.iscomplexobj(array) else array, origin="lower", cmap="gray", aspect="equal")
+        axes.set_title(label, fontsize=7)
+        axes.set_xticks([])
+        axes.set_yticks([])
+    return figure
+
+
+def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
+    """Render a figure.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    kind : {"png", "pdf", "svg"}
+        Format.
+
+    Returns
+    -------
+    bytes
+        The file's content; free of dates, so that equal figures give equal files.
+    """
+    stream = io.BytesIO()
+    clean: dict[str, Any] = {
+        "png": {"Software": None},
+        "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+        "svg": {"Date": None, "Creator": None},
+    }
+    figure.savefig(stream, format=kind, metadata=clean[kind])
+    return stream.getvalue()

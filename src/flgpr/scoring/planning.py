@@ -1,0 +1,231 @@
+"""Plan a test: how many mines, how much ground, and where the mines go."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from flgpr.model import Lane
+from flgpr.scoring.checks import LaneLike, as_lanes
+
+_MOST = 100_000
+_TRIES = 2_000
+
+
+@dataclass(frozen=True)
+class SamplePlan:
+    """Size of a test that can show a Pd and a FAR.
+
+    Attributes
+    ----------
+    mines, misses : int
+        Mines to emplace and misses that may happen.
+    area : float
+        Ground to score outside the halos, m².
+    false_alarms : int
+        False alarms that may happen on it.
+    pd_power, far_power : float
+        Probability that a detector as good as assumed passes each.
+    """
+
+    mines: int
+    misses: int
+    area: float
+    false_alarms: int
+    pd_power: float
+    far_power: float
+
+
+def sample_size(
+    pd: float = 0.9,
+    far: float = 0.01,
+    confidence: float = 0.95,
+    *,
+    true_pd: float | None = None,
+    true_far: float | None = None,
+    power: float = 0.8,
+    joint: bool = False,
+) -> SamplePlan:
+    """Plan how many mines and how much ground show Pd >= pd at FAR <= far.
+
+    A claim is shown when its exact one-sided bound (Clopper-Pearson, Poisson) meets it. Without an assumption on the
+    detector the plan is the smallest: no miss and no false alarm may happen.
+
+    Parameters
+    ----------
+    pd, far : float
+        What is to be shown; far per m².
+    confidence : float
+        Confidence of each claim.
+    true_pd, true_far : float, optional
+        What the detector is assumed to reach; better than what is to be shown.
+    power : float
+        Probability with which such a detector shall pass each claim.
+    joint : bool
+        Whether both claims together shall have the confidence (Bonferroni).
+
+    Returns
+    -------
+    SamplePlan
+        The sizes.
+
+    Raises
+    ------
+    ValueError
+        If a probability is out of range or the detector is assumed no better than the claim.
+    """
+    for name, value in (("pd", pd), ("confidence", confidence), ("power", power)):
+        if not 0 < value < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, got {value}")
+    if not far > 0:
+        raise ValueError(f"far must be positive, got {far}")
+    if true_pd is not None and not pd < true_pd <= 1:
+        raise ValueError(f"true_pd must be above pd = {pd} and at most 1, got {true_pd}")
+    if true_far is not None and not 0 <= true_far < far:
+        raise ValueError(f"true_far must be under far = {far}, got {true_far}")
+    each = (1 + confidence) / 2 if joint else confidence
+    for misses in range(_MOST):
+        mines = mines_needed(pd, misses, each)
+        passed = 1.0 if true_pd is None else float(stats.binom.cdf(misses, mines, 1 - true_pd))
+        if passed >= power:
+            break
+    for false_alarms in range(_MOST):
+        area = area_needed(far, false_alarms, each)
+        quiet = 1.0 if true_far is None else float(stats.poisson.cdf(false_alarms, true_far * area))
+        if quiet >= power:
+            break
+    unknown = float("nan")
+    return SamplePlan(
+        mines, misses, area, false_alarms,
+        unknown if true_pd is None else passed, unknown if true_far is None else quiet,
+    )  # fmt: skip
+
+
+def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
+    """Count the mines after which so many misses still show a Pd.
+
+    Parameters
+    ----------
+    pd : float
+        Pd to be shown.
+    misses : int
+        Misses that may happen.
+    confidence : float
+        Confidence of the one-sided Clopper-Pearson bound.
+
+    Returns
+    -------
+    int
+        Smallest number of mines.
+    """
+    low, high = misses, misses + 1
+    while stats.binom.cdf(misses, high, 1 - pd) > 1 - confidence:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if stats.binom.cdf(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
+    return high
+
+
+def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> float:
+    """Compute the area on which so many false alarms still show a FAR.
+
+    Parameters
+    ----------
+    far : float
+        FAR to be shown, per m².
+    false_alarms : int
+        False alarms that may happen.
+    confidence : float
+        Confidence of the one-sided Poisson bound.
+
+    Returns
+    -------
+    float
+        Area, m².
+    """
+    return float(special.gammaincinv(false_alarms + 1, confidence) / far)
+
+
+def emplacement_plan(
+    lane: LaneLike, targets: pd.DataFrame, seed: int, *, spacing: float = 3.0, edge: float = 0.5
+) -> pd.DataFrame:
+    """Draw a randomised plan of where targets go, uniform over all ground that spacing and edge leave.
+
+    Parameters
+    ----------
+    lane : Lane, mapping, Series or DataFrame
+        The lane or lanes; a target goes to a lane with a chance by its area.
+    targets : DataFrame
+        One row per sort: ``kind``, ``depth`` (m), ``count``; further columns (soil, radius, ...) are copied.
+    seed : int
+        Seed; the same seed gives the same plan.
+    spacing : float
+        Least distance between two targets, m. At twice the halo radius or more no halos overlap.
+    edge : float
+        Least distance to the lane's border, m.
+
+    Returns
+    -------
+    DataFrame
+        Truth table: ``target_id``, ``x``, ``y``, ``kind``, ``depth``, further columns, ``lane`` if the lanes have
+        names; ordered by lane and y. ``attrs`` hold seed, spacing and edge.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, a count is not whole and positive, or the targets do not fit.
+    """
+    missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
+    if missing:
+        raise ValueError(f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}")
+    counts = targets["count"].to_numpy()
+    if not ((counts >= 1) & (counts == np.floor(counts))).all():
+        raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
+    if spacing < 0 or edge < 0:
+        raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
+    lanes, rng = as_lanes(lane), np.random.default_rng(seed)
+    sorts = targets.loc[targets.index.repeat(counts.astype(np.int64))].drop(columns="count").reset_index(drop=True)
+    names, places = _draw_places(lanes, len(sorts), spacing, edge, rng)
+    plan = sorts.iloc[rng.permutation(len(sorts))].reset_index(drop=True).assign(x=places[:, 0], y=places[:, 1])
+    if list(lanes) != [""]:
+        plan["lane"] = names
+    plan = plan.sort_values([*(["lane"] if "lane" in plan.columns else []), "y"]).reset_index(drop=True)
+    width = len(str(len(plan)))
+    plan.insert(0, "target_id", [f"T{number + 1:0{width}d}" for number in range(len(plan))])
+    plan.attrs = {"seed": int(seed), "spacing": float(spacing), "edge": float(edge)}
+    return plan
+
+
+def _draw_places(
+    lanes: dict[str, Lane], count: int, spacing: float, edge: float, rng: np.random.Generator
+) -> tuple[list[str], NDArray[np.float64]]:
+    """Draw places one after the other and refuse those too close to an earlier one."""
+    sizes = {
+        name: (lane.x_max - lane.x_min - 2 * edge, lane.y_max - lane.y_min - 2 * edge) for name, lane in lanes.items()
+    }
+    areas = np.array([max(0.0, width) * max(0.0, length) for width, length in sizes.values()])
+    if not areas.sum() > 0:
+        raise ValueError(f"edge must leave ground in the lane, got {edge} m")
+    names, places = list(lanes), np.full((count, 2), math.nan)
+    chosen = np.full(count, -1)
+    for number in range(count):
+        for _ in range(_TRIES):
+            which = int(rng.choice(len(names), p=areas / areas.sum()))
+            lane, size = lanes[names[which]], sizes[names[which]]
+            spot = np.array([lane.x_min, lane.y_min]) + edge + rng.uniform(size=2) * size
+            taken = places[:number][chosen[:number] == which]
+            if len(taken) == 0 or np.hypot(*(taken - spot).T).min() >= spacing:
+                break
+        else:
+            raise ValueError(
+                f"targets must fit into the lane with spacing {spacing:g} m and edge {edge:g} m; "
+                f"found room for {number} of {count}"
+            )
+        places[number], chosen[number] = spot, which
+    return [names[which] for which in chosen], places

@@ -1,0 +1,93 @@
+"""Where a buried target shows when the image is focused on the surface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+
+def refraction_shift(depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike) -> Any:
+    """Compute how far behind its place a buried object shows in an image focused on the surface.
+
+    With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε - sin²θ) that the
+    soil adds to a one-way path, turned into ground range.
+
+    Parameters
+    ----------
+    depth : array_like
+        Depth below the mean surface, m. Objects on or above the surface (depth 0 or less) do not move.
+    permittivity : float
+        Relative permittivity of the soil, at least 1.
+    height : float
+        Height of the antennas, m.
+    distance : array_like
+        Horizontal distance from the antennas to the object, m.
+
+    Returns
+    -------
+    float or ndarray
+        Shift away from the radar, m. NaN where the depth is not known.
+
+    Raises
+    ------
+    ValueError
+        If the permittivity is under 1, or the height or a distance is not positive.
+    """
+    away = np.asarray(distance, dtype=np.float64)
+    if not permittivity >= 1:
+        raise ValueError(f"permittivity must be at least 1, got {permittivity}")
+    if not (height > 0 and (away > 0).all()):
+        raise ValueError(f"height and distance must be positive, got {height} m and {away} m")
+    sine = away / np.hypot(away, height)
+    below = np.maximum(np.asarray(depth, dtype=np.float64), 0)
+    return below * np.sqrt(permittivity - sine**2) / sine
+
+
+@dataclass(frozen=True)
+class Refraction:
+    """Correction of the truth for the refraction shift.
+
+    Attributes
+    ----------
+    permittivity : float
+        Relative permittivity of the soil.
+    height : float
+        Height of the antennas, m.
+    distance : float
+        Distance ahead of the radar at which the run-view sees its ground, m.
+    radar_x : float
+        Cross-track position of the radar in the lane frame, m.
+    """
+
+    permittivity: float
+    height: float = 5.0
+    distance: float = 12.0
+    radar_x: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.radar_x):
+            raise ValueError(f"radar_x must be finite, got {self.radar_x}")
+        refraction_shift(0.0, self.permittivity, self.height, self.distance)
+
+    def move(self, truth: pd.DataFrame) -> pd.DataFrame:
+        """Move the buried targets of a truth table to where they show, along the line from the radar.
+
+        Parameters
+        ----------
+        truth : DataFrame
+            Truth table; a target of unknown depth stays.
+
+        Returns
+        -------
+        DataFrame
+            A copy with x and y moved, m.
+        """
+        aside = truth["x"].to_numpy() - self.radar_x
+        range_ = np.hypot(aside, self.distance)
+        shift = np.nan_to_num(refraction_shift(truth["depth"].to_numpy(), self.permittivity, self.height, range_))
+        return truth.assign(x=truth["x"] + shift * aside / range_, y=truth["y"] + shift * self.distance / range_)

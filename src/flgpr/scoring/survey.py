@@ -1,0 +1,107 @@
+"""What an error of the survey does to a score."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import special
+
+
+@dataclass(frozen=True)
+class SurveyShare:
+    """How much of the halo the survey error takes.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of a surveyed position per axis, m.
+    halo : float
+        Halo radius, m.
+    share : float
+        ``sigma`` over ``halo``.
+    radius_95 : float
+        Radius around a surveyed position that holds the true one 95 times in 100, m.
+    lost : float
+        Probability that an alarm exactly on the true position falls outside the halo.
+    """
+
+    sigma: float
+    halo: float
+    share: float
+    radius_95: float
+    lost: float
+
+
+def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
+    """Tell how much of the halo a survey error takes; errors normal, equal in both axes.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of a surveyed position per axis, m.
+    halo : float
+        Halo radius, m.
+
+    Returns
+    -------
+    SurveyShare
+        The shares.
+
+    Raises
+    ------
+    ValueError
+        If ``sigma`` is negative or ``halo`` not positive.
+    """
+    if not (math.isfinite(sigma) and sigma >= 0):
+        raise ValueError(f"survey_error must not be negative, got {sigma}")
+    if not halo > 0:
+        raise ValueError(f"halo must be positive, got {halo}")
+    lost = math.exp(-(halo**2) / (2 * sigma**2)) if sigma > 0 else 0.0
+    return SurveyShare(float(sigma), float(halo), sigma / halo, sigma * math.sqrt(-2 * math.log(0.05)), lost)
+
+
+def offset_within(offset: float, sigma: float, halo: float) -> float:
+    """Compute the probability that an alarm counts as within the halo of a target that it misses by an offset.
+
+    Parameters
+    ----------
+    offset : float
+        True distance from the alarm to the target, m.
+    sigma : float
+        Standard deviation of the surveyed position per axis, m.
+    halo : float
+        Halo radius, m.
+
+    Returns
+    -------
+    float
+        Probability (Rice distribution).
+    """
+    if sigma == 0:
+        return float(offset <= halo)
+    return float(special.chndtr((halo / sigma) ** 2, 2, (offset / sigma) ** 2))
+
+
+def jitter(truth: pd.DataFrame, sigma: float, seed: int | np.random.Generator = 0) -> pd.DataFrame:
+    """Draw another survey of the same targets.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+    sigma : float
+        Standard deviation of a surveyed position per axis, m.
+    seed : int or Generator
+        Seed of the draw.
+
+    Returns
+    -------
+    DataFrame
+        A copy with x and y drawn anew, m.
+    """
+    rng = np.random.default_rng(seed)
+    step = rng.normal(0.0, sigma, size=(len(truth), 2))
+    return truth.assign(x=truth["x"] + step[:, 0], y=truth["y"] + step[:, 1])
