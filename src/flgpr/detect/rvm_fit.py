@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from flgpr.kernels import relevance
 
@@ -107,9 +109,16 @@ def fit_sparse(
         if not len(plain.alpha):
             return plain
         rate, start = 2 * len(plain.alpha) / float((1 / plain.alpha).sum()), None if start is None else plain
-    if algorithm == "ard":
-        return _prune(rows, t, offset, rate, tol, max_iter)
-    return _ascend(rows, t, offset, rate, n_starts, start, tol, max_iter)
+    # These matrices are small: threads that wait for one another cost more than they bring.
+    with _threads().limit(limits=1, user_api="blas"):
+        if algorithm == "ard":
+            return _prune(rows, t, offset, rate, tol, max_iter)
+        return _ascend(rows, t, offset, rate, n_starts, start, tol, max_iter)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 def _ascend(
