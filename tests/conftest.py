@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import make_run
+from flgpr.pipeline import tasks
 
 DATA = Path(__file__).parent / "data"
 
@@ -32,3 +33,9 @@ def small_run():
         time=np.arange(4.0),
         attrs={"site": "yard"},
     )
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory):
+    """One demo run for all tests that need a result."""
+    return tasks.demo(tmp_path_factory.mktemp("demo") / "result")

@@ -28,6 +28,16 @@ def test_import_detect_and_score_a_lane_from_its_archive(fullwave_archive, tmp_p
     assert summary["found"] == sum(o["detected"] for o in summary["outcomes"] if o["detection"] == "main")
 
 
+def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
+    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\n")
+    scored = call("score", demo[0].folder, "--truth", tmp_path / "truth.csv", "-o", tmp_path / "score")
+    assert scored.exit_code == 0, scored.output
+    assert "no targets" in scored.stdout
+    roc = json.loads((tmp_path / "score" / "roc.json").read_text())
+    assert roc["main"]["pd_mean"] is None
+    assert roc["main"]["points"][-1]["n_false"] > 0
+
+
 def test_info_says_it_in_words_and_as_json(tmp_path):
     words = call("info", RUN, "--recipe", "demo", "--plot", tmp_path / "info.png").stdout
     for text in ("3 over 1.00 m", "142 from 0.4425 to 1.5 GHz", "none missing", "unambiguous to 40.0 m", "looks"):
@@ -70,3 +80,20 @@ def test_an_empty_lane_is_refused(tmp_path):
 
 def test_version():
     assert call("--version").stdout.startswith("flgpr ")
+
+
+def test_recipes_can_be_listed_shown_and_checked(tmp_path):
+    assert "demo" in call("recipe", "list").stdout
+    text = call("recipe", "show", "demo").stdout
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("halo = 0.5", "halo = 0"))
+    result = call("recipe", "check", path)
+    assert result.exit_code == 2
+    assert "score.halo" in result.stderr
+    assert "line " in result.stderr
+    path.write_text(text)
+    assert "good" in call("recipe", "check", path).stdout
+
+
+def test_replay_says_identical(demo):
+    assert "identical" in call("replay", demo[0].folder, "--quiet").stdout

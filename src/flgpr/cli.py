@@ -15,6 +15,7 @@ from rich.table import Table
 from flgpr import __version__
 from flgpr.pipeline import tasks
 from flgpr.pipeline.progress import Bars, Track, silent
+from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
 
 app = typer.Typer(
     help="Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and scores.",
@@ -24,6 +25,8 @@ app = typer.Typer(
 )
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 app.add_typer(import_app, name="import")
+recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
+app.add_typer(recipe_app, name="recipe")
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")]
@@ -139,6 +142,51 @@ def info(
         typer.echo(f"plot: {plot.resolve()}")
 
 
+@app.command()
+def replay(
+    result: Annotated[Path, typer.Argument(help="Result folder.")],
+    run: Annotated[Path | None, typer.Option(help="Run store, if it is no longer where the result says.")] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Run a result's recipe again and compare; exit status 1 if it does not agree."""
+    with _plain_errors(), _progress(quiet or as_json) as track:
+        outcome = tasks.replay(result, run, track)
+    if as_json:
+        typer.echo(json.dumps(outcome))
+    elif outcome["identical"]:
+        typer.echo("identical: every file has the same bytes")
+    else:
+        word = "agrees" if outcome["agrees"] else "DIFFERS"
+        typer.echo(
+            f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {', '.join(outcome['files'])}"
+        )
+    if not outcome["agrees"]:
+        raise typer.Exit(1)
+
+
+@recipe_app.command("list")
+def recipe_list() -> None:
+    """Name the packaged recipes."""
+    for name in recipe_names():
+        typer.echo(f"{name:12} {load_recipe(name).description}")
+
+
+@recipe_app.command("show")
+def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+    """Print a recipe."""
+    with _plain_errors():
+        typer.echo(recipe_text(name), nl=False)
+
+
+@recipe_app.command("check")
+def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+    """Check a recipe; a fault is told with its line and rule."""
+    with _plain_errors():
+        recipe = load_recipe(name)
+    typer.echo(f"{name}: good ({recipe.description})")
+
+
 @import_app.command("fullwave")
 def import_fullwave(
     archive: Annotated[Path, typer.Argument(help="NumPy archive (.npz) of a full-wave lane.")],
@@ -178,6 +226,9 @@ def _print_scores(scored: list[Any]) -> None:
             table.add_row(target, "found" if row["detected"] else "missed", *found)
     Console().print(table)
     last = scored[0].curve.iloc[-1]
+    if not last["n_targets"]:
+        typer.echo(f"main: no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²")
+        return
     typer.echo(
         f"main: {last['n_detected']:.0f} of {last['n_targets']:.0f} targets found (Pd {last['pd']:.2f}, 95 % interval "
         f"{last['pd_low']:.2f} to {last['pd_high']:.2f}), {last['n_false']:.0f} false alarms on {last['area']:.2f} m² "

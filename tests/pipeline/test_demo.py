@@ -1,3 +1,4 @@
+import hashlib
 import json
 import re
 import shutil
@@ -9,7 +10,7 @@ import pytest
 from flgpr.io import open_run, read_table, sample_lane, save_run
 from flgpr.pipeline import tasks
 from flgpr.pipeline.detect import detect
-from flgpr.pipeline.recipe import load_recipe
+from flgpr.pipeline.recipe import load_recipe, recipe_text
 from flgpr.pipeline.result import ResultError, read_result
 from flgpr.scoring import roc
 
@@ -80,6 +81,29 @@ def test_geojson_and_csv_hold_the_same_alarms(demo):
 def test_the_same_input_gives_the_same_bytes(demo, tmp_path):
     again = tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "again")
     assert again.manifest == demo[0].manifest
+
+
+def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
+    assert tasks.replay(demo[0].folder) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    run = open_run(sample_lane() / "run.zarr").load()
+    save_run(run.assign(signal=1.5 * run["signal"]), tmp_path / "louder.zarr")
+    with pytest.raises(ValueError, match="must be the one the result was made of"):
+        tasks.replay(demo[0].folder, tmp_path / "louder.zarr")
+
+
+def test_replay_tells_a_result_that_differs(demo, tmp_path):
+    other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
+    (tmp_path / "taylor.toml").write_text(other)
+    tasks.detect_run(sample_lane() / "run.zarr", tmp_path / "taylor.toml", tmp_path / "result", report=False)
+    folder = tmp_path / "result"
+    (folder / "recipe.toml").write_text(recipe_text("demo"))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["files"]["recipe.toml"] = hashlib.sha256(recipe_text("demo").encode()).hexdigest()
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    outcome = tasks.replay(folder)
+    assert not outcome["identical"]
+    assert not outcome["agrees"]
+    assert "run_view.npz" in outcome["files"]
 
 
 def test_detection_needs_no_truth_and_scoring_adds_it_later(demo, tmp_path):

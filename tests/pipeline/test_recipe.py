@@ -1,6 +1,6 @@
 import pytest
 
-from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.pipeline.recipe import line_of, load_recipe, parse_recipe, recipe_names, recipe_text
 
 DEMO = recipe_text("demo")
 
@@ -35,3 +35,17 @@ def test_a_broken_recipe_names_the_entry_and_the_rule(old, new, words):
 def test_an_unknown_recipe_lists_the_packaged_ones():
     with pytest.raises(ValueError, match="demo"):
         load_recipe("no-such")
+
+
+def test_a_fault_is_told_with_its_line():
+    text = DEMO.replace("density = 0.75", "density = -0.75")
+    line = text[: text.index("density = -0.75")].count("\n") + 1
+    with pytest.raises(ValueError, match=rf"line {line}: prescreen\.density"):
+        parse_recipe(text)
+
+
+def test_lines_are_found_in_nested_quoted_and_repeated_tables():
+    text = 'a = 1\n[b]\nc = 2\n[b.d]\n"0.4-1" = 3\n[[e]]\nf = 4\n'
+    assert [line_of(text, place) for place in (["a"], ["b", "c"], ["b", "d", "0.4-1"], ["e", "f"])] == [1, 3, 5, 7]
+    assert line_of(text, ["b", "missing"]) == 2
+    assert line_of(text, ["missing"]) is None

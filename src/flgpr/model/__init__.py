@@ -19,7 +19,7 @@ from flgpr.model.run import (
     complete_scans,
     make_run,
 )
-from flgpr.model.sensor import Sensor, Tones, load_sensor, sensor_presets
+from flgpr.model.sensor import Antenna, Sensor, SystemErrors, Tones, load_sensor, sensor_presets
 from flgpr.model.tables import (
     ALARM_COLUMNS,
     OBJECT_COLUMNS,
@@ -41,10 +41,12 @@ __all__ = [
     "POSE_COMPONENTS",
     "SPEED_OF_LIGHT",
     "TRUTH_COLUMNS",
+    "Antenna",
     "Column",
     "Grid",
     "Lane",
     "Sensor",
+    "SystemErrors",
     "Tones",
     "as_lane",
     "attitude_matrix",

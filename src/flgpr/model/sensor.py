@@ -1,11 +1,11 @@
-"""Sensors: the antenna array, its tones and polarizations, as TOML presets."""
+"""Sensors: the antenna array, its tones, polarizations and errors, as TOML presets."""
 
 from __future__ import annotations
 
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,74 @@ class Tones(BaseModel):
         return np.asarray(self.start + self.step * np.arange(self.count), dtype=np.float64)
 
 
+class Antenna(BaseModel):
+    """Directivity of the antennas.
+
+    Attributes
+    ----------
+    kind : {"horn", "dipole"}
+        A horn has the power pattern cos^n about its axis, a gain that grows as f² (constant aperture) and receives
+        waves; H and V are the horizontal and vertical directions across each ray. A dipole is ideal and short, along
+        x for H and along z for V, and records the field at the receiver over the transmitter's current moment.
+    gain_db, gain_frequency : float
+        A horn's gain on its axis, dBi, and the frequency at which it holds, Hz.
+    exponent : float
+        n of a horn's cos^n.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    kind: Literal["horn", "dipole"] = "horn"
+    gain_db: float = 7.8
+    gain_frequency: Annotated[float, Field(gt=0)] = 1e9
+    exponent: Annotated[float, Field(ge=0)] = 2.0
+
+
+class SystemErrors(BaseModel):
+    """What the radar adds to the echoes. Each entry is switched off by leaving it at its zero or None.
+
+    Attributes
+    ----------
+    isolation_db : float or None
+        Leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns.
+    self_signature_db : float or None
+        Level of the self-signature over the clutter in the image, dB.
+    self_signature_drift : float
+        Its relative change from scan to scan, rms.
+    gain_db : float
+        Change of the gain from scan to scan, dB rms.
+    clutter_to_noise_db : float or None
+        Mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB.
+    noise_range : float
+        Distance ahead of the array, m.
+    noise_band : (float, float)
+        Band of that image, Hz.
+    interference_tones : int
+        Number of tones hit by radio-frequency interference.
+    interference_db : (float, float)
+        Least and greatest level of the interference over the noise, dB.
+    position, heading : float
+        Rms error of the reported position in each axis, m, and of the reported heading, rad.
+    missing : float
+        Fraction of sweeps that are lost.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    isolation_db: float | None = None
+    self_signature_db: float | None = None
+    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
+    gain_db: Annotated[float, Field(ge=0)] = 0.0
+    clutter_to_noise_db: float | None = None
+    noise_range: Annotated[float, Field(gt=0)] = 16.0
+    noise_band: tuple[float, float] = (0.75e9, 1.35e9)
+    interference_tones: Annotated[int, Field(ge=0)] = 0
+    interference_db: tuple[float, float] = (10.0, 30.0)
+    position: Annotated[float, Field(ge=0)] = 0.0
+    heading: Annotated[float, Field(ge=0)] = 0.0
+    missing: Annotated[float, Field(ge=0, lt=1)] = 0.0
+
+
 class Sensor(BaseModel):
-    """An antenna array with every transmitter paired with every receiver.
+    """An antenna array: every transmitter paired with every receiver, or pairs that a scanned head visits.
 
     Attributes
     ----------
@@ -54,6 +120,14 @@ class Sensor(BaseModel):
         Height of the reference point over the mean ground, m.
     tilt : float
         Downward tilt of the antennas' axes, rad.
+    scanned : bool
+        Whether one pair is moved over the positions, so that transmitter i goes with receiver i alone.
+    footprint : (x_min, x_max, y_min, y_max)
+        Ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged.
+    antenna : Antenna
+        Directivity.
+    errors : SystemErrors
+        What the radar adds to the echoes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -65,6 +139,10 @@ class Sensor(BaseModel):
     rx: tuple[Position, ...]
     height: Annotated[float, Field(gt=0)]
     tilt: float = 0.0
+    scanned: bool = False
+    footprint: tuple[float, float, float, float] = (-7.0, 7.0, 5.5, 28.0)
+    antenna: Antenna = Antenna()
+    errors: SystemErrors = SystemErrors()
 
     @model_validator(mode="before")
     @classmethod
@@ -90,10 +168,15 @@ class Sensor(BaseModel):
             raise ValueError(f"polarization must be different ones of {POLARIZATIONS}, got {self.polarization}")
         if not self.tx or not self.rx:
             raise ValueError("tx and rx must each hold at least one antenna")
+        if self.scanned and len(self.tx) != len(self.rx):
+            raise ValueError(f"a scanned pair needs as many tx as rx positions, got {len(self.tx)} and {len(self.rx)}")
+        x_min, x_max, y_min, y_max = self.footprint
+        if not (x_max > x_min and y_max > y_min):
+            raise ValueError(f"footprint must have x_max > x_min and y_max > y_min, got {self.footprint}")
         return self
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions of every pair, transmitter by transmitter.
+        """Positions of every pair, transmitter by transmitter; of a scanned pair, position by position.
 
         Returns
         -------
@@ -101,7 +184,14 @@ class Sensor(BaseModel):
             Vehicle frame, m; pair = transmitter index times number of receivers plus receiver index.
         """
         tx, rx = np.asarray(self.tx, dtype=float), np.asarray(self.rx, dtype=float)
-        return np.repeat(tx, len(rx), axis=0), np.tile(rx, (len(tx), 1))
+        first, second = self.pair_indices()
+        return tx[first], rx[second]
+
+    def pair_indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Transmitter and receiver of every pair, as indices into ``tx`` and ``rx``, each of shape (pair,)."""
+        if self.scanned:
+            return np.arange(len(self.tx)), np.arange(len(self.rx))
+        return np.repeat(np.arange(len(self.tx)), len(self.rx)), np.tile(np.arange(len(self.rx)), len(self.tx))
 
 
 def sensor_presets() -> list[str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -261,5 +263,48 @@ def parse_recipe(text: str, source: str = "recipe") -> Recipe:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"recipe {source}: not valid TOML: {error}") from None
     except ValidationError as error:
-        faults = [f"{'.'.join(map(str, e['loc'])) or 'recipe'}: {e['msg']}" for e in error.errors()]
+        faults = [_fault(text, fault) for fault in error.errors()]
         raise ValueError(f"recipe {source}: " + "; ".join(faults)) from None
+
+
+def _fault(text: str, fault: Any) -> str:
+    place = [part for part in fault["loc"] if isinstance(part, str)]
+    line = line_of(text, place)
+    where = ".".join(map(str, fault["loc"])) or "recipe"
+    return f"{f'line {line}: ' if line else ''}{where}: {fault['msg'].removeprefix('Value error, ')}"
+
+
+def line_of(text: str, place: Sequence[str]) -> int | None:
+    """Find where an entry of a TOML text stands.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    place : sequence of str
+        Names of the tables and of the entry.
+
+    Returns
+    -------
+    int or None
+        Line, counted from 1, of the entry or else of the innermost table that is there; None if none of them is.
+    """
+    table: list[str] = []
+    best: tuple[int, int | None] = (0, None)
+    for number, line in enumerate(text.splitlines(), 1):
+        header = re.match(r"\s*\[\[?([^\]]+)\]", line)
+        entry = re.match(r"\s*(\"[^\"]+\"|[\w-]+)\s*=", line)
+        if header:
+            table = _names(header.group(1))
+            here = table
+        elif entry:
+            here = [*table, *_names(entry.group(1))]
+        else:
+            continue
+        if list(place[: len(here)]) == here and len(here) > best[0]:
+            best = len(here), number
+    return best[1]
+
+
+def _names(dotted: str) -> list[str]:
+    return [quoted or bare for quoted, bare in re.findall(r'"([^"]+)"|([\w-]+)', dotted)]

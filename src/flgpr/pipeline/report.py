@@ -82,8 +82,9 @@ def _summary(result: Result, scored: list[Score] | None) -> str:
     text = f"{where}, recipe “{result.recipe.name}”. "
     if scored is None:
         return text + "Not scored: no truth was given."
-    curve = scored[0].curve
-    last = curve.iloc[-1]
+    last = scored[0].curve.iloc[-1]
+    if not last.n_targets:
+        return text + f"No target stands here: {int(last.n_false)} false alarms on {last.area:.2f} m²."
     return text + (
         f"All alarms declared: {int(last.n_detected)} of {int(last.n_targets)} targets found "
         f"(Pd {last.pd:.2f}, 95 % interval {last.pd_low:.2f} to {last.pd_high:.2f}) with {int(last.n_false)} false alarms on "
@@ -92,7 +93,7 @@ def _summary(result: Result, scored: list[Score] | None) -> str:
 
 
 def _outcomes(one: Score) -> str:
-    rows = []
+    rows: list[list[str]] = []
     for row in one.outcomes.to_dict("records"):
         found = bool(row["detected"])
         shift = row["expected_shift"]
@@ -155,6 +156,8 @@ def _remarks(scored: list[Score]) -> list[str]:
 
 def _roc_text(one: Score) -> str:
     attrs = one.curve.attrs
+    if not attrs["n_targets"]:
+        return "<p>Without targets there is no probability of detection; the table below counts the false alarms.</p>"
     return (
         f"<p>{attrs['n_targets']} targets, {attrs['area']:.2f} m² outside their halos; one false alarm is "
         f"{1 / attrs['area']:.2f} per m². PD_mean (FAR up to 0.1 per m²) {pd_mean(one.curve):.2f}. The band is the exact 95 % "

@@ -88,6 +88,7 @@ def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, A
     if "soil" in run.attrs:
         description["soil"] = run.attrs["soil"]
     if path is not None:
+        description["path"] = str(Path(path).resolve())
         description["store_sha256"] = read_manifest(path)["sha256"]
     return description
 

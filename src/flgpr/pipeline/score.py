@@ -120,7 +120,7 @@ def roc_json(scored: list[Score]) -> str:
         one.detection.name: {
             "title": one.detection.title,
             "convention": one.curve.attrs,
-            "pd_mean": pd_mean(one.curve),
+            "pd_mean": pd_mean(one.curve) if one.curve.attrs["n_targets"] else None,
             "points": one.curve.to_dict("records"),
             "targets": one.outcomes.to_dict("records"),
         }

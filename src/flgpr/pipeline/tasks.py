@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.imaging import ScanImager
 from flgpr.io import (
@@ -179,6 +181,63 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
             write_geojson(table, path.with_suffix(".geojson"))
             written.append(path)
     return written
+
+
+def replay(
+    folder: PathLike, run: PathLike | None = None, track: Track = silent, tolerance: float = 1e-3
+) -> dict[str, Any]:
+    """Run a result's recipe again and compare.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder.
+    run : path, optional
+        Run store; default the one the result names.
+    track : Track
+        Shows progress.
+    tolerance : float
+        Largest relative L2 difference of a run-view that still counts as agreement, for another machine or version.
+
+    Returns
+    -------
+    dict
+        ``identical``: whether every file has the same bytes; ``agrees``: whether the alarms stand at the same places in
+        the same order and the run-views differ by at most ``tolerance``; ``files`` that differ; ``difference``, the
+        largest of the run-views' relative differences.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the result or the run is not valid, or the run is not the one the result was made of.
+    """
+    old = read_result(folder)
+    described = old.manifest["run"]
+    dataset = open_run(run if run is not None else described["path"])
+    now = describe_run(dataset, run if run is not None else described["path"])
+    if now["store_sha256"] != described["store_sha256"]:
+        raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
+    text = (old.folder / "recipe.toml").read_text(encoding="utf-8")
+    detections = detect(dataset, old.recipe, old.lane, track)
+    with TemporaryDirectory() as temporary:
+        new = read_result(write_result(Path(temporary) / "result", detections, text, old.lane, now))
+    files, before = new.manifest["files"], old.manifest["files"]
+    differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
+    pairs = list(zip(old.detections, new.detections, strict=True))
+    difference = max(_difference(a.view.values, b.view.values) for a, b in pairs)
+    places = all(a.alarms[["x", "y"]].equals(b.alarms[["x", "y"]]) for a, b in pairs)
+    return {
+        "identical": not differ,
+        "agrees": places and difference <= tolerance,
+        "files": differ,
+        "difference": difference,
+    }
+
+
+def _difference(old: NDArray[np.float32], new: NDArray[np.float32]) -> float:
+    if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
+        return float("inf")
+    return float(np.linalg.norm(np.nan_to_num(new - old)) / np.linalg.norm(np.nan_to_num(old)))
 
 
 def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:

@@ -1,0 +1,8 @@
+"""Simulation: a scene and a sensor to a run with truth."""
+
+from flgpr.model import Sensor
+from flgpr.simulate.scene import Scene, load_scene, sites
+from flgpr.simulate.simulator import Simulator, finest_cell, simulate
+from flgpr.simulate.world import World, draw_world
+
+__all__ = ["Scene", "Sensor", "Simulator", "World", "draw_world", "finest_cell", "load_scene", "simulate", "sites"]

@@ -1,0 +1,194 @@
+"""Scattering of bodies of revolution in the ground: diffraction by their rims, reflection by their layers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.simulate.refraction import reflection
+
+ComplexArray = NDArray[np.complex128]
+Profile = Sequence[tuple[float, float]]
+
+_LARGEST_COEFFICIENT = 5.0  # keeps a face seen at normal incidence, where the ray picture fails, from growing at will
+
+
+class Rim(NamedTuple):
+    """One visible point of a rim: the near or the far end of a circular edge.
+
+    Attributes
+    ----------
+    radius : float
+        Radius of the rim, m.
+    drop : float
+        Height of the rim below the body's top, m.
+    near : bool
+        Whether it is the end towards the radar.
+    h, v : float
+        Diffraction coefficients for H and V with the signs of backscatter alignment: a plate gives h = v.
+    """
+
+    radius: float
+    drop: float
+    near: bool
+    h: float
+    v: float
+
+
+def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
+    """Profile of an upright cylinder: (radius, drop below the top) from the top's centre to the bottom's, m."""
+    return ((0.0, 0.0), (radius, 0.0), (radius, height), (0.0, height))
+
+
+def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
+    """Keller's coefficients of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
+
+    Parameters
+    ----------
+    angle : float
+        Angle φ between the first face and the ray, rad.
+    exterior : float
+        Exterior angle nπ of the wedge, rad: 3π/2 for a right-angled edge.
+
+    Returns
+    -------
+    soft, hard : float
+        D_s (electric field along the edge) and D_h, dimensionless.
+
+    References
+    ----------
+    Keller 1962: ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]``.
+    """
+    n = exterior / math.pi
+    front = math.sin(math.pi / n) / n
+    direct = 1 / (math.cos(math.pi / n) - 1)
+    gap = math.cos(math.pi / n) - math.cos(2 * angle / n)
+    reflected = 1 / gap if abs(gap) > 1e-9 else math.inf
+    limit = _LARGEST_COEFFICIENT
+    soft, hard = front * (direct - reflected), front * (direct + reflected)
+    return max(-limit, min(limit, soft)), max(-limit, min(limit, hard))
+
+
+def visible_rims(profile: Profile, sine: float) -> list[Rim]:
+    """List the rims of a body of revolution that the radar sees, and how strongly each diffracts.
+
+    Parameters
+    ----------
+    profile : sequence of (radius, drop)
+        Corners from the top's centre to the bottom's, m.
+    sine : float
+        Sine of the angle between the ray and the vertical in the medium around the body.
+
+    Returns
+    -------
+    list of Rim
+        Convex corners whose edge is lit, near ends before far ends at each corner.
+    """
+    theta = math.asin(sine)
+    rims = []
+    for before, corner, after in zip(profile[:-2], profile[1:-1], profile[2:], strict=True):
+        if corner[0] <= 0:
+            continue
+        first = math.atan2(corner[1] - before[1], before[0] - corner[0])
+        second = math.atan2(corner[1] - after[1], after[0] - corner[0])
+        exterior = (first - second) % (2 * math.pi)
+        if exterior <= math.pi + 1e-9:
+            continue
+        for near, direction in ((True, math.pi / 2 - theta), (False, math.pi / 2 + theta)):
+            angle = (first - direction) % (2 * math.pi)
+            if angle < exterior:
+                soft, hard = wedge_coefficients(angle, exterior)
+                rims.append(Rim(corner[0], corner[1], near, -soft, hard))
+    return rims
+
+
+def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
+    """Scattering amplitude that multiplies a rim's coefficients, in the medium around the body.
+
+    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point, so that the cross section of one flash is
+    ``4π|F·D|² = D²·a/(k·sinθ)``: with D = cotθ/2 that is the physical-optics disc's
+    ``(4πA²/λ²)·cos²θ·(2/x)²·(2/πx)/4``, x = 2ka·sinθ.
+
+    Parameters
+    ----------
+    rim : Rim
+        The rim.
+    wavenumber : (...) array_like
+        Real wavenumber in the medium, rad/m.
+    sine : (...) array_like
+        Sine of the incidence angle in the medium.
+
+    Returns
+    -------
+    (...) ndarray of complex
+        Amplitude F, m.
+    """
+    k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
+    size = np.sqrt(rim.radius / (4 * np.pi * k * s))
+    return np.asarray(size * np.exp(-0.75j * np.pi if rim.near else -0.25j * np.pi))
+
+
+def layered_reflection(
+    sine: ArrayLike, wavenumber: ArrayLike, media: Sequence[ArrayLike], thickness: Sequence[float]
+) -> tuple[ComplexArray, ComplexArray]:
+    """Reflection of a stack of plane layers for H and V, by recursion from the bottom.
+
+    One layer between equal half-spaces is the slab ``r(1 - e^{-2jqt})/(1 - r²e^{-2jqt})`` with
+    ``q = k0·sqrt(ε_m - sin²θ)``.
+
+    Parameters
+    ----------
+    sine : (...) array_like
+        Sine of the incidence angle in air.
+    wavenumber : (...) array_like
+        Wavenumber in air, rad/m.
+    media : sequence of (...) array_like of complex
+        Relative permittivities from the side of incidence down, one more than there are interfaces.
+    thickness : sequence of float
+        Thickness of the inner media, m.
+
+    Returns
+    -------
+    h, v : (...) ndarray of complex
+        Reflection coefficients at the first interface.
+
+    Raises
+    ------
+    ValueError
+        If there are not two more media than thicknesses.
+    """
+    if len(media) != len(thickness) + 2:
+        raise ValueError(f"media must be two more than thickness, got {len(media)} and {len(thickness)}")
+    k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
+    total = list(reflection(s, media[-2], media[-1]))
+    for i in range(len(thickness) - 1, -1, -1):
+        q = k * np.sqrt(np.asarray(media[i + 1], dtype=complex) - s**2)
+        delay = np.exp(-2j * q * thickness[i])
+        top = reflection(s, media[i], media[i + 1])
+        total = [(r + g * delay) / (1 + r * g * delay) for r, g in zip(top, total, strict=True)]
+    return total[0], total[1]
+
+
+def floor_vertical(h: ComplexArray, v: ComplexArray, floor_db: float = -15.0) -> ComplexArray:
+    """Keep V from vanishing at Brewster's angle, where real bodies' curvature and grain take over.
+
+    Parameters
+    ----------
+    h, v : (...) ndarray of complex
+        Reflection coefficients.
+    floor_db : float
+        Least modulus of V relative to H, dB.
+
+    Returns
+    -------
+    (...) ndarray of complex
+        V with its modulus raised to the floor, its phase kept.
+    """
+    least = np.abs(h) * 10 ** (floor_db / 20)
+    size = np.abs(v)
+    phase = np.where(size > 0, v / np.where(size > 0, size, 1), 1)
+    return np.asarray(np.maximum(size, least) * phase)

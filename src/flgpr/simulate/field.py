@@ -1,0 +1,119 @@
+"""The surface's scatterers: a fixed random field in the world, made tile by tile when it is looked at."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+from scipy.stats import gamma
+
+from flgpr.simulate.draw import stream
+from flgpr.simulate.scene import Patch, Surface
+
+FloatArray = NDArray[np.float64]
+TILE = 1.0  # m
+
+
+class Scatterers(NamedTuple):
+    """Point scatterers on the mean surface.
+
+    Attributes
+    ----------
+    xy : (point, 2) ndarray
+        Places in the lane frame, m.
+    amplitude : (point, 3) ndarray of complex64
+        HH, VV and cross, to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; mean square = area per scatterer, m².
+    """
+
+    xy: FloatArray
+    amplitude: NDArray[np.complex64]
+
+
+class SurfaceField:
+    """A field of scatterers over the whole plane that needs no storage.
+
+    Parameters
+    ----------
+    surface : Surface
+        Statistics of the surface.
+    patches : sequence of Patch
+        Where the ground scatters more.
+    density : float
+        Scatterers per m².
+    seed : int
+        Seed of the world.
+    keep : int
+        Number of tiles kept in memory.
+    """
+
+    def __init__(
+        self, surface: Surface, patches: tuple[Patch, ...], density: float, seed: int, keep: int = 4000
+    ) -> None:
+        self.surface, self.patches, self.seed = surface, patches, seed
+        self.per_tile = max(1, math.ceil(density * TILE**2))
+        self._kept: OrderedDict[tuple[int, int], Scatterers] = OrderedDict()
+        self._limit = keep
+        self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, "texture"))
+
+    def tile(self, ix: int, iy: int) -> Scatterers:
+        """Scatterers of the tile whose lower corner is (ix, iy)·TILE."""
+        found = self._kept.get((ix, iy))
+        if found is None:
+            found = self._make(ix, iy)
+            self._kept[ix, iy] = found
+            while len(self._kept) > self._limit:
+                self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end((ix, iy))
+        return found
+
+    def within(self, corners: FloatArray) -> Scatterers:
+        """Scatterers of every tile that touches the bounding box of ``corners`` (corner, 2), m."""
+        low = np.floor(corners.min(axis=0) / TILE).astype(int)
+        high = np.floor(corners.max(axis=0) / TILE).astype(int)
+        tiles = [self.tile(ix, iy) for iy in range(low[1], high[1] + 1) for ix in range(low[0], high[0] + 1)]
+        return Scatterers(np.concatenate([t.xy for t in tiles]), np.concatenate([t.amplitude for t in tiles]))
+
+    def _make(self, ix: int, iy: int) -> Scatterers:
+        rng = stream(self.seed, "surface", ix, iy)
+        xy = (rng.random((self.per_tile, 2)) + np.array([ix, iy])) * TILE
+        z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(np.complex64) / np.float32(math.sqrt(2))
+        rho = self.surface.correlation
+        z[:, 1] = rho * z[:, 0] + math.sqrt(1 - rho**2) * z[:, 1]
+        z[:, 2] *= 10 ** (self.surface.cross_db / 20)
+        power = np.full(self.per_tile, TILE**2 / self.per_tile * 10 ** (self.surface.level_db / 10))
+        if self._texture is not None:
+            power *= self._texture(xy, ix, iy)
+        for patch in self.patches:
+            reach = np.hypot(xy[:, 0] - patch.x, xy[:, 1] - patch.y) / patch.radius
+            power *= 10 ** (patch.gain_db / 10 * np.clip(2 - 2 * reach, 0, 1))
+        return Scatterers(xy, z * np.sqrt(power)[:, None].astype(np.float32))
+
+
+class _Texture:
+    """Gamma-distributed local power of mean one: a Gaussian field of given correlation length, mapped."""
+
+    def __init__(self, surface: Surface, rng: np.random.Generator, modes: int = 256) -> None:
+        shape = surface.texture_shape or 1.0
+        self._waves = rng.normal(0, math.sqrt(2) / surface.texture_length, (2, modes))
+        self._phase = rng.uniform(0, 2 * np.pi, modes)
+        self._nodes = max(2, math.ceil(4 * TILE / surface.texture_length)) + 1
+        self._grid = np.linspace(-5, 5, 401)
+        self._power = gamma.ppf(ndtr(self._grid), shape, scale=1 / shape)
+
+    def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
+        place = np.linspace(0, TILE, self._nodes)
+        wx, wy = self._waves
+        along_x = np.exp(1j * ((ix * TILE + place)[:, None] * wx + self._phase))
+        along_y = np.exp(1j * (iy * TILE + place)[:, None] * wy)
+        nodes = (along_y @ along_x.T).real * math.sqrt(2 / self._phase.size)
+        where = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
+        cell = np.minimum(where.astype(int), self._nodes - 2)
+        (fx, fy), (cx, cy) = (where - cell).T, cell.T
+        low = nodes[cy, cx] * (1 - fx) + nodes[cy, cx + 1] * fx
+        high = nodes[cy + 1, cx] * (1 - fx) + nodes[cy + 1, cx + 1] * fx
+        return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))

@@ -1,0 +1,421 @@
+"""Scenes: what lies in and beside a lane, as validated TOML."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from flgpr.model import Lane
+from flgpr.simulate import soil as soils
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Layer(_Part):
+    """A layer of soil over the rest.
+
+    Attributes
+    ----------
+    thickness : float
+        m.
+    moisture : float
+        Volumetric, m³/m³.
+    """
+
+    thickness: Positive
+    moisture: NotNegative
+
+
+class Soil(_Part):
+    """The soil's permittivity.
+
+    Attributes
+    ----------
+    model : {"mironov", "topp", "peplinski", "fixed"}
+        Dielectric model.
+    clay, sand : float
+        Per cent by weight.
+    moisture : float
+        Volumetric, m³/m³, below all layers.
+    layers : tuple of Layer
+        Layers of other moisture above, from the top down.
+    permittivity, conductivity : float
+        ε' and ohmic conductivity (S/m) of the model "fixed".
+    loss_tangent : float or None
+        Overrides the model's loss when given.
+    """
+
+    model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"
+    clay: NotNegative = 3.0
+    sand: NotNegative = 90.0
+    moisture: NotNegative = 0.03
+    layers: tuple[Layer, ...] = ()
+    permittivity: Annotated[float, Field(ge=1)] = 3.0
+    conductivity: NotNegative = 0.0
+    loss_tangent: NotNegative | None = None
+
+    def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
+        """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
+        f = np.asarray(frequency, dtype=np.float64)
+        return [self._mix(f, moisture) for moisture in (*(layer.moisture for layer in self.layers), self.moisture)]
+
+    def passed(self, depth: float) -> list[float]:
+        """Thickness of every layer that a point at ``depth`` (m) has above it, m."""
+        above, left = [], max(depth, 0.0)
+        for layer in self.layers:
+            above.append(min(layer.thickness, left))
+            left -= above[-1]
+        return [*above, left]
+
+    def _mix(self, f: NDArray[np.float64], moisture: float) -> NDArray[np.complex128]:
+        if self.model == "mironov":
+            eps: NDArray[Any] = soils.mironov(f, self.clay, moisture)
+        elif self.model == "peplinski":
+            eps = soils.peplinski(f, self.sand, self.clay, moisture)
+        elif self.model == "topp":
+            eps = np.full(f.shape, soils.topp(moisture))
+        else:
+            eps = soils.fixed(f, self.permittivity, 0.0, self.conductivity)
+        if self.loss_tangent is not None:
+            eps = eps.real * (1 - 1j * self.loss_tangent)
+        return np.asarray(eps)
+
+
+class Surface(_Part):
+    """The rough surface.
+
+    Attributes
+    ----------
+    echo : bool
+        Whether it scatters.
+    phase_screen : bool
+        Whether its heights disturb the phase of what lies below.
+    rms_height, correlation_length : float
+        s and l of the exponential correlation, m.
+    slope : float
+        Rms tilt of the larger scale, rad.
+    cross_db : float
+        HV under HH, dB.
+    correlation : float
+        Correlation of HH and VV.
+    texture_shape : float or None
+        Shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter.
+    texture_length : float
+        Correlation length of the local power, m.
+    density : float or None
+        Scatterers per m²; None takes 10 per resolution cell of the sensor.
+    level_db : float
+        Added to σ⁰, dB: for sites whose level was measured.
+    """
+
+    echo: bool = True
+    phase_screen: bool = True
+    rms_height: NotNegative = 0.005
+    correlation_length: Positive = 0.05
+    slope: NotNegative = math.radians(5)
+    cross_db: float = -12.0
+    correlation: Annotated[float, Field(ge=0, le=1)] = 0.65
+    texture_shape: Positive | None = 4.0
+    texture_length: Annotated[float, Field(gt=0.05)] = 0.5
+    density: Positive | None = None
+    level_db: float = 0.0
+
+
+class Patch(_Part):
+    """A round patch of ground that scatters more, as wet ground does.
+
+    Attributes
+    ----------
+    x, y, radius : float
+        Where it lies, m.
+    gain_db : float
+        By how much σ⁰ is higher in its middle, dB.
+    """
+
+    x: float
+    y: float
+    radius: Positive
+    gain_db: float = 4.0
+
+
+class Target(_Part):
+    """A mine or another body of revolution in or on the ground.
+
+    Attributes
+    ----------
+    kind : str
+        "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it
+        has a ``permittivity``.
+    x, y, depth : float
+        Centre and depth of the top below the mean surface, m; ``depth = -height`` lies on the ground.
+    radius, height : float
+        Of the cylinder, m, unless there is a ``profile``.
+    profile : tuple of (radius, drop) or None
+        Corners of the body from its top's centre to its bottom's, m.
+    permittivity : float or None
+        Of a dielectric body; None takes 2.9 for plastic and simulant and makes the rest metal.
+    gap : float or None
+        Air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest.
+    tilt, azimuth : float
+        Tilt of the axis and the direction it leans to, clockwise from +y, rad.
+    """
+
+    kind: str
+    x: float
+    y: float
+    depth: float = 0.0
+    radius: Positive = 0.16
+    height: Positive = 0.15
+    profile: tuple[tuple[float, float], ...] | None = None
+    permittivity: Annotated[float, Field(ge=1)] | None = None
+    gap: NotNegative | None = None
+    tilt: float = 0.0
+    azimuth: float = 0.0
+
+    @property
+    def dielectric(self) -> float | None:
+        """Permittivity of the body, None for metal."""
+        if self.permittivity is None and self.kind in {"plastic", "simulant"}:
+            return 2.9
+        return self.permittivity
+
+    @property
+    def air_gap(self) -> float:
+        """Air under the top, m."""
+        if self.gap is None:
+            return 0.015 if self.kind == "plastic" else 0.0
+        return self.gap
+
+
+class TargetDraw(_Part):
+    """A number of alike targets put into the lane at random.
+
+    Attributes
+    ----------
+    kind : str
+        As of a target.
+    depth : float
+        Depth of the top, m.
+    count : int
+        How many.
+    radius, height : float
+        m.
+    depth_jitter, position_jitter, tilt : float
+        Rms of the depth (m), of the place off an even grid along the lane (m), and of the tilt (rad) in each axis.
+    """
+
+    kind: str
+    depth: float
+    count: Annotated[int, Field(ge=0)]
+    radius: Positive = 0.16
+    height: Positive = 0.15
+    depth_jitter: NotNegative = 0.005
+    position_jitter: NotNegative = 0.3
+    tilt: NotNegative = math.radians(4)
+
+
+class Thing(_Part):
+    """An object that is no target.
+
+    Attributes
+    ----------
+    kind : {"rock", "post", "bush", "fiducial"}
+        A rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of scatterers; a
+        fiducial is a corner reflector.
+    x, y : float
+        m.
+    radius, height : float
+        m; height above the mean surface.
+    rcs_db : float or None
+        Cross section at 1 GHz of a bush or fiducial, dBsm.
+    """
+
+    kind: Literal["rock", "post", "bush", "fiducial"]
+    x: float
+    y: float
+    radius: Positive = 0.05
+    height: NotNegative = 0.0
+    rcs_db: float | None = None
+
+
+class Clutter(_Part):
+    """Discrete clutter drawn from the seed.
+
+    Attributes
+    ----------
+    rocks : float
+        Rocks per m² on and beside the lane.
+    bushes, posts : float
+        Per metre of roadside, both sides together.
+    patches : float
+        Wet patches per m².
+    roadside : (float, float)
+        Least and greatest distance of bushes and posts from the lane's middle, m.
+    """
+
+    rocks: NotNegative = 0.0
+    bushes: NotNegative = 0.0
+    posts: NotNegative = 0.0
+    patches: NotNegative = 0.0
+    roadside: tuple[float, float] = (3.5, 7.0)
+
+
+class Departure(_Part):
+    """A stretch over which the vehicle leaves the lane, with no scans while it is out.
+
+    Attributes
+    ----------
+    start, length : float
+        Where it leaves and how far on it comes back, m.
+    """
+
+    start: float
+    length: Positive
+
+
+class Track(_Part):
+    """The vehicle's way: positions of the array's reference point at each scan.
+
+    Attributes
+    ----------
+    start, stop : float or None
+        First and last position along the lane, m; None begins 20 m before the lane and ends 5 m before its end.
+    step : (float, float)
+        Least and greatest distance between scans, m.
+    wander, wander_length : float
+        Rms and length of slow wandering across the lane, m; the heading follows it.
+    attitude : float
+        Rms pitch and roll, rad.
+    bounce : float
+        Rms change of height, m.
+    stops : tuple of (float, int)
+        Positions at which the vehicle stands, m, and how many scans it takes there besides its own.
+    departures : tuple of Departure
+        Where it leaves the lane and re-enters.
+    positions : tuple of float or None
+        Exact positions along the lane, m, instead of drawn ones.
+    """
+
+    start: float | None = None
+    stop: float | None = None
+    step: tuple[float, float] = (1.0, 3.0)
+    wander: NotNegative = 0.0
+    wander_length: Positive = 20.0
+    attitude: NotNegative = 0.0
+    bounce: NotNegative = 0.0
+    stops: tuple[tuple[float, int], ...] = ()
+    departures: tuple[Departure, ...] = ()
+    positions: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Track:
+        if not 0 < self.step[0] <= self.step[1]:
+            raise ValueError(f"step must have 0 < least <= greatest, got {self.step}")
+        return self
+
+
+class Scene(_Part):
+    """A lane and all that is in it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the lane.
+    site : str or None
+        One of the packaged sites, whose soil, surface and clutter stand wherever the scene says nothing itself.
+    x_min, x_max, length : float
+        The lane, m; it begins at y = 0.
+    soil, surface, clutter, track : Soil, Surface, Clutter, Track
+        See there.
+    targets, draws, objects, patches
+        Targets at given places, targets to be drawn, other objects and wet patches at given places.
+    """
+
+    name: str = "lane"
+    site: str | None = None
+    x_min: float = -1.5
+    x_max: float = 1.5
+    length: Positive = 60.0
+    soil: Soil = Soil()
+    surface: Surface = Surface()
+    clutter: Clutter = Clutter()
+    track: Track = Track()
+    targets: tuple[Target, ...] = ()
+    draws: tuple[TargetDraw, ...] = ()
+    objects: tuple[Thing, ...] = ()
+    patches: tuple[Patch, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_site(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("site") is None:
+            return data
+        known = sites()
+        if data["site"] not in known:
+            raise ValueError(f"site must be one of {', '.join(known)}, got {data['site']!r}")
+        text = (resources.files("flgpr.simulate") / "sites" / f"{data['site']}.toml").read_text(encoding="utf-8")
+        merged = dict(data)
+        for part, values in tomllib.loads(text).items():
+            given = data.get(part, {})
+            given = given.model_dump(exclude_unset=True) if isinstance(given, BaseModel) else given
+            merged[part] = {**values, **given}
+        return merged
+
+    @model_validator(mode="after")
+    def _check(self) -> Scene:
+        if not self.x_max > self.x_min:
+            raise ValueError(f"x_max must be greater than x_min, got {self.x_min} and {self.x_max}")
+        return self
+
+    @property
+    def lane(self) -> Lane:
+        """The rectangle that is scored."""
+        return Lane(self.x_min, self.x_max, 0.0, self.length)
+
+
+def sites() -> list[str]:
+    """Names of the packaged sites."""
+    folder = resources.files("flgpr.simulate") / "sites"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Load a scene from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file or it breaks a rule; the message names the entry.
+    """
+    if not Path(path).is_file():
+        raise ValueError(f"scene must be a TOML file, got {str(path)!r}")
+    try:
+        return Scene.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"scene {path}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "scene"
+        raise ValueError(f"scene {path}: {where}: {first['msg']}") from None
