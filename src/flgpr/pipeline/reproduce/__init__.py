@@ -1,0 +1,1 @@
+"""The four papers' experiments, run anew on simulated lanes."""
