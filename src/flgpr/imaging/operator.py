@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from flgpr.kernels.direct import adjoint_direct, forward_direct
+from flgpr.imaging.engines import Engine, make_engine
+from flgpr.imaging.plan import Pattern, lay_out
 from flgpr.kernels.windows import WINDOWS, band_weights
-from flgpr.model import SPEED_OF_LIGHT, check_frequency
+from flgpr.model import check_frequency
 
 Subbands = Sequence[tuple[float, float]]
+
+SINGLE_TOLERANCE = 1e-5
+"""Smallest tolerance that single precision keeps."""
 
 
 class ImagingOperator:
     """Backprojection of multistatic stepped-frequency data and its exact transpose.
 
-    With L the total path from transmitter to pixel to receiver, times the refractive index of the medium and less the
-    pair's path offset, and w_s(f) the window of sub-band s (zero outside it)::
+    With L the total optical path from transmitter to pixel to receiver less the pair's path offset, g the product of
+    the two antennas' amplitudes (one by default) and w_s(f) the window of sub-band s (zero outside it)::
 
-        adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) b(pair, f) exp(+j2πf L(pair, p)/c)     (Fuse et al. 2018, Eq. 1)
-        forward   b(pair, f) = Σ_s Σ_p w_s(f) x_s(p) exp(-j2πf L(pair, p)/c)
+        adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) g(pair, p) b(pair, f) exp(+j2πf L(pair, p)/c)   (Fuse et al. 2018, Eq. 1)
+        forward   b(pair, f) = Σ_s Σ_p w_s(f) g(pair, p) x_s(p) exp(-j2πf L(pair, p)/c)
 
     Parameters
     ----------
@@ -36,14 +41,25 @@ class ImagingOperator:
         Band edges in Hz, both included. None takes the whole band; the sub-band axis stays, with length 1.
     tolerance : float
         Largest relative L2 error against the direct double-precision sum.
-    device : {"cpu"}
-        Where the sums are computed.
+    device : {"cpu", "cuda"}
+        Where the sums are computed; "cuda" needs an NVIDIA device and the package numba-cuda.
     permittivity : float
         Relative permittivity of the medium between antennas and pixels.
     path_offset : (pair,) array_like, optional
         Length subtracted from every path of a pair, m, for data referenced to a scene centre.
     window : {"boxcar", "hann", "hamming", "taylor"} or (frequency,) array_like, optional
         Weight over the tones of each sub-band; an array is multiplied into every sub-band. Default: none (boxcar).
+    half_space : float, optional
+        Relative permittivity of ground that fills z < 0, at least ``permittivity``; paths to pixels below z = 0 are
+        then refracted at the surface (Fermat's principle). All antennas must lie above all pixels and above z = 0.
+    tx_pattern, rx_pattern : callable, optional
+        Amplitude of an antenna, called once per antenna with its position (3,) and the pixels (pixel, 3), m, and
+        returning one real number per pixel.
+    dtype : {"complex64", "complex128"}, optional
+        Precision of the result and of the sums. Default: complex64, but complex128 for a tolerance below 1e-5.
+    method : {"auto", "profile", "direct"}
+        "profile" interpolates range profiles, "direct" sums term by term in double precision, "auto" takes the one that
+        needs less work.
 
     Raises
     ------
@@ -67,6 +83,11 @@ class ImagingOperator:
         permittivity: float = 1.0,
         path_offset: ArrayLike | None = None,
         window: str | ArrayLike | None = None,
+        half_space: float | None = None,
+        tx_pattern: Pattern | None = None,
+        rx_pattern: Pattern | None = None,
+        dtype: DTypeLike | None = None,
+        method: str = "auto",
     ) -> None:
         self.frequency = check_frequency(frequency)
         self.tx_position = _points(tx_position, "tx_position")
@@ -78,36 +99,68 @@ class ImagingOperator:
             )
         grid = _points(pixels, "pixels")
         self.pixel_shape = grid.shape[:-1]
-        self._pixels = np.ascontiguousarray(grid.reshape(-1, 3))
-        if not (0 < tolerance < 1):
-            raise ValueError(f"tolerance must lie between 0 and 1, got {tolerance}")
+        points = grid.reshape(-1, 3)
+        if not (1e-12 <= tolerance < 1):
+            raise ValueError(f"tolerance must lie between 1e-12 and 1, got {tolerance}")
         self.tolerance = float(tolerance)
-        if device != "cpu":
-            raise ValueError(f"device must be 'cpu', got {device!r}")
+        self.dtype = _precision(dtype, self.tolerance)
         self.device = device
         if not (math.isfinite(permittivity) and permittivity >= 1):
             raise ValueError(f"permittivity must be at least 1, got {permittivity}")
         self.permittivity = float(permittivity)
+        self.half_space = self._ground(half_space, points)
         self.path_offset = self._offsets(path_offset)
         self.subbands = self._bands(subbands)
         self.weight = self._weights(window)
+        medium = (math.sqrt(self.permittivity), math.sqrt(self.half_space) if self.half_space else 0.0)
+        layout = lay_out(self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern))
+        self.engine: Engine = make_engine(
+            layout, self.frequency, self.weight, self.path_offset, self.tolerance, self.dtype, device, method
+        )
 
     @property
     def pairs(self) -> int:
         """Number of antenna pairs."""
         return self.tx_position.shape[0]
 
-    def adjoint(self, data: ArrayLike) -> NDArray[np.complex64]:
+    @property
+    def method(self) -> str:
+        """The method in use: "profile" or "direct"."""
+        return self.engine.method
+
+    @property
+    def width(self) -> int:
+        """Bins that the interpolation window covers; zero for direct sums."""
+        return self.engine.width
+
+    def image_buffer(self, *lead: int) -> NDArray[Any]:
+        """Make memory for images, to be passed as ``out``; page-locked for a CUDA device.
+
+        Parameters
+        ----------
+        *lead : int
+            Number of polarizations, after leading axes if any.
+
+        Returns
+        -------
+        (lead, subband, pixels.shape[:-1]) ndarray of complex64 or complex128
+            Uninitialised images.
+        """
+        return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
+
+    def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
 
         Parameters
         ----------
-        data : (polarization, pair, frequency) array_like of complex
-            Received field.
+        data : (..., polarization, pair, frequency) array_like of complex
+            Received field; leading axes are scans taken with one geometry.
+        out : (..., polarization, subband, *pixels.shape[:-1]) ndarray, optional
+            Contiguous array of the operator's dtype to put the images in.
 
         Returns
         -------
-        (polarization, subband, *pixels.shape[:-1]) ndarray of complex64
+        (..., polarization, subband, *pixels.shape[:-1]) ndarray of complex64 or complex128
             One image per polarization and sub-band.
 
         Raises
@@ -115,22 +168,23 @@ class ImagingOperator:
         ValueError
             If the shape does not fit or a value is not finite.
         """
-        block = self._checked(data, "data", (self.pairs, self.frequency.size))
-        out = np.empty((block.shape[0], len(self.subbands), self._pixels.shape[0]), np.complex64)
-        adjoint_direct(block, *self._geometry(), out)
-        return out.reshape(*out.shape[:2], *self.pixel_shape)
+        block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
+        shape = (*lead, len(self.subbands), *self.pixel_shape)
+        images = self.engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
+        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
+        return images
 
-    def forward(self, image: ArrayLike) -> NDArray[np.complex64]:
+    def forward(self, image: ArrayLike) -> NDArray[Any]:
         """Model data: apply A, summed over sub-bands.
 
         Parameters
         ----------
-        image : (polarization, subband, *pixels.shape[:-1]) array_like of complex
-            Reflectivity of every pixel.
+        image : (..., polarization, subband, *pixels.shape[:-1]) array_like of complex
+            Reflectivity of every pixel; leading axes are scans.
 
         Returns
         -------
-        (polarization, pair, frequency) ndarray of complex64
+        (..., polarization, pair, frequency) ndarray of complex64 or complex128
             The field the pairs would receive.
 
         Raises
@@ -138,27 +192,25 @@ class ImagingOperator:
         ValueError
             If the shape does not fit or a value is not finite.
         """
-        block = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
-        out = np.empty((block.shape[0], self.pairs, self.frequency.size), np.complex64)
-        forward_direct(block.reshape(*block.shape[:2], -1), *self._geometry(), out)
-        return out
+        block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
+        out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
+        self.engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
+        return out.reshape(*lead, *out.shape[1:])
 
-    def _geometry(self) -> tuple[object, ...]:
-        wavenumber = self.frequency / SPEED_OF_LIGHT
-        index = math.sqrt(self.permittivity)
-        positions = (self.tx_position, self.rx_position, self.path_offset)
-        return (self.weight, wavenumber, *positions, index, self._pixels)
-
-    def _checked(self, value: ArrayLike, name: str, tail: tuple[int, ...]) -> NDArray[np.complex64]:
-        block = np.ascontiguousarray(value, dtype=np.complex64)
-        if block.ndim != 1 + len(tail) or block.shape[1:] != tail:
+    def _checked(self, value: ArrayLike, name: str, tail: tuple[int, ...]) -> tuple[NDArray[Any], tuple[int, ...]]:
+        block = np.ascontiguousarray(value, dtype=self.dtype)
+        if block.ndim <= len(tail) or block.shape[block.ndim - len(tail) :] != tail:
             raise ValueError(
-                f"{name} must have the shape (polarization, {', '.join(map(str, tail))}), got {block.shape}"
+                f"{name} must have the shape (..., polarization, {', '.join(map(str, tail))}), got {block.shape}"
             )
-        if not np.isfinite(block).all():
+        # A sum is finite only if all its terms are. If it overflows, and only then, every value is looked at.
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = block.sum()
+        if not np.isfinite(total) and not np.isfinite(block).all():
             count = np.count_nonzero(~np.isfinite(block))
             raise ValueError(f"{name} must be finite, got {count} of {block.size} values that are not")
-        return block
+        lead = block.shape[: block.ndim - len(tail)]
+        return block.reshape(math.prod(lead), *tail), lead
 
     def _offsets(self, value: ArrayLike | None) -> NDArray[np.float64]:
         if value is None:
@@ -169,6 +221,21 @@ class ImagingOperator:
                 f"path_offset must hold one finite length per pair ({self.pairs}), got shape {offset.shape}"
             )
         return np.ascontiguousarray(offset)
+
+    def _ground(self, value: float | None, pixels: NDArray[np.float64]) -> float | None:
+        if value is None:
+            return None
+        if not (math.isfinite(value) and value >= self.permittivity):
+            raise ValueError(
+                f"half_space must be a relative permittivity of at least {self.permittivity:g}, that above, got {value}"
+            )
+        lowest = min(self.tx_position[:, 2].min(), self.rx_position[:, 2].min())
+        highest = max(0.0, float(pixels[:, 2].max()))
+        if not lowest > highest:
+            raise ValueError(
+                f"half_space needs all antennas above all pixels and above z = 0 ({highest:g} m), got z = {lowest:g} m"
+            )
+        return float(value)
 
     def _bands(self, subbands: Subbands | None) -> tuple[tuple[float, float], ...]:
         if subbands is None:
@@ -186,13 +253,12 @@ class ImagingOperator:
         if name not in WINDOWS:
             raise ValueError(f"window must be one of {', '.join(WINDOWS)} or an array, got {window!r}")
         weight = band_weights(self.frequency, self.subbands, WINDOWS[name])
-        empty = [band for band, row in zip(self.subbands, weight, strict=True) if not row.any()]
-        if empty:
-            lo, hi = empty[0]
-            raise ValueError(
-                f"subbands must each hold a tone; {lo:g} to {hi:g} Hz holds none of the tones "
-                f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
-            )
+        for (lo, hi), row in zip(self.subbands, weight, strict=True):
+            if not row.any():
+                raise ValueError(
+                    f"subbands must each hold a tone; {lo:g} to {hi:g} Hz holds none of the tones "
+                    f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
+                )
         if window is not None and not isinstance(window, str):
             taper = np.asarray(window, dtype=np.float64)
             if taper.shape != self.frequency.shape or not np.isfinite(taper).all():
@@ -210,3 +276,20 @@ def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:
     if not np.isfinite(points).all():
         raise ValueError(f"{name} must be finite, got {np.count_nonzero(~np.isfinite(points))} values that are not")
     return np.ascontiguousarray(points)
+
+
+def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
+    if dtype is None:
+        return np.dtype(np.complex64 if tolerance >= SINGLE_TOLERANCE else np.complex128)
+    kind = np.dtype(dtype)
+    if kind not in (np.dtype(np.complex64), np.dtype(np.complex128)):
+        raise ValueError(f"dtype must be complex64 or complex128, got {kind}")
+    if kind == np.dtype(np.complex64) and tolerance < SINGLE_TOLERANCE:
+        raise ValueError(f"tolerance must be at least {SINGLE_TOLERANCE:g} in complex64, got {tolerance:g}")
+    return kind
+
+
+def _target(out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
+        raise ValueError(f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}")
+    return out

@@ -12,39 +12,40 @@ from numpy.typing import NDArray
 _TWO_PI = 2.0 * math.pi
 
 
-@njit(cache=True, inline="always")
-def _distance(a: Any, b: Any) -> Any:
-    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+@njit(cache=True)
+def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
+    return gain[a, p] * gain[b, p] if gain.shape[1] > 0 else 1.0
 
 
 @njit(parallel=True, cache=True)
 def adjoint_direct(
-    data: NDArray[np.complex64],
+    data: NDArray[Any],
     weight: NDArray[np.float64],
     wavenumber: NDArray[np.float64],
-    tx: NDArray[np.float64],
-    rx: NDArray[np.float64],
+    path: NDArray[np.float64],
+    tx: NDArray[np.int64],
+    rx: NDArray[np.int64],
     offset: NDArray[np.float64],
-    index: float,
-    pixels: NDArray[np.float64],
-    out: NDArray[np.complex64],
+    gain: NDArray[np.float64],
+    out: NDArray[Any],
 ) -> None:
-    """Sum ``weight·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
+    """Sum ``weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
-    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m,
-    ``tx``/``rx`` (pair, 3) m, ``offset`` (pair,) m, ``index`` refractive index of the medium, ``pixels`` (pixel, 3) m,
+    ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m, ``path``
+    (antenna, pixel) m, ``tx``/``rx`` (pair,) its rows, ``offset`` (pair,) m, ``gain`` (antenna, pixel) or (antenna, 0),
     ``out`` (channel, subband, pixel).
     """
     channels, pairs, tones = data.shape
     bands = weight.shape[0]
-    for p in prange(pixels.shape[0]):
+    for p in prange(out.shape[2]):
         total = np.zeros((channels, bands), np.complex128)
         for q in range(pairs):
-            path = index * (_distance(tx[q], pixels[p]) + _distance(rx[q], pixels[p])) - offset[q]
+            length = path[tx[q], p] + path[rx[q], p] - offset[q]
+            size = _amplitude(gain, tx[q], rx[q], p)
             for k in range(tones):
-                turns = wavenumber[k] * path
+                turns = wavenumber[k] * length
                 angle = _TWO_PI * (turns - math.floor(turns))
-                carrier = complex(math.cos(angle), math.sin(angle))
+                carrier = size * complex(math.cos(angle), math.sin(angle))
                 for c in range(channels):
                     term = data[c, q, k] * carrier
                     for s in range(bands):
@@ -56,17 +57,17 @@ def adjoint_direct(
 
 @njit(parallel=True, cache=True)
 def forward_direct(
-    image: NDArray[np.complex64],
+    image: NDArray[Any],
     weight: NDArray[np.float64],
     wavenumber: NDArray[np.float64],
-    tx: NDArray[np.float64],
-    rx: NDArray[np.float64],
+    path: NDArray[np.float64],
+    tx: NDArray[np.int64],
+    rx: NDArray[np.int64],
     offset: NDArray[np.float64],
-    index: float,
-    pixels: NDArray[np.float64],
-    out: NDArray[np.complex64],
+    gain: NDArray[np.float64],
+    out: NDArray[Any],
 ) -> None:
-    """Sum ``weight·image·exp(-j2π·wavenumber·L)`` over pixels and sub-bands: the transpose of :func:`adjoint_direct`.
+    """Sum ``weight·gain·image·exp(-j2π·wavenumber·L)`` over pixels and sub-bands: the transpose of the adjoint.
 
     ``image`` (channel, subband, pixel), ``out`` (channel, pair, tone); the rest as in :func:`adjoint_direct`.
     """
@@ -75,11 +76,12 @@ def forward_direct(
     for q in prange(tx.shape[0]):
         total = np.zeros((channels, tones), np.complex128)
         for p in range(count):
-            path = index * (_distance(tx[q], pixels[p]) + _distance(rx[q], pixels[p])) - offset[q]
+            length = path[tx[q], p] + path[rx[q], p] - offset[q]
+            size = _amplitude(gain, tx[q], rx[q], p)
             for k in range(tones):
-                turns = wavenumber[k] * path
+                turns = wavenumber[k] * length
                 angle = -_TWO_PI * (turns - math.floor(turns))
-                carrier = complex(math.cos(angle), math.sin(angle))
+                carrier = size * complex(math.cos(angle), math.sin(angle))
                 for c in range(channels):
                     value = 0.0j
                     for s in range(bands):

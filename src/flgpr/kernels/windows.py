@@ -58,7 +58,8 @@ def band_weights(
     """Weights of every tone in every sub-band.
 
     ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part in a million, and
-    spreads the window from its first to its last tone. Returns (subband, tone); a band without a tone is a row of zeros.
+    spreads the window from its first to its last tone. Returns (subband, tone); a band without a tone is a row of
+    zeros.
     """
     weights = np.zeros((len(subbands), frequency.size))
     for row, (lo, hi) in zip(weights, subbands, strict=True):

@@ -190,12 +190,12 @@ class Grid:
     @property
     def x(self) -> NDArray[np.float64]:
         """Pixel centres cross-track, m, shape (nx,)."""
-        return np.asarray(self.x_min + self.dx * np.arange(self.nx), dtype=np.float64)
+        return _centres(self.x_min, self.dx, self.nx)
 
     @property
     def y(self) -> NDArray[np.float64]:
         """Pixel centres down-track, m, shape (ny,)."""
-        return np.asarray(self.y_min + self.dy * np.arange(self.ny), dtype=np.float64)
+        return _centres(self.y_min, self.dy, self.ny)
 
     def points(self) -> NDArray[np.float64]:
         """Pixel centres as points.
@@ -224,3 +224,8 @@ class Grid:
             self.y_min - self.dy / 2,
             self.y_min + (self.ny - 0.5) * self.dy,
         )
+
+
+def _centres(first: float, spacing: float, count: int) -> NDArray[np.float64]:
+    # Rounded to a nanometre, so that tables of positions do not end in 0000000000002.
+    return np.asarray(np.round(first + spacing * np.arange(count), 9), dtype=np.float64)

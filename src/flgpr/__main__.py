@@ -1,0 +1,5 @@
+"""Run the command line with ``python -m flgpr``."""
+
+from flgpr.cli import app
+
+app()

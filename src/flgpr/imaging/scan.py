@@ -1,0 +1,191 @@
+"""Imaging a run scan by scan, in the scan frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.imaging.operator import ImagingOperator
+from flgpr.model import Grid, check_run, complete_scans, lane_to_scan, vehicle_to_scan
+
+
+class ScanImager:
+    """Make the images of a run, one scan at a time.
+
+    A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid that moves with the
+    vehicle: the scan frame of :mod:`flgpr.model.frames`. While height and attitude stay the same, so does the operator.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    grid : Grid
+        Pixels in the scan frame.
+    subbands : mapping of str to (lo, hi)
+        Names and edges in Hz.
+    window : str or (frequency,) array_like, optional
+        As in :class:`ImagingOperator`.
+    tolerance : float
+        As in :class:`ImagingOperator`.
+    device : str
+        As in :class:`ImagingOperator`.
+
+    Raises
+    ------
+    ValueError
+        If the run is not valid, no scan of it is complete, or a sub-band holds no tone.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        grid: Grid,
+        subbands: Mapping[str, tuple[float, float]],
+        window: str | ArrayLike | None = None,
+        tolerance: float = 1e-3,
+        device: str = "cpu",
+    ) -> None:
+        self.run, self.grid = check_run(run), grid
+        if not subbands:
+            raise ValueError("subbands must name at least one band, got none")
+        self.subbands = dict(subbands)
+        self._window, self._tolerance, self._device = window, tolerance, device
+        complete = complete_scans(run)
+        self.scans = np.flatnonzero(complete)
+        self.masked_scans = np.flatnonzero(~complete)
+        if not self.scans.size:
+            raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
+        self._poses = np.asarray(run["pose"].values, dtype=np.float64)
+        self._key: tuple[float, ...] | None = None
+        self._operator: ImagingOperator | None = None
+
+    def __len__(self) -> int:
+        return len(self.scans)
+
+    def __iter__(self) -> Iterator[xr.DataArray]:
+        for scan in self.scans:
+            yield self.image(int(scan))
+
+    def operator(self, scan: int) -> ImagingOperator:
+        """Imaging operator of a scan on the grid.
+
+        Parameters
+        ----------
+        scan : int
+            Index of the scan in the run.
+
+        Returns
+        -------
+        ImagingOperator
+            Its pixels are ``grid.points()`` in the scan frame.
+        """
+        pose = self._poses[scan]
+        key = tuple(pose[[2, 4, 5]])
+        if self._operator is None or key != self._key:
+            self._operator = self.operator_on(scan, self.grid.points(), self.subbands)
+            self._key = key
+        return self._operator
+
+    def operator_on(
+        self, scan: int, points: NDArray[np.float64], subbands: Mapping[str, tuple[float, float]] | None = None
+    ) -> ImagingOperator:
+        """Imaging operator of a scan on other points.
+
+        Parameters
+        ----------
+        scan : int
+            Index of the scan in the run.
+        points : (..., 3) ndarray
+            Pixels in the scan frame, m.
+        subbands : mapping of str to (lo, hi), optional
+            Bands in Hz; None takes the whole band without sub-bands.
+
+        Returns
+        -------
+        ImagingOperator
+            The operator.
+        """
+        pose = self._poses[scan]
+        return ImagingOperator(
+            self.run["frequency"].values,
+            vehicle_to_scan(self.run["tx_position"].values, pose),
+            vehicle_to_scan(self.run["rx_position"].values, pose),
+            points,
+            subbands=None if subbands is None else list(subbands.values()),
+            window=self._window if subbands is not None else None,
+            tolerance=self._tolerance,
+            device=self._device,
+        )
+
+    def signal(self, scan: int) -> NDArray[np.complex64]:
+        """Read the data of a scan.
+
+        Parameters
+        ----------
+        scan : int
+            Index of the scan in the run.
+
+        Returns
+        -------
+        (polarization, pair, frequency) ndarray of complex64
+            Received field.
+        """
+        return np.asarray(self.run["signal"].isel(scan=scan).values, dtype=np.complex64)
+
+    def image(self, scan: int, signal: ArrayLike | None = None) -> xr.DataArray:
+        """Image one scan.
+
+        Parameters
+        ----------
+        scan : int
+            Index of the scan in the run.
+        signal : (polarization, pair, frequency) array_like, optional
+            Data to image in place of the run's own, such as cleaned data.
+
+        Returns
+        -------
+        xarray.DataArray
+            Complex64, dimensions (polarization, subband, y, x), coordinates in the scan frame, m; its attributes
+            ``scan`` and ``pose`` tell where it was taken.
+        """
+        data = self.signal(scan) if signal is None else signal
+        return xr.DataArray(
+            self.operator(scan).adjoint(data),
+            dims=("polarization", "subband", "y", "x"),
+            coords={
+                "polarization": self.run["polarization"].values,
+                "subband": list(self.subbands),
+                "y": self.grid.y,
+                "x": self.grid.x,
+            },
+            attrs={"scan": scan, "pose": self._poses[scan].tolist()},
+            name="image",
+        )
+
+    def looks(self, points: ArrayLike) -> NDArray[np.int64]:
+        """Count the complete scans whose grid holds each point.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        (...) ndarray of int
+            Number of looks.
+        """
+        count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
+        x_min, x_max, y_min, y_max = self.grid.extent()
+        for scan in self.scans:
+            local = lane_to_scan(points, self._poses[scan])
+            count += (
+                (local[..., 0] >= x_min)
+                & (local[..., 0] <= x_max)
+                & (local[..., 1] >= y_min)
+                & (local[..., 1] <= y_max)
+            )
+        return count

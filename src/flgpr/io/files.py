@@ -1,0 +1,94 @@
+"""Writing files so that they are whole or absent, and the digests that prove it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+def sha256(data: bytes) -> str:
+    """Hexadecimal SHA-256 of bytes.
+
+    Parameters
+    ----------
+    data : bytes
+        What to hash.
+
+    Returns
+    -------
+    str
+        The digest.
+    """
+    return hashlib.sha256(data).hexdigest()
+
+
+def canonical_json(value: Any) -> bytes:
+    """Write a JSON value in its one canonical form: sorted keys, no spaces, no NaN.
+
+    Parameters
+    ----------
+    value : object
+        Anything JSON can hold.
+
+    Returns
+    -------
+    bytes
+        UTF-8 text.
+
+    Raises
+    ------
+    ValueError
+        If the value holds NaN or infinity.
+    TypeError
+        If the value holds something JSON cannot.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def sync_directory(path: Path) -> None:
+    """Flush a directory's entries to disk.
+
+    Parameters
+    ----------
+    path : Path
+        The directory.
+    """
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sync_file(path: Path) -> None:
+    """Flush a file's content to disk.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def write_whole(path: Path, data: bytes | str) -> None:
+    """Write a file so that it holds either its old content or all of the new.
+
+    Parameters
+    ----------
+    path : Path
+        Target; its folder must exist.
+    data : bytes or str
+        Content; text is written as UTF-8.
+    """
+    temporary = path.with_name(path.name + ".partial")
+    with temporary.open("wb") as file:
+        file.write(data.encode() if isinstance(data, str) else data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    sync_directory(path.parent)

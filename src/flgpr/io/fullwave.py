@@ -1,0 +1,129 @@
+"""Import of full-wave lanes: one NumPy archive with data, geometry and, if known, truth.
+
+The archive holds ``data`` (scan, tx, rx, polarization, frequency), ``frequency_hz``, ``polarisation``, antenna
+positions ``tx_xyz_m`` (scan, tx, 3) and ``rx_xyz_m`` (scan, rx, 3) in the lane frame, and optionally ``truth``, a JSON
+text with ``mines`` (kind, x, y, depth of the top), ``rocks`` (x, y, radius) and ``posts`` (x, y, height).
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table, make_run
+
+_ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
+
+
+@dataclass(frozen=True)
+class FullwaveLane:
+    """A full-wave lane in flgpr's terms.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+        The run; its vehicle frame's origin is midway between the transmitters.
+    truth : DataFrame or None
+        The mines; None if the archive does not tell.
+    objects : DataFrame or None
+        Rocks and posts; None if the archive does not tell.
+    """
+
+    run: xr.Dataset
+    truth: pd.DataFrame | None
+    objects: pd.DataFrame | None
+
+
+def import_fullwave(path: str | Path) -> FullwaveLane:
+    """Read a full-wave lane.
+
+    Parameters
+    ----------
+    path : str or Path
+        The .npz archive.
+
+    Returns
+    -------
+    FullwaveLane
+        Run, truth and objects.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If an array is missing or has the wrong shape, the array does not keep its form from scan to scan, or the
+        archive is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"full-wave archive not found: {path}")
+    arrays = _load(path)
+    data, tx, rx = arrays["data"], arrays["tx_xyz_m"], arrays["rx_xyz_m"]
+    if data.ndim != 5 or tx.shape != (*data.shape[:2], 3) or rx.shape != (data.shape[0], data.shape[2], 3):
+        raise ValueError(
+            f"{path}: data must be (scan, tx, rx, polarization, frequency) with tx_xyz_m (scan, tx, 3) and rx_xyz_m "
+            f"(scan, rx, 3), got {data.shape}, {tx.shape}, {rx.shape}"
+        )
+    origin = tx.mean(axis=1)
+    local_tx, local_rx = tx - origin[:, None], rx - origin[:, None]
+    if np.abs(local_tx - local_tx[0]).max() > 1e-6 or np.abs(local_rx - local_rx[0]).max() > 1e-6:
+        raise ValueError(
+            f"{path}: the array must keep its form and heading from scan to scan, it moves by more than 1 µm"
+        )
+    scans, transmitters, receivers, polarizations, tones = data.shape
+    signal = data.transpose(0, 3, 1, 2, 4).reshape(scans, polarizations, transmitters * receivers, tones)
+    pose = np.zeros((scans, 6))
+    pose[:, :3] = origin
+    told = json.loads(str(arrays["truth"])) if "truth" in arrays else None
+    attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
+    if told is not None and "soil_eps" in told:
+        attrs["soil"] = {"permittivity": float(told["soil_eps"]), "conductivity": float(told.get("soil_sigma", 0.0))}
+    run = make_run(
+        signal,
+        arrays["frequency_hz"],
+        arrays["polarisation"],
+        np.repeat(local_tx[0], receivers, axis=0),
+        np.tile(local_rx[0], (transmitters, 1)),
+        pose,
+        attrs=attrs,
+    )
+    return FullwaveLane(run, *(_tables(told) if told is not None else (None, None)))
+
+
+def _load(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            missing = [name for name in _ARRAYS if name not in archive]
+            if missing:
+                raise ValueError(f"the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}")
+            return {name: archive[name] for name in (*_ARRAYS, "truth") if name in archive}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _tables(told: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    mines = [
+        {"target_id": f"mine-{i + 1}", "x": x, "y": y, "kind": kind, "depth": depth}
+        | {"radius": told.get("mine_radius_m", np.nan), "height": told.get("mine_height_m", np.nan)}
+        for i, (kind, x, y, depth) in enumerate(told.get("mines", []))
+    ]
+    rocks = [
+        {"object_id": f"rock-{i + 1}", "x": x, "y": y, "kind": "rock", "radius": radius, "height": np.nan}
+        for i, (x, y, radius) in enumerate(told.get("rocks", []))
+    ]
+    posts = [
+        {"object_id": f"post-{i + 1}", "x": x, "y": y, "kind": "post", "radius": np.nan, "height": height}
+        for i, (x, y, height) in enumerate(told.get("posts", []))
+    ]
+    truth = check_truth(pd.DataFrame(mines)) if mines else empty_table(TRUTH_COLUMNS)
+    objects = check_objects(pd.DataFrame(rocks + posts)) if rocks or posts else empty_table(OBJECT_COLUMNS)
+    return truth, objects

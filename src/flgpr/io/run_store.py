@@ -1,0 +1,449 @@
+"""The run store: Zarr v3, one chunk per scan, committed by a manifest of SHA-256 digests that is written last.
+
+Zarr reads a chunk that is not there as fill values. A radar run must never do that, so every read goes through
+:class:`VerifiedStore`, which knows from the manifest which chunks there are and what they hold.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import AsyncIterator, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numpy.typing import ArrayLike, NDArray
+from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
+from zarr.codecs import Crc32cCodec
+
+from flgpr.io.files import canonical_json, sha256, sync_directory, sync_file, write_whole
+from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
+
+FORMAT, VERSION = "flgpr-run", 1
+_COMMIT = "commit.json"
+
+
+class RunStoreError(ValueError):
+    """A run store is incomplete, altered or not a run store at all."""
+
+
+class VerifiedStore(Store):  # type: ignore[misc]
+    """A read-only Zarr store that returns only what the commit manifest vouches for.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the store.
+    files : dict
+        Key -> {"sha256", "bytes"} from the manifest.
+    """
+
+    supports_writes = False
+    supports_deletes = False
+    supports_partial_writes = False
+    supports_listing = True
+
+    def __init__(self, root: Path, files: dict[str, dict[str, Any]]) -> None:
+        super().__init__(read_only=True)
+        self.root, self.files = root, files
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, VerifiedStore) and (other.root, other.files) == (self.root, self.files)
+
+    def __hash__(self) -> int:
+        return hash(self.root)
+
+    def read(self, key: str) -> bytes | None:
+        """Read one key and check it against the manifest.
+
+        Parameters
+        ----------
+        key : str
+            Key inside the store.
+
+        Returns
+        -------
+        bytes or None
+            Content; None for a key the manifest does not list.
+
+        Raises
+        ------
+        RunStoreError
+            If the file is missing or differs from what was committed.
+        """
+        entry = self.files.get(key)
+        if entry is None:
+            return None
+        try:
+            data = (self.root / key).read_bytes()
+        except OSError as error:
+            raise RunStoreError(f"{self.root}: {key} was committed but cannot be read ({error.strerror})") from None
+        if len(data) != entry["bytes"] or sha256(data) != entry["sha256"]:
+            raise RunStoreError(
+                f"{self.root}: {key} differs from what was committed "
+                f"({len(data)} bytes against {entry['bytes']}): the store is truncated or altered"
+            )
+        return data
+
+    async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
+        """Return a verified value, or None for a key that was never committed."""
+        data = self.read(key)
+        if data is None:
+            return None
+        if isinstance(byte_range, RangeByteRequest):
+            data = data[byte_range.start : byte_range.end]
+        elif isinstance(byte_range, OffsetByteRequest):
+            data = data[byte_range.offset :]
+        elif isinstance(byte_range, SuffixByteRequest):
+            data = data[-byte_range.suffix :]
+        return prototype.buffer.from_bytes(data)
+
+    async def get_partial_values(self, prototype: Any, key_ranges: Iterable[tuple[str, Any]]) -> list[Any]:
+        """Return several verified values."""
+        return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+
+    async def exists(self, key: str) -> bool:
+        """Tell whether a key was committed."""
+        return key in self.files
+
+    async def set(self, key: str, value: Any) -> None:  # noqa: ARG002
+        """Refuse: committed runs are read-only."""
+        raise RunStoreError(f"{self.root}: a committed run is read-only, got a write to {key}")
+
+    async def delete(self, key: str) -> None:
+        """Refuse: committed runs are read-only."""
+        raise RunStoreError(f"{self.root}: a committed run is read-only, got a delete of {key}")
+
+    async def list(self) -> AsyncIterator[str]:
+        """List the committed keys."""
+        for key in self.files:
+            yield key
+
+    async def list_prefix(self, prefix: str) -> AsyncIterator[str]:
+        """List the committed keys that start with a prefix."""
+        for key in self.files:
+            if key.startswith(prefix):
+                yield key
+
+    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
+        """List the entries of a folder."""
+        base = prefix.rstrip("/") + "/" if prefix else ""
+        for name in sorted({key[len(base) :].split("/")[0] for key in self.files if key.startswith(base)}):
+            yield name
+
+
+class RunWriter:
+    """Write a run scan by scan; the store appears under its name only when it is whole.
+
+    Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder to make.
+    frequency, polarization, tx_position, rx_position, attrs
+        As in :func:`flgpr.model.make_run`.
+    overwrite : bool
+        Replace a run that is already there.
+
+    Raises
+    ------
+    FileExistsError
+        If the path exists and ``overwrite`` is false.
+    ValueError
+        If the description of the run breaks a rule.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        frequency: ArrayLike,
+        polarization: ArrayLike,
+        tx_position: ArrayLike,
+        rx_position: ArrayLike,
+        attrs: dict[str, Any] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        if self.path.exists() and not overwrite:
+            raise FileExistsError(f"path must not exist yet, got {self.path} (overwrite=True replaces it)")
+        self._frequency = np.asarray(frequency, dtype=np.float64)
+        self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
+        self._tx, self._rx = np.asarray(tx_position, dtype=np.float64), np.asarray(rx_position, dtype=np.float64)
+        try:
+            self._attrs = json.loads(canonical_json(attrs or {}))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"attrs must be writable as JSON: {error}") from None
+        self._poses: list[NDArray[np.float64]] = []
+        self._times: list[float] = []
+        self._valid: list[NDArray[np.bool_]] = []
+        self._partial = self.path.with_name(self.path.name + ".partial")
+        shutil.rmtree(self._partial, ignore_errors=True)
+        self._partial.parent.mkdir(parents=True, exist_ok=True)
+        self._group = zarr.open_group(self._partial, mode="w", zarr_format=3)
+        self._signal: zarr.Array | None = None
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self.commit()
+        finally:
+            shutil.rmtree(self._partial, ignore_errors=True)
+
+    def append(self, signal: ArrayLike, pose: ArrayLike, time: float = float("nan")) -> None:
+        """Write one scan.
+
+        Parameters
+        ----------
+        signal : (polarization, pair, frequency) array_like of complex
+            Received field.
+        pose : (6,) array_like
+            x, y, z (m), heading, pitch, roll (rad).
+        time : float
+            Time of the scan, s; NaN where unknown.
+
+        Raises
+        ------
+        ValueError
+            If the scan breaks a rule of :func:`flgpr.model.make_run`.
+        """
+        block = np.asarray(signal, dtype=np.complex64)
+        shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        if block.shape != shape:
+            raise ValueError(f"signal must have the shape (polarization, pair, frequency) = {shape}, got {block.shape}")
+        if self._signal is None:
+            self._signal = self._array("signal", (0, *shape), (1, *shape), "complex64")
+        count = len(self._poses)
+        self._signal.resize((count + 1, *shape))
+        self._signal[count] = block
+        sync_file(self._partial / "signal" / "c" / str(count) / "0" / "0" / "0")
+        self._poses.append(np.asarray(pose, dtype=np.float64))
+        self._times.append(float(time))
+        self._valid.append(np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_))
+
+    def commit(self) -> None:
+        """Write the small arrays and the manifest, then give the store its name.
+
+        Raises
+        ------
+        ValueError
+            If no scan was written or the run breaks a rule of :func:`flgpr.model.make_run`.
+        """
+        if not self._poses:
+            raise ValueError("a run must hold at least one scan, got none")
+        probe = np.where(np.stack(self._valid)[..., None], 0, np.nan) * np.ones(self._frequency.size)
+        run = make_run(
+            probe + 0j,
+            self._frequency,
+            self._polarization,
+            self._tx,
+            self._rx,
+            np.stack(self._poses),
+            self._times,
+        )
+        for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
+            values = run[name].values
+            self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
+        self._group.attrs.update(
+            {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
+        )
+        _write_manifest(self._partial, len(self._poses))
+        _replace(self._partial, self.path)
+
+    def _array(
+        self,
+        name: str,
+        shape: tuple[int, ...],
+        chunks: tuple[int, ...],
+        dtype: str,
+        dims: tuple[Any, ...] = ("scan", "polarization", "pair", "frequency"),
+    ) -> Any:
+        return self._group.create_array(
+            name,
+            shape=shape,
+            chunks=chunks,
+            dtype=dtype,
+            fill_value=False if dtype == "bool" else np.nan,
+            compressors=[Crc32cCodec()],
+            filters=[],
+            dimension_names=list(map(str, dims)),
+            config={"write_empty_chunks": True},
+        )
+
+
+def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False) -> Path:
+    """Write a run as a Zarr v3 store.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    path : str or Path
+        Folder to make.
+    overwrite : bool
+        Replace a run that is already there.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    ValueError
+        If the dataset is no run.
+    FileExistsError
+        If the path exists and ``overwrite`` is false.
+    """
+    check_run(run)
+    frequency, polarization, tx_position, rx_position = (
+        run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
+    )
+    attrs = {str(key): value for key, value in run.attrs.items()}
+    with RunWriter(path, frequency, polarization, tx_position, rx_position, attrs, overwrite) as writer:
+        for scan in range(run.sizes["scan"]):
+            one = run.isel(scan=scan)
+            writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
+    return Path(path)
+
+
+def open_run(path: str | Path) -> xr.Dataset:
+    """Open a run; the signal is read scan by scan when it is asked for, and verified each time.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the store.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run, as :func:`flgpr.model.make_run` describes it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is nothing at the path.
+    RunStoreError
+        If the store was not committed, or a file of it is missing, truncated or altered. A scan whose file changes
+        later raises when that scan is read.
+    """
+    root = Path(path)
+    manifest = read_manifest(root)
+    store = VerifiedStore(root, manifest["files"])
+    for key, entry in manifest["files"].items():
+        _check_size(root, key, entry)
+    try:
+        attrs = json.loads(store.read("zarr.json") or b"{}")["attributes"]
+        raw = xr.open_zarr(store, chunks=None, consolidated=False, decode_cf=False, zarr_format=3)
+        small = raw.drop_vars("signal").load()
+    except RunStoreError:
+        raise
+    except (KeyError, ValueError, TypeError, zarr.errors.BaseZarrError) as error:
+        raise RunStoreError(f"{root}: not a run store ({error})") from error
+    coords = {
+        "frequency": ("frequency", small["frequency"].values),
+        "polarization": ("polarization", list(attrs["polarization"])),
+        "time": ("scan", small["time"].values),
+        "axis": ("axis", list(AXES)),
+        "component": ("component", list(POSE_COMPONENTS)),
+    }
+    names = ("valid", "tx_position", "rx_position", "pose")
+    variables = {"signal": raw["signal"].variable, **{name: (small[name].dims, small[name].values) for name in names}}
+    for variable in variables.values():
+        if isinstance(variable, xr.Variable):
+            variable.attrs = {}
+            variable.encoding = {}
+    run = xr.Dataset(variables, coords, attrs["attrs"])
+    if manifest["scans"] != run.sizes["scan"]:
+        raise RunStoreError(f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}")
+    return check_run(run)
+
+
+def read_manifest(path: str | Path) -> dict[str, Any]:
+    """Read and check the commit manifest of a run store.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the store.
+
+    Returns
+    -------
+    dict
+        format, version, scans, files (key -> sha256, bytes) and the manifest's own sha256.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is nothing at the path.
+    RunStoreError
+        If the manifest is missing, altered, or of another format.
+    """
+    root = Path(path)
+    if not root.is_dir():
+        partial = root.with_name(root.name + ".partial")
+        if partial.is_dir():
+            raise RunStoreError(
+                f"{root}: writing stopped before the run was committed; {partial} holds what was written"
+            )
+        raise FileNotFoundError(f"path must be a run store, got {root}, which is no folder")
+    try:
+        written = (root / _COMMIT).read_bytes()
+        manifest = json.loads(written)
+        own = manifest.pop("sha256")
+    except FileNotFoundError:
+        raise RunStoreError(f"{root}: no {_COMMIT}: this is no run store, or writing it was interrupted") from None
+    except (ValueError, KeyError, AttributeError, OSError) as error:
+        raise RunStoreError(f"{root}: {_COMMIT} cannot be read ({error}): the store is truncated or altered") from None
+    if sha256(canonical_json(manifest)) != own or _manifest_bytes({**manifest, "sha256": own}) != written:
+        raise RunStoreError(f"{root}: {_COMMIT} differs from what was committed: the store is altered")
+    if manifest["format"] != FORMAT or manifest["version"] != VERSION:
+        raise RunStoreError(
+            f"{root}: format must be {FORMAT} version {VERSION}, got {manifest['format']} {manifest['version']}"
+        )
+    return {**manifest, "sha256": own}
+
+
+def _check_size(root: Path, key: str, entry: dict[str, Any]) -> None:
+    try:
+        size = (root / key).stat().st_size
+    except OSError:
+        raise RunStoreError(f"{root}: {key} was committed but is missing") from None
+    if size != entry["bytes"]:
+        raise RunStoreError(f"{root}: {key} has {size} bytes, {entry['bytes']} were committed: the store is truncated")
+
+
+def _write_manifest(root: Path, scans: int) -> None:
+    files = {}
+    for file in sorted(root.rglob("*")):
+        if file.is_file():
+            data = file.read_bytes()
+            sync_file(file)
+            files[file.relative_to(root).as_posix()] = {"sha256": sha256(data), "bytes": len(data)}
+    manifest: dict[str, Any] = {"format": FORMAT, "version": VERSION, "scans": scans, "files": files}
+    manifest["sha256"] = sha256(canonical_json(manifest))
+    write_whole(root / _COMMIT, _manifest_bytes(manifest))
+
+
+def _manifest_bytes(manifest: dict[str, Any]) -> bytes:
+    return json.dumps(manifest, indent=1, sort_keys=True).encode()
+
+
+def _replace(new: Path, target: Path) -> None:
+    old = target.with_name(target.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if target.exists():
+        target.rename(old)
+    new.rename(target)
+    sync_directory(target.parent)
+    shutil.rmtree(old, ignore_errors=True)

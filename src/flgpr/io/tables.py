@@ -1,0 +1,123 @@
+"""Alarms, truth, objects and lanes as CSV, TOML and GeoJSON."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.io.files import write_whole
+from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
+
+_CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
+
+
+def read_table(path: str | Path, kind: str) -> pd.DataFrame:
+    """Read a table from CSV and validate it.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file with a header line.
+    kind : {"alarms", "truth", "objects"}
+        What it must hold.
+
+    Returns
+    -------
+    DataFrame
+        The table.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file cannot be parsed or breaks the table's rules; the message names the file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{kind} file not found: {path}")
+    names = {f"{name}_id": str for name in ("alarm", "target", "object")}
+    try:
+        table = pd.read_csv(path, dtype=names)
+        return _CHECKS[kind](table)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table as CSV, every number in the shortest form that reads back the same.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The table.
+    path : str or Path
+        CSV file to write; it is whole or absent.
+    """
+    write_whole(Path(path), table.to_csv(index=False, lineterminator="\n"))
+
+
+def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table with x and y as GeoJSON points in the lane frame.
+
+    The lane is not tied to the Earth, so the coordinates are metres in the lane frame; the collection says so in its
+    member ``flgpr_frame``.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Has x and y, m; the other columns become properties.
+    path : str or Path
+        GeoJSON file to write; it is whole or absent.
+    """
+    features = []
+    for row in table.to_dict("records"):
+        properties = {str(k): _plain(v) for k, v in row.items() if k not in ("x", "y")}
+        geometry = {"type": "Point", "coordinates": [float(row["x"]), float(row["y"])]}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    collection = {
+        "type": "FeatureCollection",
+        "flgpr_frame": "lane frame: x cross-track, y down-track, metres; not longitude and latitude",
+        "features": features,
+    }
+    write_whole(Path(path), json.dumps(collection, indent=1, allow_nan=False) + "\n")
+
+
+def read_lane(path: str | Path) -> Lane:
+    """Read a lane from TOML.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with x_min, x_max, y_min and y_max, m.
+
+    Returns
+    -------
+    Lane
+        The lane.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is not TOML or not a lane.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"lane file not found: {path}")
+    try:
+        return as_lane(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value

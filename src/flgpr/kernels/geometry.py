@@ -1,0 +1,125 @@
+"""Optical path lengths from antennas to pixels, and the delays and phasors made of them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import float32, njit, prange, uint32, uint64
+
+from flgpr.kernels.layout import BLOCK
+
+_TURN32 = 4294967296.0
+
+
+@njit(inline="always", fastmath=True, error_model="numpy", cache=True)
+def cos_sin(turns: Any) -> Any:
+    """Cosine and sine of 2π·turns, |turns| <= 1/2, as float32 polynomials that vectorise."""
+    size = abs(turns)
+    far = size > float32(0.25)
+    angle = float32(2 * math.pi) * (float32(0.5) - size if far else size)
+    y = angle * angle
+    c = float32(1 / 479001600)
+    c = float32(-1 / 3628800) + y * c
+    c = float32(1 / 40320) + y * c
+    c = float32(-1 / 720) + y * c
+    c = float32(1 / 24) + y * c
+    c = float32(-0.5) + y * c
+    c = float32(1) + y * c
+    s = float32(-1 / 39916800)
+    s = float32(1 / 362880) + y * s
+    s = float32(-1 / 5040) + y * s
+    s = float32(1 / 120) + y * s
+    s = float32(-1 / 6) + y * s
+    s = angle + angle * y * s
+    return (-c if far else c), (-s if turns < 0 else s)
+
+
+@njit(inline="always", fastmath=True, error_model="numpy", cache=True)
+def straight_path(x: Any, y: Any, z: Any, index: Any) -> Any:
+    """Optical length of the straight line (x, y, z) in a medium of refractive index ``index``."""
+    return index * math.sqrt(x * x + y * y + z * z)
+
+
+@njit(inline="always", fastmath=True, error_model="numpy", cache=True)
+def entry_distance(across: Any, height: Any, depth: Any, square: Any, bend: Any, steps: Any) -> Any:
+    """Horizontal distance from a point ``depth`` below the surface to where its ray from ``height`` above enters.
+
+    With t the tangent of the angle of incidence, m the ratio of the refractive indices, ``square`` = m² and ``bend`` =
+    m² - 1, Snell's law reads height·t + depth·t/sqrt(m² + (m²-1)·t²) = across. Newton's ``steps`` start from the ray to
+    the surface above the point. Works in the precision of its arguments.
+    """
+    t = across / (height + depth)
+    t = across / (height + depth / math.sqrt(square + bend * t * t))
+    for _ in range(steps):
+        inner = square + bend * t * t
+        root = math.sqrt(inner)
+        t -= (height * t + depth * t / root - across) / (height + depth * square / (inner * root))
+    return depth * t / math.sqrt(square + bend * t * t)
+
+
+@njit(inline="always", fastmath=True, error_model="numpy", cache=True)
+def bent_path(across: Any, height: Any, depth: Any, entry: Any, index: Any, ground: Any) -> Any:
+    """Optical length of the ray that enters the ground ``entry`` from the point below.
+
+    The length is stationary in the point of entry (Fermat's principle): an error there is one of second order here.
+    ``index`` and ``ground`` are the refractive indices above and below.
+    """
+    air = across - entry
+    return index * math.sqrt(height * height + air * air) + ground * math.sqrt(depth * depth + entry * entry)
+
+
+@njit(fastmath=True, error_model="numpy", cache=True)
+def antenna_rows(
+    pixels: Any, first: Any, position: Any, medium: Any, per_turn: Any, carrier: Any, gain: Any, at: Any, delay: Any,
+    cosine: Any, sine: Any,
+) -> None:  # fmt: skip
+    """Fill the delays and carrier phasors of one antenna for the block of pixels from ``first``.
+
+    ``pixels`` (3, pixel) m; ``medium`` the refractive indices above and below the surface z = 0, the second zero where
+    there is no ground; ``per_turn`` and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m;
+    ``gain`` (pixel,) the antenna's amplitude or an empty array. A delay is a 32-bit fraction of the ambiguous range.
+    """
+    index, ground = medium[0], medium[1]
+    path = np.empty(BLOCK, np.float64)
+    ax, ay, az = position[0], position[1], position[2]
+    if ground > 0.0:
+        square = (ground / index) ** 2
+        square32, bend32 = float32(square), float32(square - 1.0)
+        for k in range(uint64(BLOCK)):
+            p = first + k
+            x, y, z = pixels[0, p] - ax, pixels[1, p] - ay, pixels[2, p]
+            across, height, depth = math.sqrt(x * x + y * y), az - max(z, 0.0), max(-z, 0.0)
+            entry = entry_distance(float32(across), float32(height), float32(depth), square32, bend32, 2)
+            path[k] = bent_path(across, height, depth, entry, index, ground)
+    else:
+        for k in range(uint64(BLOCK)):
+            p = first + k
+            path[k] = straight_path(pixels[0, p] - ax, pixels[1, p] - ay, pixels[2, p] - az, index)
+    for k in range(uint64(BLOCK)):
+        turns = path[k] * per_turn
+        delay[at + k] = uint32((turns - math.floor(turns)) * _TURN32)
+        phase = path[k] * carrier
+        c, s = cos_sin(float32(phase - math.floor(phase + 0.5)))
+        cosine[at + k], sine[at + k] = c, s
+    if gain.shape[0] > 0:
+        for k in range(uint64(BLOCK)):
+            cosine[at + k] *= gain[first + k]
+            sine[at + k] *= gain[first + k]
+
+
+@njit(parallel=True, error_model="numpy", cache=True)
+def antenna_paths(pixels: Any, positions: Any, medium: Any, out: Any) -> None:
+    """Optical paths ``out`` (antenna, pixel), m, in double precision; arguments as in :func:`antenna_rows`."""
+    index, ground = medium[0], medium[1]
+    square = (ground / index) ** 2
+    for p in prange(pixels.shape[1]):
+        for a in range(positions.shape[0]):
+            x, y, z = pixels[0, p] - positions[a, 0], pixels[1, p] - positions[a, 1], pixels[2, p]
+            if ground > 0.0:
+                across, height, depth = math.sqrt(x * x + y * y), positions[a, 2] - max(z, 0.0), max(-z, 0.0)
+                entry = entry_distance(across, height, depth, square, square - 1.0, 5)
+                out[a, p] = bent_path(across, height, depth, entry, index, ground)
+            else:
+                out[a, p] = straight_path(x, y, z - positions[a, 2], index)

@@ -1,0 +1,1 @@
+"""From a run to a result folder: recipes, stage order, reports."""

@@ -1,0 +1,267 @@
+"""The figures of a report."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+
+from flgpr.imaging import ScanImager
+from flgpr.model import Grid, Lane
+from flgpr.pipeline.result import Result
+from flgpr.pipeline.score import Score
+from flgpr.screen import select
+
+DYNAMIC_RANGE = 30.0  # dB
+_MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
+
+
+def data_url(figure: Figure, dpi: int = 110) -> str:
+    """Render a figure as a data URL.
+
+    Parameters
+    ----------
+    figure : Figure
+        A figure.
+    dpi : int
+        Resolution.
+
+    Returns
+    -------
+    str
+        PNG as base64 with its header.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def run_view_figure(
+    result: Result, names: list[str], truth: pd.DataFrame | None = None, objects: pd.DataFrame | None = None
+) -> Figure:
+    """Draw run-views side by side with alarms, lane and, if known, truth and objects.
+
+    Parameters
+    ----------
+    result : Result
+        A result.
+    names : list of str
+        Detections to draw.
+    truth, objects : DataFrame, optional
+        Tables.
+
+    Returns
+    -------
+    Figure
+        One panel per detection, dB re the strongest pixel of the lane.
+    """
+    screen = result.recipe.prescreen
+    chosen = [one for one in result.detections if one.name in names]
+    width = 4.6
+    ratio = _ratio(chosen[0].view)
+    figure = Figure(figsize=(width * len(chosen) + 0.6, width * ratio * 0.82 + 1.5), layout="constrained")
+    for axes, one in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
+        view = select(one.view, screen.polarization, screen.subband)
+        _show(axes, view, result.lane)
+        _overlay(axes, one.alarms, result, truth, objects)
+        title = "recipe as it stands" if one.name == "main" else one.title
+        axes.set_title(_wrapped(title), fontsize=9)
+    figure.legend(handles=_legend(truth, objects), loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    figure.suptitle(f"Run-view {screen.polarization}, {screen.subband} GHz", fontsize=11)
+    return figure
+
+
+def channel_figure(result: Result) -> Figure:
+    """Draw the main run-view of every polarization and sub-band.
+
+    Parameters
+    ----------
+    result : Result
+        A result.
+
+    Returns
+    -------
+    Figure
+        Polarizations down, sub-bands across, each in dB re the strongest pixel of the lane in that panel.
+    """
+    view = result.detections[0].view
+    rows, columns = view.sizes["polarization"], view.sizes["subband"]
+    figure = Figure(figsize=(2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for i, polarization in enumerate(view["polarization"].values):
+        for j, subband in enumerate(view["subband"].values):
+            _show(grid[i, j], view[i, j], result.lane, bar=False)
+            grid[i, j].set_title(f"{polarization}  {subband} GHz", fontsize=9)
+            grid[i, j].label_outer()
+    return figure
+
+
+def roc_figure(scored: list[Score]) -> Figure:
+    """Draw the ROC of every detection with its exact intervals.
+
+    Parameters
+    ----------
+    scored : list of Score
+        Scores.
+
+    Returns
+    -------
+    Figure
+        Pd against FAR; the band is the exact 95 % interval of the main curve's Pd, pointwise.
+    """
+    figure = Figure(figsize=(7.4, 4.4), layout="constrained")
+    axes = figure.subplots()
+    for i, one in enumerate(scored):
+        curve, targets = one.curve, int(one.curve.attrs["n_targets"])
+        far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
+        label = "recipe as it stands" if one.detection.name == "main" else one.detection.title
+        style: dict[str, Any] = {"lw": 2.2 if i == 0 else 1.3, "ls": "-" if i == 0 else "--", "color": f"C{i}"}
+        axes.step(far, np.append(curve["pd"], curve["pd"].iloc[-1]), where="post", label=_wrapped(label, 60), **style)
+        if i == 0:
+            low, high = (np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high"))
+            axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
+    axes.set(xlabel="false alarms per m²", ylabel=f"probability of detection ({targets} targets)", ylim=(-0.03, 1.03))
+    axes.set_xlim(left=0)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
+    """Draw where the antennas stood and how often each spot was seen.
+
+    Parameters
+    ----------
+    run : dict
+        Description of a run, see :func:`flgpr.pipeline.result.describe_run`.
+    lane : Lane
+        The lane.
+    looks : xarray.DataArray or None
+        Number of scans (y, x) in the lane frame.
+    beyond : float
+        How much to show around, m.
+
+    Returns
+    -------
+    Figure
+        Plan view and side view.
+    """
+    pose, tx, rx = (np.asarray(run[name], dtype=float) for name in ("pose", "tx_m", "rx_m"))
+    figure = Figure(figsize=(8.2, 5.6), layout="constrained")
+    plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
+    if looks is not None:
+        most = int(looks.max())
+        mesh = plan.pcolormesh(
+            looks["x"], looks["y"], looks, cmap="Blues", vmin=0, vmax=max(most, 1), shading="nearest"
+        )
+        figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
+    plan.add_patch(_lane_patch(lane))
+    for k, one in enumerate(pose):
+        turn = np.array([[np.cos(one[3]), np.sin(one[3])], [-np.sin(one[3]), np.cos(one[3])]])
+        for positions, marker, name in ((rx, ".", "receivers"), (tx, "^", "transmitters")):
+            place = positions[:, :2] @ turn.T + one[:2]
+            plan.plot(*place.T, marker, ms=5, color="C3" if marker == "^" else "0.25", label=name if k == 0 else None)
+    plan.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="equal", title="plan")
+    plan.set_ylim(pose[:, 1].min() - beyond, lane.y_max + beyond)
+    plan.legend(fontsize=8, loc="upper right")
+    side.axhline(0, color="saddlebrown")
+    side.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
+    for one in pose[[0, -1]]:
+        for y in (lane.y_min, lane.y_max):
+            side.plot([one[1], y], [one[2], 0], color="0.6", lw=0.8)
+    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title="side, with rays to both ends of the lane")
+    side.set_aspect("equal")
+    side.set_ylim(-0.3 * pose[:, 2].max(), 1.4 * pose[:, 2].max())
+    return figure
+
+
+def looks_of(imager: ScanImager, lane: Lane, spacing: float) -> xr.DataArray:
+    """Count the scans that see each spot in and around a lane.
+
+    Parameters
+    ----------
+    imager : ScanImager
+        Imager of the run.
+    lane : Lane
+        The lane.
+    spacing : float
+        Pixel spacing, m.
+
+    Returns
+    -------
+    xarray.DataArray
+        Looks (y, x) in the lane frame.
+    """
+    grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spacing)
+    return xr.DataArray(imager.looks(grid.points()), dims=("y", "x"), coords={"y": grid.y, "x": grid.x})
+
+
+def _ratio(view: xr.DataArray) -> float:
+    x, y = view["x"].values, view["y"].values
+    return float(np.clip((y[-1] - y[0]) / (x[-1] - x[0]), 0.3, 6.0))
+
+
+def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
+    x, y = view["x"].values, view["y"].values
+    level = 20 * np.log10(np.maximum(view.values, 1e-12))
+    inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
+    level = level - (inside.max() if inside.size else 0.0)
+    axes.set_facecolor("0.8")
+    mesh = axes.pcolormesh(x, y, level, cmap="viridis", vmin=-DYNAMIC_RANGE, vmax=0, shading="nearest", rasterized=True)
+    axes.add_patch(_lane_patch(lane))
+    axes.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="equal")
+    if bar and axes.figure is not None:
+        axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
+
+
+def _lane_patch(lane: Lane) -> Rectangle:
+    corner = (lane.x_min, lane.y_min)
+    return Rectangle(corner, lane.x_max - lane.x_min, lane.y_max - lane.y_min, fill=False, ec="white", lw=1.4, ls="-.")
+
+
+def _overlay(
+    axes: Axes, alarms: pd.DataFrame, result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None
+) -> None:
+    if objects is not None:
+        axes.plot(objects["x"], objects["y"], "x", color="white", ms=7, mew=1.6)
+    if truth is not None:
+        for row in truth.to_dict("records"):
+            axes.plot(row["x"], row["y"], _MARKER.get(row["kind"], "o"), mfc="none", mec="red", ms=9, mew=1.8)
+            halo = Circle((row["x"], row["y"]), result.recipe.score.halo, fill=False, ec="red", lw=1.2, ls=":")
+            axes.add_patch(halo)
+    axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="white", ms=6, mew=1.2)
+    for rank, (x, y) in enumerate(zip(alarms["x"], alarms["y"], strict=True), 1):
+        offset = (-11, 3) if x > 0.8 * result.lane.x_max else (5, 3)
+        axes.annotate(str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8)
+
+
+def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Line2D]:
+    def mark(marker: str, colour: str, label: str) -> Line2D:
+        return Line2D([], [], marker=marker, ls="none", mfc="none", mec=colour, ms=7, mew=1.6, label=label)
+
+    handles = [mark("o", "0.3", "alarm, with rank"), Line2D([], [], color="0.3", ls="-.", label="lane")]
+    if truth is not None:
+        handles += [mark(_MARKER.get(kind, "o"), "red", f"{kind} mine") for kind in dict.fromkeys(truth["kind"])]
+        handles.append(Line2D([], [], color="red", ls=":", label="halo"))
+    if objects is not None and len(objects):
+        handles.append(mark("x", "0.3", ", ".join(dict.fromkeys(objects["kind"]))))
+    return handles
+
+
+def _wrapped(text: str, width: int = 38) -> str:
+    lines, line = [], ""
+    for word in text.split():
+        if line and len(line) + len(word) >= width:
+            lines.append(line)
+            line = word
+        else:
+            line = f"{line} {word}".strip()
+    return "\n".join([*lines, line])

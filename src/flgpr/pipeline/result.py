@@ -1,0 +1,223 @@
+"""The result folder: what detection found, how, and from what."""
+
+from __future__ import annotations
+
+import io
+import json
+import platform
+import shutil
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import flgpr
+from flgpr.io import read_manifest, read_table, sha256, write_geojson, write_table, write_whole
+from flgpr.model import Lane, complete_scans
+from flgpr.pipeline.detect import MAIN, Detection
+from flgpr.pipeline.recipe import Recipe, parse_recipe
+
+FORMAT, VERSION = "flgpr-result", 1
+_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
+
+
+class ResultError(ValueError):
+    """A result folder is incomplete, altered or not a result folder at all."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A result folder, read.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it lies.
+    manifest : dict
+        Version, run, recipe and digests.
+    recipe : Recipe
+        What was run.
+    lane : Lane
+        The lane it was run for.
+    detections : list of Detection
+        Main result and variants.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+    recipe: Recipe
+    lane: Lane
+    detections: list[Detection]
+
+
+def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, Any]:
+    """Describe a run for a manifest.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    path : str or Path, optional
+        Store it came from.
+
+    Returns
+    -------
+    dict
+        Counts, band, polarizations, antenna positions (vehicle frame, m), poses, missing sweeps, and the digest of the
+        store's commit manifest.
+    """
+    frequency = run["frequency"].values
+    complete = complete_scans(run)
+    description = {
+        "title": str(run.attrs.get("title", Path(path).stem if path else "run")),
+        "source": str(run.attrs.get("source", "")),
+        "scans": int(run.sizes["scan"]),
+        "masked_scans": [int(scan) for scan in np.flatnonzero(~complete)],
+        "missing_sweeps": int(np.count_nonzero(~run["valid"].values)),
+        "pairs": int(run.sizes["pair"]),
+        "polarizations": [str(label) for label in run["polarization"].values],
+        "tones": int(frequency.size),
+        "frequency_hz": [float(frequency[0]), float(frequency[-1])],
+        "tx_m": np.unique(run["tx_position"].values, axis=0).tolist(),
+        "rx_m": np.unique(run["rx_position"].values, axis=0).tolist(),
+        "pose": run["pose"].values.tolist(),
+    }
+    if "soil" in run.attrs:
+        description["soil"] = run.attrs["soil"]
+    if path is not None:
+        description["path"] = str(Path(path).resolve())
+        description["store_sha256"] = read_manifest(path)["sha256"]
+    return description
+
+
+def write_result(
+    folder: str | Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
+) -> Path:
+    """Write a result folder; it appears whole or not at all.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to make. An older result there is replaced, anything else is left alone.
+    detections : list of Detection
+        Main result and variants.
+    recipe_text : str
+        TOML of the recipe.
+    lane : Lane
+        The lane it was run for.
+    run : dict
+        Description of the run, from :func:`describe_run`.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no result lies at the path.
+    """
+    folder = Path(folder)
+    if folder.exists() and not (folder / "manifest.json").is_file() and (folder.is_file() or any(folder.iterdir())):
+        raise FileExistsError(f"output must be a new folder or an older result, got {folder}, which holds other files")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    for detection in detections:
+        home = partial if detection.name == MAIN else partial / "variants" / detection.name
+        home.mkdir(parents=True, exist_ok=True)
+        write_table(detection.alarms, home / "alarms.csv")
+        write_geojson(detection.alarms, home / "alarms.geojson")
+        write_whole(home / "run_view.npz", _view_bytes(detection.view))
+    write_whole(partial / "recipe.toml", recipe_text)
+    manifest = {
+        "format": FORMAT,
+        "version": VERSION,
+        "flgpr": flgpr.__version__,
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in _LIBRARIES},
+        "recipe_sha256": sha256(recipe_text.encode()),
+        "lane": {name: getattr(lane, name) for name in ("x_min", "x_max", "y_min", "y_max")},
+        "run": run,
+        "detections": [{"name": d.name, "title": d.title, "notes": d.notes} for d in detections],
+        "files": {
+            file.relative_to(partial).as_posix(): sha256(file.read_bytes())
+            for file in sorted(partial.rglob("*"))
+            if file.is_file()
+        },
+    }
+    write_whole(partial / "manifest.json", json.dumps(manifest, indent=1) + "\n")
+    old = folder.with_name(folder.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    partial.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def read_result(folder: str | Path) -> Result:
+    """Read a result folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Returns
+    -------
+    Result
+        Its content.
+
+    Raises
+    ------
+    ResultError
+        If it is no result folder, or one of the files it was written with is missing or altered.
+    """
+    folder = Path(folder)
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        if manifest["format"] != FORMAT or manifest["version"] != VERSION:
+            raise ResultError(f"{folder}: format must be {FORMAT} version {VERSION}")
+        for name, digest in manifest["files"].items():
+            if sha256((folder / name).read_bytes()) != digest:
+                raise ResultError(f"{folder}: {name} differs from what was written")
+        lane = Lane(**manifest["lane"])
+        detections = [_read_detection(folder, entry) for entry in manifest["detections"]]
+    except FileNotFoundError as error:
+        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
+    recipe = parse_recipe((folder / "recipe.toml").read_text(encoding="utf-8"), str(folder / "recipe.toml"))
+    return Result(folder, manifest, recipe, lane, detections)
+
+
+def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
+    home = folder if entry["name"] == MAIN else folder / "variants" / entry["name"]
+    with (home / "run_view.npz").open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        view = xr.DataArray(
+            arrays["magnitude"],
+            dims=("polarization", "subband", "y", "x"),
+            coords={
+                **{name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")},
+                "y": arrays["y"],
+                "x": arrays["x"],
+                "looks": (("y", "x"), arrays["looks"]),
+            },
+            name="run_view",
+        )
+    return Detection(entry["name"], entry["title"], read_table(home / "alarms.csv", "alarms"), view, entry["notes"])
+
+
+def _view_bytes(view: xr.DataArray) -> bytes:
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {name: np.asarray(view[name].values) for name in ("y", "x", "looks")}
+    arrays |= {name: np.asarray(view[name].values, dtype=str) for name in ("polarization", "subband")}
+    arrays["magnitude"] = view.values.astype(np.float32)
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()

@@ -1,0 +1,313 @@
+"""What the command line does, as functions: files in, files out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.imaging import ScanImager
+from flgpr.io import (
+    import_fullwave,
+    open_run,
+    read_lane,
+    read_table,
+    sample_lane,
+    save_run,
+    write_geojson,
+    write_table,
+    write_whole,
+)
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane
+from flgpr.pipeline.detect import detect
+from flgpr.pipeline.figures import geometry_figure, looks_of
+from flgpr.pipeline.progress import Track, silent
+from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_text
+from flgpr.pipeline.report import report_html
+from flgpr.pipeline.result import Result, describe_run, read_result, write_result
+from flgpr.pipeline.score import Score, roc_json, score
+
+PathLike = str | Path
+
+
+def detect_run(
+    run: PathLike,
+    recipe: PathLike,
+    output: PathLike,
+    lane: PathLike | None = None,
+    track: Track = silent,
+    report: bool = True,
+) -> Result:
+    """Detect on a stored run and write a result folder with its report.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    recipe : str or path
+        Name of a packaged recipe, or a TOML file.
+    output : path
+        Result folder to make.
+    lane : path, optional
+        TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
+    track : Track
+        Shows progress.
+    report : bool
+        Whether to write ``report.html`` now; scoring writes it anew anyway.
+
+    Returns
+    -------
+    Result
+        The result as written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output would overwrite something else; nothing is written then.
+    """
+    text = recipe_text(recipe)
+    parsed = parse_recipe(text, str(recipe))
+    area = read_lane(lane) if lane is not None else parsed.lane.lane()
+    dataset = open_run(run)
+    detections = detect(dataset, parsed, area, track)
+    folder = write_result(output, detections, text, area, describe_run(dataset, run))
+    result = read_result(folder)
+    if report:
+        for page in track(["report.html"], "drawing the report", 1):
+            write_whole(folder / page, report_html(result))
+    return result
+
+
+def score_result(
+    folder: PathLike,
+    truth: PathLike,
+    objects: PathLike | None = None,
+    output: PathLike | None = None,
+    track: Track = silent,
+) -> tuple[Result, list[Score]]:
+    """Score a result folder and write its ROC and report.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder.
+    truth : path
+        CSV of the targets.
+    objects : path, optional
+        CSV of what else stands there, for the pictures.
+    output : path, optional
+        Folder for ``roc.json`` and ``report.html``; default the result folder.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Result, list of Score
+        The result and its scores.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If an input is not valid; nothing is written then.
+    """
+    result = read_result(folder)
+    targets = read_table(truth, "truth")
+    others = read_table(objects, "objects") if objects is not None else None
+    scored = score(result, targets)
+    home = Path(output) if output is not None else result.folder
+    home.mkdir(parents=True, exist_ok=True)
+    write_whole(home / "roc.json", roc_json(scored))
+    for page in track(["report.html"], "drawing the report", 1):
+        write_whole(home / page, report_html(result, scored, targets, others))
+    return result, scored
+
+
+def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
+    """Detect on the packaged lane, then score it.
+
+    Parameters
+    ----------
+    output : path
+        Result folder to make.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Result, list of Score
+        The result and its scores.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no result lies at the path.
+    """
+    lane = sample_lane()
+    detect_run(lane / "run.zarr", "demo", output, track=track, report=False)
+    return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track)
+
+
+def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
+    """Import a full-wave archive: run, and truth and objects if the archive tells.
+
+    Parameters
+    ----------
+    archive : path
+        The .npz archive, see :func:`flgpr.io.import_fullwave`.
+    output : path
+        Run store to make; ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If the archive is not valid or the store exists.
+    """
+    lane = import_fullwave(archive)
+    store = save_run(lane.run, output)
+    written = [store]
+    for name, table in (("truth", lane.truth), ("objects", lane.objects)):
+        if table is not None:
+            path = store.with_name(f"{store.stem}-{name}.csv")
+            write_table(table, path)
+            write_geojson(table, path.with_suffix(".geojson"))
+            written.append(path)
+    return written
+
+
+def replay(
+    folder: PathLike, run: PathLike | None = None, track: Track = silent, tolerance: float = 1e-3
+) -> dict[str, Any]:
+    """Run a result's recipe again and compare.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder.
+    run : path, optional
+        Run store; default the one the result names.
+    track : Track
+        Shows progress.
+    tolerance : float
+        Largest relative L2 difference of a run-view that still counts as agreement, for another machine or version.
+
+    Returns
+    -------
+    dict
+        ``identical``: whether every file has the same bytes; ``agrees``: whether the alarms stand at the same places in
+        the same order and the run-views differ by at most ``tolerance``; ``files`` that differ; ``difference``, the
+        largest of the run-views' relative differences.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the result or the run is not valid, or the run is not the one the result was made of.
+    """
+    old = read_result(folder)
+    described = old.manifest["run"]
+    dataset = open_run(run if run is not None else described["path"])
+    now = describe_run(dataset, run if run is not None else described["path"])
+    if now["store_sha256"] != described["store_sha256"]:
+        raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
+    text = (old.folder / "recipe.toml").read_text(encoding="utf-8")
+    detections = detect(dataset, old.recipe, old.lane, track)
+    with TemporaryDirectory() as temporary:
+        new = read_result(write_result(Path(temporary) / "result", detections, text, old.lane, now))
+    files, before = new.manifest["files"], old.manifest["files"]
+    differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
+    pairs = list(zip(old.detections, new.detections, strict=True))
+    difference = max(_difference(a.view.values, b.view.values) for a, b in pairs)
+    places = all(a.alarms[["x", "y"]].equals(b.alarms[["x", "y"]]) for a, b in pairs)
+    return {
+        "identical": not differ,
+        "agrees": places and difference <= tolerance,
+        "files": differ,
+        "difference": difference,
+    }
+
+
+def _difference(old: NDArray[np.float32], new: NDArray[np.float32]) -> float:
+    if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
+        return float("inf")
+    return float(np.linalg.norm(np.nan_to_num(new - old)) / np.linalg.norm(np.nan_to_num(old)))
+
+
+def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:
+    """Tell what a run holds.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    recipe : str or path, optional
+        Recipe whose scan images and lane decide what counts as covered. Without it: the ground from 1 to 5 array
+        heights ahead and 1.2 to either side.
+    plot : path, optional
+        PNG to write: plan, coverage and side view.
+
+    Returns
+    -------
+    dict
+        The run's description (see :func:`flgpr.pipeline.result.describe_run`) and what follows from it: unambiguous
+        path, range resolution (m), largest step between tones (Hz), span travelled (m), ``looks`` on a coarse grid.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the run or the recipe is not valid.
+    """
+    dataset = open_run(run)
+    description = describe_run(dataset, run)
+    pose, frequency = np.asarray(description["pose"]), dataset["frequency"].values
+    steps = np.diff(frequency)
+    spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+    if recipe is not None:
+        table = load_recipe(recipe)
+        grid, lane = table.image.grid(), table.lane.lane()
+    else:
+        height = float(pose[:, 2].mean())
+        grid = Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 20)
+        ends = pose[:, 1].min() + height, pose[:, 1].max() + 5 * height
+        middle = float(pose[:, 0].mean())
+        lane = Lane(middle - 1.2 * height, middle + 1.2 * height, *ends)
+    imager = ScanImager(dataset, grid, {"all": (frequency[0], frequency[-1])})
+    looks = looks_of(imager, lane, max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400))
+    if plot is not None:
+        figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
+        figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})
+    return description | {
+        "unambiguous_path_m": SPEED_OF_LIGHT / float(np.median(steps)) if steps.size else None,
+        "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
+        "largest_step_hz": float(steps.max(initial=0.0)),
+        "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
+        "travelled_m": float(spacing.sum()),
+        "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
+        "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
+        "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
+        "looks_map": looks.values.tolist(),
+    }
+
+
+def outcome_table(scored: list[Score]) -> pd.DataFrame:
+    """Gather what became of each target in every detection.
+
+    Parameters
+    ----------
+    scored : list of Score
+        Scores.
+
+    Returns
+    -------
+    DataFrame
+        One row per detection and target: detection, target_id, kind, detected, rank, n_false, distance.
+    """
+    columns = ["target_id", "kind", "depth", "detected", "rank", "n_false", "distance"]
+    return pd.concat([one.outcomes[columns].assign(detection=one.detection.name) for one in scored], ignore_index=True)

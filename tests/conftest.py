@@ -1,0 +1,41 @@
+"""Shared fixtures."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flgpr.model import make_run
+from flgpr.pipeline import tasks
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture
+def fullwave_archive() -> Path:
+    return DATA / "lane_a.npz"
+
+
+@pytest.fixture
+def small_run():
+    """Four scans of two pairs and five tones: enough for stores and tables."""
+    rng = np.random.default_rng(5)
+    shape = (4, 2, 2, 5)
+    pose = np.zeros((4, 6))
+    pose[:, 1], pose[:, 2] = np.arange(4), 1.5
+    return make_run(
+        rng.normal(size=shape) + 1j * rng.normal(size=shape),
+        1e9 + 1e7 * np.arange(5),
+        ["HH", "VV"],
+        [[-0.5, 0, 0], [0.5, 0, 0]],
+        [[0.0, 0, 0], [0.0, 0, 0]],
+        pose,
+        time=np.arange(4.0),
+        attrs={"site": "yard"},
+    )
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory):
+    """One demo run for all tests that need a result."""
+    return tasks.demo(tmp_path_factory.mktemp("demo") / "result")

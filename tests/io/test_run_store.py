@@ -1,0 +1,155 @@
+import shutil
+
+import numpy as np
+import pytest
+import zarr
+
+from flgpr.io import RunStoreError, RunWriter, import_fullwave, open_run, read_table, sample_lane, save_run
+
+
+def read_all(path):
+    return open_run(path).load()
+
+
+def test_a_run_comes_back_identical(small_run, tmp_path):
+    save_run(small_run, tmp_path / "a.zarr")
+    assert read_all(tmp_path / "a.zarr").identical(small_run)
+
+
+def test_the_store_is_zarr_v3_with_one_checksummed_chunk_per_scan(small_run, tmp_path):
+    save_run(small_run, tmp_path / "a.zarr")
+    array = zarr.open_group(tmp_path / "a.zarr", mode="r")["signal"]
+    assert array.metadata.zarr_format == 3
+    assert array.chunks == (1, *array.shape[1:])
+    assert "crc32c" in [codec.to_dict()["name"] for codec in array.metadata.codecs]
+
+
+def test_scans_are_read_one_by_one(small_run, tmp_path):
+    save_run(small_run, tmp_path / "a.zarr")
+    run = open_run(tmp_path / "a.zarr")
+    (tmp_path / "a.zarr" / "signal" / "c" / "2" / "0" / "0" / "0").write_bytes(b"")
+    np.testing.assert_array_equal(run["signal"][1].values, small_run["signal"][1].values)
+    with pytest.raises(RunStoreError, match="signal/c/2"):
+        run["signal"][2].values
+
+
+def files_of(path):
+    return sorted(p for p in path.rglob("*") if p.is_file())
+
+
+def test_every_file_missing_truncated_or_altered_is_an_error(small_run, tmp_path):
+    good = save_run(small_run, tmp_path / "good.zarr")
+    names = [p.relative_to(good) for p in files_of(good)]
+    assert len(names) > 15
+    for name in names:
+        for damage in ("delete", "truncate", "flip", "grow"):
+            bad = tmp_path / "bad.zarr"
+            shutil.rmtree(bad, ignore_errors=True)
+            shutil.copytree(good, bad)
+            data = bytearray((bad / name).read_bytes())
+            if damage == "delete":
+                (bad / name).unlink()
+            elif damage == "truncate":
+                (bad / name).write_bytes(data[: len(data) // 2])
+            elif damage == "grow":
+                (bad / name).write_bytes(bytes(data) + b" ")
+            else:
+                data[len(data) // 3] ^= 0x04
+                (bad / name).write_bytes(data)
+            with pytest.raises(RunStoreError):
+                read_all(bad)
+
+
+def test_an_interrupted_write_leaves_no_run(small_run, tmp_path):
+    fixed = [small_run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")]
+
+    def write_one_scan_and_stop():
+        with RunWriter(tmp_path / "a.zarr", *fixed) as writer:
+            writer.append(small_run["signal"][0].values, small_run["pose"][0].values)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_one_scan_and_stop()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_store_that_was_never_committed_says_so(small_run, tmp_path):
+    save_run(small_run, tmp_path / "a.zarr")
+    (tmp_path / "a.zarr").rename(tmp_path / "a.zarr.partial")
+    with pytest.raises(RunStoreError, match="stopped before"):
+        open_run(tmp_path / "a.zarr")
+    with pytest.raises(FileNotFoundError, match="nothing"):
+        open_run(tmp_path / "nothing")
+
+
+def test_an_existing_run_is_kept_unless_told(small_run, tmp_path):
+    save_run(small_run, tmp_path / "a.zarr")
+    with pytest.raises(FileExistsError, match="overwrite"):
+        save_run(small_run, tmp_path / "a.zarr")
+    save_run(small_run.isel(scan=slice(0, 2)), tmp_path / "a.zarr", overwrite=True)
+    assert open_run(tmp_path / "a.zarr").sizes["scan"] == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_missing_sweeps_survive_the_store(small_run, tmp_path):
+    small_run["signal"][1, 0, 1, 2] = np.nan
+    small_run["signal"][3] = np.nan
+    small_run["valid"][1, 0, 1] = False
+    small_run["valid"][3] = False
+    save_run(small_run, tmp_path / "a.zarr")
+    assert read_all(tmp_path / "a.zarr").identical(small_run)
+
+
+def test_attributes_must_fit_json(small_run, tmp_path):
+    small_run.attrs["bad"] = object()
+    with pytest.raises(ValueError, match="JSON"):
+        save_run(small_run, tmp_path / "a.zarr")
+
+
+def test_the_packaged_lane_is_what_the_importer_makes(fullwave_archive):
+    lane = import_fullwave(fullwave_archive)
+    assert read_all(sample_lane() / "run.zarr").identical(lane.run)
+    for kind, table in (("truth", lane.truth), ("objects", lane.objects)):
+        assert read_table(sample_lane() / f"{kind}.csv", kind).equals(table)
+
+
+def test_the_importer_places_antennas_where_the_archive_has_them(fullwave_archive):
+    from flgpr.model import vehicle_to_lane
+
+    run = import_fullwave(fullwave_archive).run
+    archive = np.load(fullwave_archive)
+    for scan in range(3):
+        tx = vehicle_to_lane(run["tx_position"].values, run["pose"].values[scan]).reshape(2, 16, 3)
+        rx = vehicle_to_lane(run["rx_position"].values, run["pose"].values[scan]).reshape(2, 16, 3)
+        np.testing.assert_allclose(tx[:, 5], archive["tx_xyz_m"][scan], atol=1e-12)
+        np.testing.assert_allclose(rx[1], archive["rx_xyz_m"][scan], atol=1e-12)
+    got = run["signal"].values[2, 1].reshape(2, 16, 142)
+    np.testing.assert_array_equal(got, archive["data"][2, :, :, 1])
+
+
+def rewrite(archive, path, **changes):
+    arrays = dict(np.load(archive))
+    arrays.update(changes)
+    np.savez(path, **{k: v for k, v in arrays.items() if v is not None})
+    return path
+
+
+def test_an_archive_without_truth_has_none(fullwave_archive, tmp_path):
+    lane = import_fullwave(rewrite(fullwave_archive, tmp_path / "b.npz", truth=None))
+    assert lane.truth is None
+    assert lane.objects is None
+
+
+def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
+    (tmp_path / "cut.npz").write_bytes(fullwave_archive.read_bytes()[:50_000])
+    with pytest.raises(ValueError, match=r"cut\.npz"):
+        import_fullwave(tmp_path / "cut.npz")
+    with pytest.raises(ValueError, match="missing: rx_xyz_m"):
+        import_fullwave(rewrite(fullwave_archive, tmp_path / "b.npz", rx_xyz_m=None))
+    arrays = np.load(fullwave_archive)
+    with pytest.raises(ValueError, match="hertz"):
+        import_fullwave(rewrite(fullwave_archive, tmp_path / "c.npz", frequency_hz=arrays["frequency_hz"] / 1e9))
+    moved = arrays["tx_xyz_m"].copy()
+    moved[1, 0, 0] += 0.01
+    with pytest.raises(ValueError, match="keep its form"):
+        import_fullwave(rewrite(fullwave_archive, tmp_path / "d.npz", tx_xyz_m=moved))

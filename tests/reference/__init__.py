@@ -1,0 +1,1 @@
+"""Slow, obvious twins of fast routines, written from the papers' equations."""

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+import xarray as xr
+
+from flgpr.model import Grid, lane_to_scan
+from flgpr.screen import run_view, select
+from reference.wang2007 import second_largest
+
+GRID = Grid.spanning((-1.0, 1.0), (1.0, 4.0), 0.05)
+
+
+def scan_image(value, pose):
+    """Image whose magnitude is a plane in the lane frame, so that bilinear sampling is exact."""
+    points = GRID.points()
+    c, s = np.cos(pose[3]), np.sin(pose[3])
+    x = pose[0] + c * points[..., 0] + s * points[..., 1]
+    y = pose[1] - s * points[..., 0] + c * points[..., 1]
+    data = value(x, y)[None, None].astype(np.complex64)
+    coords = {"polarization": ["HH"], "subband": ["F1"], "y": GRID.y, "x": GRID.x}
+    return xr.DataArray(data, dims=("polarization", "subband", "y", "x"), coords=coords, attrs={"pose": list(pose)})
+
+
+POSES = [(0, 0, 1.5, 0, 0, 0), (0.2, 0.6, 1.5, 0.1, 0, 0), (-0.1, 1.3, 1.5, -0.2, 0, 0), (0.0, 9.0, 1.5, 0, 0, 0)]
+PLANES = [lambda x, y, k=k: 20 + (1 + k) * x - (2 - k) * y for k in range(4)]
+
+
+@pytest.mark.parametrize("y_max", [2.5, 4.5])
+def test_run_view_is_the_second_largest_over_the_scans_that_see_the_pixel(y_max):
+    grid = Grid.spanning((-0.9, 0.9), (1.0, 5.0), 0.1)
+    view = run_view([scan_image(f, p) for f, p in zip(PLANES, POSES, strict=True)], grid, y_max)
+    x_min, x_max, y_min, y_high = GRID.x[0], GRID.x[-1], GRID.y[0], min(GRID.y[-1], y_max)
+    checked = 0
+    for iy, y in enumerate(grid.y):
+        for ix, x in enumerate(grid.x):
+            values = []
+            for plane, pose in zip(PLANES, POSES, strict=True):
+                local = lane_to_scan([x, y, 0.0], pose)
+                near = min(abs(local[0] - x_min), abs(local[0] - x_max), abs(local[1] - y_min), abs(local[1] - y_high))
+                if near < 1e-6:
+                    break  # exactly on an edge: rounding decides
+                inside = x_min < local[0] < x_max and y_min < local[1] < y_high
+                values.append(plane(x, y) if inside else np.nan)
+            else:
+                assert view.values[0, 0, iy, ix] == pytest.approx(second_largest(values), rel=1e-5, nan_ok=True)
+                assert view["looks"].values[iy, ix] == np.isfinite(values).sum()
+                checked += 1
+    assert checked > 500
+
+
+def test_select_names_what_there_is():
+    view = run_view([scan_image(PLANES[0], POSES[0])], Grid.spanning((-0.5, 0.5), (1, 2), 0.1), 5)
+    assert select(view, "HH", "F1").dims == ("y", "x")
+    with pytest.raises(ValueError, match="HH"):
+        select(view, "VV", "F1")
+    with pytest.raises(ValueError, match="at least one scan"):
+        run_view([], GRID, 5)

@@ -1,0 +1,99 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.cli import app
+from flgpr.io import open_run, sample_lane
+
+RUN = str(sample_lane() / "run.zarr")
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+def test_import_detect_and_score_a_lane_from_its_archive(fullwave_archive, tmp_path):
+    """What a user does with a lane of their own."""
+    assert call("import", "fullwave", fullwave_archive, "-o", tmp_path / "b.zarr").exit_code == 0
+    assert open_run(tmp_path / "b.zarr").sizes["scan"] == 3
+    found = call("detect", tmp_path / "b.zarr", "--recipe", "demo", "-o", tmp_path / "result", "--json")
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.stdout)["alarms"] > 3
+    truth, objects = tmp_path / "b-truth.csv", tmp_path / "b-objects.csv"
+    scored = call("score", tmp_path / "result" / "alarms.csv", "--truth", truth, "--objects", objects, "--json")
+    assert scored.exit_code == 0, scored.output
+    summary = json.loads(scored.stdout)
+    assert summary["targets"] == 3
+    assert summary["found"] == sum(o["detected"] for o in summary["outcomes"] if o["detection"] == "main")
+
+
+def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
+    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\n")
+    scored = call("score", demo[0].folder, "--truth", tmp_path / "truth.csv", "-o", tmp_path / "score")
+    assert scored.exit_code == 0, scored.output
+    assert "no targets" in scored.stdout
+    roc = json.loads((tmp_path / "score" / "roc.json").read_text())
+    assert roc["main"]["pd_mean"] is None
+    assert roc["main"]["points"][-1]["n_false"] > 0
+
+
+def test_info_says_it_in_words_and_as_json(tmp_path):
+    words = call("info", RUN, "--recipe", "demo", "--plot", tmp_path / "info.png").stdout
+    for text in ("3 over 1.00 m", "142 from 0.4425 to 1.5 GHz", "none missing", "unambiguous to 40.0 m", "looks"):
+        assert text in words
+    assert (tmp_path / "info.png").read_bytes().startswith(b"\x89PNG")
+    told = json.loads(call("info", RUN, "--json").stdout)
+    assert told["pairs"] == 32
+    assert told["unambiguous_path_m"] == pytest.approx(39.97, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["info", "nowhere.zarr"], ["nowhere.zarr"]),
+        (["detect", RUN, "--recipe", "none", "-o", "x"], ["recipe", "demo"]),
+        (["detect", RUN, "--lane", "no.toml", "-o", "x"], ["no.toml"]),
+        (["score", "no-result", "--truth", "t.csv"], ["manifest.json"]),
+        (["import", "fullwave", "no.npz", "-o", "x.zarr"], ["no.npz"]),
+    ],
+)
+def test_what_the_user_can_mend_is_one_line(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    for word in words:
+        assert word in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_lane_is_refused(tmp_path):
+    lane = tmp_path / "lane.toml"
+    lane.write_text("x_min = 0\nx_max = 0\ny_min = 2\ny_max = 6\n")
+    result = call("detect", RUN, "--lane", lane, "-o", tmp_path / "result")
+    assert result.exit_code == 2
+    assert "empty lane" in result.stderr
+    assert not (tmp_path / "result").exists()
+
+
+def test_version():
+    assert call("--version").stdout.startswith("flgpr ")
+
+
+def test_recipes_can_be_listed_shown_and_checked(tmp_path):
+    assert "demo" in call("recipe", "list").stdout
+    text = call("recipe", "show", "demo").stdout
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("halo = 0.5", "halo = 0"))
+    result = call("recipe", "check", path)
+    assert result.exit_code == 2
+    assert "score.halo" in result.stderr
+    assert "line " in result.stderr
+    path.write_text(text)
+    assert "good" in call("recipe", "check", path).stdout
+
+
+def test_replay_says_identical(demo):
+    assert "identical" in call("replay", demo[0].folder, "--quiet").stdout
