@@ -62,7 +62,7 @@ def test_roc_is_the_rules_applied_threshold_by_threshold(rows, placed, halo, onl
         halo,
         {"kind": "metal"} if only_metal else None,
         area="paper",
-        shared="drop" if to_the_letter else "count",
+        **({} if to_the_letter else {"shared": "count"}),
     )
     want = wang_roc(alarms.to_dict("records"), targets, LANE, halo, scored, to_the_letter)
     got = list(zip(curve["threshold"], curve["n_detected"], curve["n_false"], strict=True))
@@ -89,10 +89,26 @@ def test_the_order_of_the_rows_does_not_matter(rows, placed, random):
 def test_subsets_add_up_to_the_whole(rows, placed):
     truth = truth_table([p for p, _ in placed], [kind for _, kind in placed])
     whole = roc(alarm_table(rows), truth, LANE)
-    parts = [roc(alarm_table(rows), truth, LANE, subset={"kind": kind}) for kind in truth["kind"].unique()]
+    kinds = [{"kind": kind} for kind in truth["kind"].unique()]
+    parts = [roc(alarm_table(rows), truth, LANE, subset=kind, shared="count") for kind in kinds]
     assert (sum(part["n_detected"] for part in parts) == whole["n_detected"]).all()
-    for part in parts:
+    for part, kind in zip(parts, kinds, strict=True):
         assert part["far"].equals(whole["far"])
+        strict = roc(alarm_table(rows), truth, LANE, subset=kind)
+        assert strict["far"].equals(whole["far"])
+        assert (strict["n_detected"] <= part["n_detected"]).all()
+
+
+def test_an_alarm_near_a_target_outside_the_subset_is_neither_detection_nor_false():
+    truth = truth_table([(2, 5), (2, 6.5)], ["metal", "plastic"])
+    alarms = alarm_table([(2, 5.7, 3.0), (2, 4.5, 2.0), (2, 7, 1.0)])
+    metal = roc(alarms, truth, LANE, subset={"kind": "metal"})
+    assert metal[["n_detected", "n_false"]].to_numpy().tolist() == [[0, 0], [0, 0], [1, 0], [1, 0]]
+    assert metal.attrs["shared"] == "drop"
+    kept = roc(alarms, truth, LANE, subset={"kind": "metal"}, shared="count")
+    assert kept["n_detected"].tolist() == [0, 1, 1, 1]
+    nearest = roc(alarms, truth, LANE, subset={"kind": "plastic"}, assignment="nearest")
+    assert nearest["n_detected"].tolist() == [0, 0, 0, 1]
 
 
 @settings(max_examples=200, deadline=None)
@@ -191,8 +207,8 @@ def test_pd_is_unknown_without_targets():
     curve = roc(alarm_table([(1, 1, 1.0)]), truth_table([]), LANE)
     assert curve["pd"].isna().all()
     assert curve["far"].iloc[-1] == pytest.approx(1 / 80)
-    with pytest.raises(ValueError, match="at least one target"):
-        pd_mean(curve)
+    assert math.isnan(pd_mean(curve))
+    assert math.isnan(pd_mean(curve, interpolation="linear"))
 
 
 def test_pd_mean_is_ten_times_the_integral_of_the_staircase():
@@ -233,6 +249,7 @@ GOOD_TRUTH = truth_table([(2, 5), (1, 9)], ["metal", "plastic"])
             {"alarms": alarm_table([(k, 1 + k % 3, 1.0) for k in range(0, 20, 2)]).iloc[3:]},
             "alarms must have x across.*axes swapped",
         ),
+        ({"truth": truth_table([(9, 2)])}, "truth must have x across.*axes swapped"),
         ({"halo": 0.0}, "halo must be a positive"),
         ({"halo": "1 m"}, "halo must be a positive"),
         ({"halo": 40.0}, "area must be positive"),
