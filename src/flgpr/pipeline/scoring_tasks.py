@@ -300,7 +300,8 @@ def plan_lane(
         raise FileNotFoundError(f"targets file not found: {targets}")
     where = read_lanes(lane)
     plan = emplacement_plan(where, pd.read_csv(targets), seed, spacing=spacing, edge=edge)
-    entry: dict[str, Any] = {"event": "plan", "lanes": _borders(where), **plan.attrs}
+    entry: dict[str, Any] = {"event": "plan", "lanes": _borders(where)}
+    entry |= {str(name): value for name, value in plan.attrs.items()}
     if recipe is not None:
         entry["recipe"] = content_hash(Path(recipe))
     write_table(plan, place)
