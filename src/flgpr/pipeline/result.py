@@ -19,6 +19,7 @@ from flgpr.io import read_manifest, read_table, sha256, write_geojson, write_tab
 from flgpr.model import Lane, complete_scans
 from flgpr.pipeline.detect import MAIN, Detection
 from flgpr.pipeline.recipe import Recipe, parse_recipe
+from flgpr.pipeline.view_files import write_view
 
 FORMAT, VERSION = "flgpr-result", 1
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
@@ -85,8 +86,7 @@ def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, A
         "rx_m": np.unique(run["rx_position"].values, axis=0).tolist(),
         "pose": run["pose"].values.tolist(),
     }
-    if "soil" in run.attrs:
-        description["soil"] = run.attrs["soil"]
+    description |= {name: run.attrs[name] for name in ("soil", "georeference") if name in run.attrs}
     if path is not None:
         description["path"] = str(Path(path).resolve())
         description["store_sha256"] = read_manifest(path)["sha256"]
@@ -134,6 +134,7 @@ def write_result(
         write_table(detection.alarms, home / "alarms.csv")
         write_geojson(detection.alarms, home / "alarms.geojson")
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
+    write_view(partial, detections, lane, run)
     write_whole(partial / "recipe.toml", recipe_text)
     manifest = {
         "format": FORMAT,
