@@ -17,7 +17,8 @@ from flgpr.pipeline.view_files import plain_json
 from flgpr.scoring import Match, match, pd_mean, roc_of
 
 SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
-_CURVE = ("threshold", "pd", "far", "n_detected", "n_false", "pd_low", "pd_high", "far_low", "far_high")
+_SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
+_OWN = ("pd", "n_detected", "pd_low", "pd_high")
 _MOST_DEPTHS = 6
 
 
@@ -133,22 +134,25 @@ def _scored(one: Score, matched: Match, classes: list[tuple[str, tuple[float, fl
         "target": one.labels["target"].tolist(),
         "distance": one.labels["distance"].tolist(),
         "outcomes": _columns(one.outcomes),
+        "shared": _shared(matched, area),
         "curves": curves,
     }
 
 
+def _shared(matched: Match, area: Any) -> dict[str, Any]:
+    curve = roc_of(matched, area=area)
+    attrs = {"area": float(curve.iloc[-1]["area"]), "level": curve.attrs["level"]}
+    return {**attrs, "threshold": curve["threshold"].tolist(), **_rounded(curve, _SHARED)}
+
+
 def _curve(matched: Match, chosen: Any, area: Any) -> dict[str, Any]:
     curve = roc_of(matched, chosen if len(chosen) else None, area=area)
-    last = curve.iloc[-1]
-    columns = {name: [float(f"{value:.6g}") for value in curve[name]] for name in _CURVE if name != "threshold"}
-    return {
-        "n_targets": int(last["n_targets"]),
-        "area": float(last["area"]),
-        "level": curve.attrs["level"],
-        "pd_mean": pd_mean(curve) if len(chosen) else None,
-        "threshold": curve["threshold"].tolist(),
-        **columns,
-    }
+    mean = pd_mean(curve) if len(chosen) else None
+    return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
+
+
+def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[float]]:
+    return {name: [float(f"{value:.5g}") for value in curve[name]] for name in names}
 
 
 def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
