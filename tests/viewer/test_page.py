@@ -113,7 +113,7 @@ def test_the_picture_is_the_run_view(watch, shown, demo):
     share = (level - np.nanmedian(level) + 5) / 35
     place = one.page.evaluate(
         """() => { const b = document.getElementById('lane').getBoundingClientRect();
-            return [b.width - 46 - 46, b.height - 8 - 34]; }"""
+            return [b.width - 46 - 52, b.height - 8 - 34]; }"""
     )
     breadth, length = 57 * 0.05, 93 * 0.05
     scale = min(0.985 * place[0] / length, 0.96 * place[1] / breadth)
@@ -129,7 +129,7 @@ def test_the_picture_is_the_run_view(watch, shown, demo):
 def test_cursor_tells_place_and_amplitude(watch, shown, demo):
     one = watch(shown)
     box = one.page.locator("#lane").bounding_box()
-    one.page.mouse.move(box["x"] + 46 + (box["width"] - 92) / 2, box["y"] + 8 + (box["height"] - 42) / 2)
+    one.page.mouse.move(box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 8 + (box["height"] - 42) / 2)
     words = one.text("#readout").replace("\u2212", "-")
     y, x, above, background = (
         float(re.search(pattern, words).group(1))
@@ -225,7 +225,7 @@ def test_a_click_selects_the_alarm_and_explains_it(watch, shown, demo):
     one = watch(shown)
     page = one.page
     box = page.locator("#lane").bounding_box()
-    width, height = box["width"] - 92, box["height"] - 42
+    width, height = box["width"] - 98, box["height"] - 42
     scale = min(0.985 * width / (93 * 0.05), 0.96 * height / (57 * 0.05))
     alarm = demo[0].detections[0].alarms.iloc[2]
     page.mouse.click(
@@ -263,7 +263,7 @@ def test_swipe_shows_both_pictures_and_blink_flips(watch, shown):
     assert np.abs(both - after)[inner, 60 : middle - 20].max() == 0
     assert np.abs(both - before)[inner, middle + 20 : -60].max() == 0
     box = page.locator("#lane").bounding_box()
-    x, y = box["x"] + 46 + (box["width"] - 92) / 2, box["y"] + 200
+    x, y = box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 200
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x - 200, y, steps=4)

@@ -1,10 +1,10 @@
 import { AlarmPanel } from "./alarm";
-import { colourAt, type Colours } from "./colour";
+import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
 import { detectionOf, HALF, layerOf, loadEvidence, Tiles } from "./data";
 import { colour, digits, el, fitted, fixed, options } from "./dom";
 import { alarmRows, asCsv, asGeoJson, download, withRaster } from "./exports";
-import { canvasPen, Picture, type Palette } from "./lane";
+import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
 import { drawOverlay, hitTest, labelOf, secondOf, showLegend, type Overlay } from "./overlay";
@@ -74,6 +74,8 @@ export class App {
     this.detectionChanged();
     this.showChoices();
     this.showColours();
+    el("roc").hidden = el("list").hidden = !first.index.detections.length;
+    el("overview").hidden = this.view.length < 8 * this.view.breadth;
     const stage = new ResizeObserver(() => this.resized());
     stage.observe(el("stage"));
   }
@@ -168,10 +170,6 @@ export class App {
     el<HTMLInputElement>("range").value = String(range);
     el("floor-out").textContent = `${digits(floor)} dB`;
     el("range-out").textContent = `${range} dB`;
-    const bar = el<HTMLCanvasElement>("bar");
-    paintBar(bar.getContext("2d")!, map, 0, 0, bar.width, bar.height);
-    bar.setAttribute("aria-label", `Colour scale from ${floor} to ${floor + range} dB above the median of the picture`);
-    bar.title = `${digits(floor)} to ${digits(floor + range)} dB above the median of the run-view`;
   }
 
   // ---------------------------------------------------------------- thresholds, subsets, counts
@@ -477,6 +475,7 @@ export class App {
     this.drawComparison(context);
     context.restore();
     this.picture.axes(pen, palette);
+    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
       this.marked = true;
@@ -518,7 +517,7 @@ export class App {
   private drawOverview(): void {
     const canvas = el<HTMLCanvasElement>("overview");
     const { context, width, height } = fitted(canvas);
-    const box: Box = { left: this.view.box.left, top: 4, width: Math.max(width - this.view.box.left - 46, 10), height: height - 8 };
+    const box: Box = { left: this.view.box.left, top: 4, width: Math.max(width - this.view.box.left - 52, 10), height: height - 8 };
     context.clearRect(0, 0, width, height);
     context.fillStyle = colour("unseen");
     context.fillRect(box.left, box.top, box.width, box.height);
@@ -541,7 +540,7 @@ export class App {
 
   overviewTo(px: number): void {
     const canvas = el<HTMLCanvasElement>("overview");
-    const width = Math.max(canvas.clientWidth - this.view.box.left - 46, 10);
+    const width = Math.max(canvas.clientWidth - this.view.box.left - 52, 10);
     this.view.y = this.view.extent.y_min + ((px - this.view.box.left) / width) * this.view.length;
     this.moved();
   }
@@ -683,9 +682,10 @@ export class App {
     drawOverlay(pen, this.view, this.overlay());
     this.drawComparison(context);
     context.restore();
-    this.picture.axes(pen, { ...this.palette(), text: colour("ink") });
+    const palette = { ...this.palette(), text: colour("ink") };
+    this.picture.axes(pen, palette);
+    colourBar(pen, box, this.colours, palette, box.top);
     context.restore();
-    paintBar(context, this.colours.map, box.left + box.width - 150, 12, 150, 12);
     pen.text(box.left, 23, this.describePicture(), { fill: colour("ink"), size: 13, bold: true });
   }
 
@@ -703,7 +703,9 @@ export class App {
     const inside = new SvgPen();
     drawOverlay(inside, this.view, this.overlay());
     const around = new SvgPen();
-    this.picture.axes(around, { ...this.palette(), text: colour("ink") });
+    const palette = { ...this.palette(), text: colour("ink") };
+    this.picture.axes(around, palette);
+    colourBar(around, box, this.colours, palette, box.top);
     const title = this.describePicture();
     around.text(box.left, -7, title, { fill: colour("ink"), size: 13, bold: true });
     const clip = `<clipPath id="lane"><rect x="${box.left}" y="${box.top}" width="${box.width}" height="${box.height}"/></clipPath>`;
@@ -732,13 +734,6 @@ function setLabel(source: Source, name: string): string {
   if (name === "before") return "before suppression";
   const first = source.index.detections[0]?.name;
   return name === first ? "after suppression" : name;
-}
-
-function paintBar(context: CanvasRenderingContext2D, map: string, x: number, y: number, width: number, height: number): void {
-  for (let i = 0; i < width; i++) {
-    context.fillStyle = `rgb(${colourAt(map, i / (width - 1)).join(",")})`;
-    context.fillRect(x + i, y, 1, height);
-  }
 }
 
 /** Latitude and longitude of a lane point on the local tangent plane; good to centimetres within a kilometre. */

@@ -1,10 +1,10 @@
-import { colourTable, type Colours } from "./colour";
+import { colourAt, colourTable, type Colours } from "./colour";
 import { layerNumber, type Tiles } from "./data";
 import { CanvasPen, type Pen } from "./pen";
 import type { Choice, Source } from "./types";
 import { ticks, View, type Box } from "./view";
 
-const MARGIN = { left: 46, right: 46, top: 8, bottom: 34 };
+const MARGIN = { left: 46, right: 52, top: 8, bottom: 34 };
 const MOST_PAINTED = 160;
 
 interface Palette { text: string; axis: string; paper: string; unseen: string }
@@ -230,6 +230,25 @@ export class Picture {
     pen.text(left + width / 2, top + height + 30, below, { fill: palette.text, size: 11, anchor: "middle" });
     pen.text(12, top + height / 2, beside, { fill: palette.text, size: 11, anchor: "middle", turn: true });
   }
+}
+
+/** Colour bar in the right margin, from `top` to the bottom of the picture. */
+export function colourBar(pen: Pen, box: Box, colours: Colours, palette: Palette, top: number): void {
+  const height = box.top + box.height - top - 2;
+  if (height < 40) return;
+  const left = box.left + box.width + 10;
+  const steps = 64;
+  for (let i = 0; i < steps; i++) {
+    const y = top + height * (1 - (i + 1) / steps);
+    const fill = `rgb(${colourAt(colours.map, i / (steps - 1)).join(",")})`;
+    pen.path([[left, y], [left + 10, y], [left + 10, y + height / steps + 0.6], [left, y + height / steps + 0.6]], true, { fill });
+  }
+  for (const value of ticks(colours.floor, colours.floor + colours.range, height / 40)) {
+    const y = top + height * (1 - (value - colours.floor) / colours.range);
+    pen.text(left + 13, y + 4, format(value), { fill: palette.text, size: 10.5 });
+  }
+  pen.text(left - 2, box.top + box.height + 14, "dB re", { fill: palette.text, size: 10.5 });
+  pen.text(left - 2, box.top + box.height + 27, "median", { fill: palette.text, size: 10.5 });
 }
 
 export function format(value: number): string {

@@ -43,9 +43,12 @@ function inBox(view: View, px: number, py: number, slack = 12): boolean {
 export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
   const { source, detection, show } = overlay;
   const { lane, scans, detections } = source.index;
+  const bare = !detections.length && !overlay.live;
   const corners = [[lane.x_min, lane.y_min], [lane.x_max, lane.y_min], [lane.x_max, lane.y_max], [lane.x_min, lane.y_max]].map(([x, y]) => view.toScreen(x!, y!));
-  pen.path(corners, true, { stroke: SHADOW, width: 2.5, alpha: 0.5 });
-  pen.path(corners, true, { stroke: "#ffffff", width: 1.2, dash: [7, 4] });
+  if (!bare) {
+    pen.path(corners, true, { stroke: SHADOW, width: 2.5, alpha: 0.5 });
+    pen.path(corners, true, { stroke: "#ffffff", width: 1.2, dash: [7, 4] });
+  }
   if (show.scans || !detections.length) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
   const crowded = (detection?.alarms.x.length ?? 0) > 400 && view.along / view.scale > 250;
   const size = crowded ? 4 : 6;
@@ -67,7 +70,8 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
     const r = size + 8;
     for (const [stroke, width] of [[SHADOW, 5], ["#ffe45c", 2.4]] as const) pen.ellipse(px, py, r, r, { stroke, width });
     const name = detection.alarms.alarm_id?.[overlay.selected] ?? "";
-    pen.text(px + r + 4, py - r + 6, name, { fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
+    const atEnd = px > view.box.left + view.box.width - 90;
+    pen.text(px + (atEnd ? -r - 4 : r + 4), py - r + 6, name, { anchor: atEnd ? "end" : "start", fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
   }
   if (overlay.live) drawLive(pen, view, overlay.live);
 }

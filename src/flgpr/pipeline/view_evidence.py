@@ -87,7 +87,6 @@ def collect_evidence(
     y_max: float,
     run: xr.Dataset | None = None,
     subband: str | None = None,
-    seen: Callable[[int], None] | None = None,
 ) -> Evidence:
     """Gather what explains alarms, in one pass over the images.
 
@@ -105,8 +104,6 @@ def collect_evidence(
         The run, for A-scans.
     subband : str, optional
         Sub-band of the polarimetric point; default the first.
-    seen : callable, optional
-        Called with each scan's number when it is done.
 
     Returns
     -------
@@ -128,15 +125,16 @@ def collect_evidence(
             looks[number].append(_Look(scan, float(np.hypot(*local[number, :2])), values))
             looks[number] = sorted(looks[number], key=lambda look: (look.distance, look.scan))[:MOST_SCANS]
             coherency[number] += _coherency(image.sel(subband=subband or channels[1][0]), local[number])
-        if seen is not None:
-            seen(scan)
     return Evidence(
         *channels,
         patch,
         _CUT,
         _TRACE if run is not None else np.zeros(0),
         [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in looks],
-        [np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1) for one in looks],
+        [
+            np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1 if one else 0)
+            for one in looks
+        ],
         entropy_alpha_points(coherency),
     )
 
