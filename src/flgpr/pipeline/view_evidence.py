@@ -161,7 +161,29 @@ def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
     signal = np.asarray(run["signal"].isel(scan=scan).values)
     frequency = np.asarray(run["frequency"].values)
     tx, rx = (vehicle_to_scan(run[name].values, pose) for name in ("tx_position", "rx_position"))
-    return lambda place: focused_trace(signal, frequency, tx, rx, place, _TRACE)
+    kernel = range_kernel(frequency, _TRACE)
+    return lambda place: focused_trace(signal, frequency, tx, rx, place, kernel)
+
+
+def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Make the matrix that takes focused tones to range: ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one.
+
+    Parameters
+    ----------
+    frequency : (frequency,) ndarray
+        Tones, Hz.
+    offsets : (offset,) ndarray
+        Range r, m.
+
+    Returns
+    -------
+    (frequency, offset) ndarray of complex128
+        The kernel.
+    """
+    weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
+    scale = weight / max(float(weight.sum()), np.finfo(float).tiny)
+    phase = 4 * np.pi * frequency[:, None] * offsets / SPEED_OF_LIGHT
+    return np.asarray(scale[:, None] * np.exp(1j * phase), dtype=np.complex128)
 
 
 def focused_trace(
@@ -170,7 +192,7 @@ def focused_trace(
     tx: NDArray[np.float64],
     rx: NDArray[np.float64],
     point: NDArray[np.float64],
-    offsets: NDArray[np.float64],
+    kernel: NDArray[np.complex128],
 ) -> NDArray[np.float64]:
     """A-scan of the whole array focused on one point: delays steered to it, then range along the focused beam.
 
@@ -186,8 +208,8 @@ def focused_trace(
         Antennas in the scan frame, m.
     point : (3,) ndarray
         The point in the scan frame, m.
-    offsets : (offset,) ndarray
-        Range r about the point, m.
+    kernel : (frequency, offset) ndarray
+        From :func:`range_kernel` for the ranges r about the point.
 
     Returns
     -------
@@ -195,11 +217,9 @@ def focused_trace(
         Magnitude, in the unit of the signal; a unit scatterer at the point alone gives 1 at r = 0.
     """
     path = np.linalg.norm(tx - point, axis=-1) + np.linalg.norm(rx - point, axis=-1)
-    wavenumber = 2 * np.pi * frequency / SPEED_OF_LIGHT
-    weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
-    beam = np.einsum("zpf,pf->zf", signal, np.exp(1j * path[:, None] * wavenumber))
-    scale = weight / (len(path) * max(float(weight.sum()), np.finfo(float).tiny))
-    return np.asarray(np.abs((beam * scale) @ np.exp(2j * wavenumber[:, None] * offsets)))
+    steering = np.exp(2j * np.pi * path[:, None] * frequency / SPEED_OF_LIGHT)
+    beam = np.einsum("zpf,pf->zf", signal, steering) / len(path)
+    return np.asarray(np.abs(np.einsum("zf,fr->zr", beam, kernel)))  # too small for the threads of a matrix product
 
 
 def _coherency(image: xr.DataArray, place: NDArray[np.float64]) -> NDArray[np.complex128]:
