@@ -10,9 +10,10 @@ if [ "${1:-}" = "--check" ]; then
 fi
 [ -d node_modules ] || npm ci --silent
 npx tsc --noEmit
+notice="/*! With uPlot: $(cat node_modules/uplot/LICENSE) */"
 npx esbuild src/main.ts --bundle --minify --format=iife --target=es2022 --charset=utf8 --legal-comments=inline \
-    --log-level=warning --outfile="$out/app.js"
-npx esbuild src/app.css --bundle --minify --charset=utf8 --log-level=warning --outfile="$out/app.css"
+    --log-level=warning --banner:js="$notice" --outfile="$out/app.js"
+npx esbuild src/app.css --bundle --minify --charset=utf8 --log-level=warning --banner:css="$notice" --outfile="$out/app.css"
 cp src/index.html src/icon.svg "$out/"
 if [ "$out" != "$home" ]; then
     for file in app.js app.css index.html icon.svg; do

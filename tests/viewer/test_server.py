@@ -1,16 +1,21 @@
+import contextlib
 import http.client
 import json
 import shutil
+import signal
 import subprocess
 import sys
+import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from flgpr.io import sample_lane
+from flgpr.io import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import is_loopback
+from flgpr.viewer.session import ResultFiles, ViewError
 
 ROUTES = [
     "", "app.js", "app.css", "icon.svg", "data/session.json", "data/live", "data/0/index.json", "data/0/score.json",
@@ -143,6 +148,45 @@ def test_altered_files_are_never_shown(demo, tmp_path, serving):
     (copy / "view" / "index.json").write_text("{}")
     with pytest.raises(ValueError, match=r"index\.json differs"):
         Viewer([copy])
+
+
+def test_no_name_leads_out_of_the_folder(demo, tmp_path):
+    copy = tmp_path / "result"
+    shutil.copytree(demo[0].folder, copy)
+    secret = b"secret"
+    (tmp_path / "secret").write_bytes(secret)
+    layer = copy / "view" / "layers" / "main.0.0.0.f16"
+    layer.unlink()
+    layer.symlink_to(tmp_path / "secret")
+    source = ResultFiles(copy)
+    source._digests["view/layers/main.0.0.0.f16"] = source._digests["view/../../secret"] = sha256(secret)
+    number = next(i for i, one in enumerate(source.index["layers"]) if one["detection"] == "main")
+    with pytest.raises(ViewError, match="leads out of the result folder"):
+        source.tile(number, 0, 0)
+    source.index["layers"][number]["levels"][0]["file"] = "../../secret"
+    with pytest.raises(ViewError, match="leads out of the result folder"):
+        source.tile(number, 0, 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_serve_tells_the_address_and_ends_at_an_interrupt(demo):
+    code = "import sys; from flgpr.viewer import serve; serve(sys.argv[1], open_browser=False)"
+    with subprocess.Popen(
+        [sys.executable, "-u", "-c", code, str(demo[0].folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        url = process.stdout.readline().strip()
+        for _ in range(200):
+            with contextlib.suppress(OSError):
+                page = urllib.request.urlopen(url).read()
+                break
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert page.startswith(b"<!doctype html>")
+    assert (out, err, process.returncode) == ("", "", 0)
 
 
 def test_a_run_shows_its_track(serving):

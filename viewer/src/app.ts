@@ -70,12 +70,13 @@ export class App {
     );
     this.roc = new RocPlot((row) => this.setThreshold(row));
     this.restoreNotes();
+    el("roc").hidden = el("list").hidden = !first.index.detections.length;
+    el("overview").hidden = this.view.length < 8 * this.view.breadth;
+    this.resized();
     this.picture.recolour(this.colours);
     this.detectionChanged();
     this.showChoices();
     this.showColours();
-    el("roc").hidden = el("list").hidden = !first.index.detections.length;
-    el("overview").hidden = this.view.length < 8 * this.view.breadth;
     const stage = new ResizeObserver(() => this.resized());
     stage.observe(el("stage"));
   }

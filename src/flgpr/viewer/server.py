@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import secrets
 import socket
@@ -195,7 +196,8 @@ def serve(
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
-    viewer.run()
+    with contextlib.suppress(KeyboardInterrupt):
+        viewer.run()
 
 
 def _live_beside(sources: Sequence[Source]) -> LiveFile | None:

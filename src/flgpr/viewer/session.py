@@ -144,7 +144,10 @@ class ResultFiles:
 
     def _read(self, name: str, offset: int = 0, length: int = -1) -> bytes:
         """Read part of a file of the view, whose digest is checked whenever it has changed on disk."""
-        path = self.folder / "view" / name
+        home = self.folder / "view"
+        path = (home / name).resolve()
+        if not path.is_relative_to(home):
+            raise ViewError(f"view/{name} leads out of the result folder")
         try:
             with path.open("rb") as file:
                 state = os.fstat(file.fileno())
