@@ -1,22 +1,23 @@
 import { AlarmPanel } from "./alarm";
 import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
-import { detectionOf, HALF, layerOf, loadEvidence, Tiles } from "./data";
-import { colour, digits, el, fitted, fixed, options } from "./dom";
-import { alarmRows, asCsv, asGeoJson, download, withRaster } from "./exports";
+import { detectionOf, HALF, layerOf, loadEvidence, setLabel, Tiles } from "./data";
+import { checkRadio, colour, digits, el, fitted, fixed, options } from "./dom";
+import { alarmRows, asCsv, asGeoJson, download } from "./exports";
+import { savePng, saveSvg, type FigureParts } from "./figure";
+import { extentOf, geographic } from "./geo";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
 import { drawOverlay, hitTest, labelOf, secondOf, showLegend, type Overlay } from "./overlay";
-import { SvgPen } from "./pen";
+import { Notes } from "./notes";
+import type { Pen } from "./pen";
 import { curveOf, equalFalse, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
 import { LABELS } from "./symbols";
-import type { Choice, Detection, Georeference, Note, Source, Verdict } from "./types";
+import type { Choice, Detection, Note, Source } from "./types";
 import { View, type Box } from "./view";
 
 export type Compare = "off" | "swipe" | "blink";
-const EMPTY: Note = { verdict: "", text: "" };
-const STORE = "flgpr-notes";
 
 export class App {
   a: Choice;
@@ -40,7 +41,7 @@ export class App {
   private readonly list: AlarmList;
   private readonly roc: RocPlot;
   private thresholds: (number | null)[] = [null];
-  private notes = new Map<string, Note>();
+  readonly notes: Notes;
   private waiting = 0;
   private fitting = true;
   private marked = false;
@@ -48,6 +49,7 @@ export class App {
   private blinking: number | undefined;
 
   constructor(readonly sources: Source[]) {
+    this.notes = new Notes(sources);
     const first = sources[0]!;
     const [polarization, subband] = first.index.channel;
     const main = first.index.detections[0]?.name ?? first.index.layers[0]?.detection ?? "";
@@ -69,7 +71,6 @@ export class App {
       (rows, on) => this.tick(rows, on),
     );
     this.roc = new RocPlot((row) => this.setThreshold(row));
-    this.restoreNotes();
     el("roc").hidden = el("list").hidden = !first.index.detections.length;
     el("overview").hidden = this.view.length < 8 * this.view.breadth;
     this.resized();
@@ -111,7 +112,7 @@ export class App {
     clearInterval(this.blinking);
     if (compare === "blink" && !window.matchMedia("(prefers-reduced-motion: reduce)").matches)
       this.blinking = window.setInterval(() => this.flip(), 700);
-    for (const input of document.querySelectorAll<HTMLInputElement>('input[name="compare"]')) input.checked = input.value === compare;
+    checkRadio("compare", compare);
     this.showChoices();
     this.scoresChanged();
     this.say(compare === "off" ? "Picture A only" : `Compare A with B: ${compare}`);
@@ -311,7 +312,7 @@ export class App {
     el("alarm-facts").textContent = [`rank ${rank}`, `confidence ${digits(alarms.confidence[row], 4)}`, what].filter(Boolean).join(" · ");
     el("alarm-facts").title = this.inWords(row);
     const note = this.note(row);
-    for (const input of document.querySelectorAll<HTMLInputElement>('input[name="verdict"]')) input.checked = input.value === note.verdict;
+    checkRadio("verdict", note.verdict);
     const field = el<HTMLInputElement>("note");
     if (document.activeElement !== field) field.value = note.text;
     const number = this.source.index.detections.indexOf(detection);
@@ -345,53 +346,25 @@ export class App {
   }
 
   note(row: number): Note {
-    return this.notes.get(this.noteKey(row)) ?? EMPTY;
+    return this.notes.get(this.noteKey(row));
   }
 
   setNote(change: Partial<Note>): void {
     if (this.selected === null) return;
-    const note = { ...this.note(this.selected), ...change };
-    if (note.verdict || note.text) this.notes.set(this.noteKey(this.selected), note);
-    else this.notes.delete(this.noteKey(this.selected));
-    sessionStorage.setItem(STORE, JSON.stringify([...this.notes]));
+    const note = this.notes.set(this.noteKey(this.selected), change);
     this.showList();
     if (change.verdict !== undefined) {
-      for (const input of document.querySelectorAll<HTMLInputElement>('input[name="verdict"]')) input.checked = input.value === note.verdict;
+      checkRadio("verdict", note.verdict);
       this.say(`Verdict: ${note.verdict || "none"}`);
     }
   }
 
-  private restoreNotes(): void {
-    try {
-      this.notes = new Map(JSON.parse(sessionStorage.getItem(STORE) ?? "[]") as [string, Note][]);
-    } catch {
-      this.notes = new Map();
-    }
-  }
-
-  saveNotes(): void {
-    const entries = [...this.notes].map(([key, note]) => {
-      const [result, detection, alarm_id] = key.split("|");
-      const source = this.sources.find((one) => one.title === result);
-      const found = source?.index.detections.find((one) => one.name === detection);
-      const row = found?.alarms.alarm_id?.indexOf(alarm_id ?? "") ?? -1;
-      return { result, detection, alarm_id, x: found?.alarms.x[row] ?? null, y: found?.alarms.y[row] ?? null, ...note };
-    });
-    download("flgpr-notes.json", JSON.stringify({ format: "flgpr-notes", version: 1, notes: entries }, null, 1) + "\n", "application/json");
-  }
-
   async loadNotes(file: File): Promise<void> {
     try {
-      const content = JSON.parse(await file.text()) as { format?: string; notes?: unknown };
-      if (content.format !== "flgpr-notes" || !Array.isArray(content.notes)) throw new Error();
-      for (const entry of content.notes as Record<string, unknown>[]) {
-        const verdict = ["mine", "unsure", "clutter"].includes(String(entry["verdict"])) ? (entry["verdict"] as Verdict) : "";
-        this.notes.set(`${entry["result"]}|${entry["detection"]}|${entry["alarm_id"]}`, { verdict, text: String(entry["text"] ?? "").slice(0, 500) });
-      }
-      sessionStorage.setItem(STORE, JSON.stringify([...this.notes]));
+      const count = await this.notes.load(file);
       this.showAlarm();
       this.showList();
-      this.say(`${content.notes.length} notes loaded`);
+      this.say(`${count} notes loaded`);
     } catch {
       this.complain(`${file.name}: these are no notes saved by this page`);
     }
@@ -473,7 +446,7 @@ export class App {
     context.rect(box.left, box.top, box.width, box.height);
     context.clip();
     drawOverlay(pen, this.view, this.overlay());
-    this.drawComparison(context);
+    this.drawComparison(pen);
     context.restore();
     this.picture.axes(pen, palette);
     if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
@@ -485,10 +458,9 @@ export class App {
     performance.measure("flgpr:frame", { start, end: performance.now() });
   }
 
-  private drawComparison(context: CanvasRenderingContext2D): void {
+  private drawComparison(pen: Pen): void {
     const { box, turned } = this.view;
     if (this.compare === "off") return;
-    const pen = canvasPen(context);
     const words = (choice: Choice, name: string): string => `${name}: ${setLabel(this.sources[choice.source]!, choice.set)}, ${choice.polarization} ${choice.subband}`;
     const style = { fill: "#ffffff", halo: "#10151c", size: 12, bold: true };
     if (this.compare === "blink") {
@@ -654,67 +626,28 @@ export class App {
     return `${this.source.index.title}: ${setLabel(this.source, set)}, ${polarization} ${subband}; ${digits(floor)} to ${digits(floor + range)} dB above the median`;
   }
 
-  /** Raster, symbols, axes, title and colour bar, as a canvas with twice the pixels of the screen. */
   exportPng(): void {
-    const lane = el<HTMLCanvasElement>("lane");
-    const [width, height, factor] = [lane.clientWidth, lane.clientHeight + 30, 2];
-    const canvas = document.createElement("canvas");
-    [canvas.width, canvas.height] = [width * factor, height * factor];
-    const context = canvas.getContext("2d")!;
-    context.scale(factor, factor);
-    context.fillStyle = colour("paper");
-    context.fillRect(0, 0, width, height);
-    this.exportInto(context, factor);
-    canvas.toBlob((blob) => blob && download("flgpr-lane.png", blob));
-  }
-
-  private exportInto(context: CanvasRenderingContext2D, factor: number): void {
-    const { box } = this.view;
-    context.save();
-    context.translate(0, 30);
-    context.fillStyle = colour("unseen");
-    context.fillRect(box.left, box.top, box.width, box.height);
-    this.rasters(context, factor);
-    const pen = canvasPen(context);
-    context.beginPath();
-    context.rect(box.left, box.top, box.width, box.height);
-    context.save();
-    context.clip();
-    drawOverlay(pen, this.view, this.overlay());
-    this.drawComparison(context);
-    context.restore();
-    const palette = { ...this.palette(), text: colour("ink") };
-    this.picture.axes(pen, palette);
-    colourBar(pen, box, this.colours, palette, box.top);
-    context.restore();
-    pen.text(box.left, 23, this.describePicture(), { fill: colour("ink"), size: 13, bold: true });
+    savePng(this.parts(), this.view);
   }
 
   exportSvg(): void {
-    const lane = el<HTMLCanvasElement>("lane");
-    const { box } = this.view;
-    const raster = document.createElement("canvas");
-    [raster.width, raster.height] = [Math.round(box.width * 2), Math.round(box.height * 2)];
-    const context = raster.getContext("2d")!;
-    context.scale(2, 2);
-    context.translate(-box.left, -box.top);
-    context.fillStyle = colour("unseen");
-    context.fillRect(box.left, box.top, box.width, box.height);
-    this.rasters(context, 2);
-    const inside = new SvgPen();
-    drawOverlay(inside, this.view, this.overlay());
-    const around = new SvgPen();
-    const palette = { ...this.palette(), text: colour("ink") };
-    this.picture.axes(around, palette);
-    colourBar(around, box, this.colours, palette, box.top);
-    const title = this.describePicture();
-    around.text(box.left, -7, title, { fill: colour("ink"), size: 13, bold: true });
-    const clip = `<clipPath id="lane"><rect x="${box.left}" y="${box.top}" width="${box.width}" height="${box.height}"/></clipPath>`;
-    const paper = colour("paper");
-    const body =
-      withRaster(raster.toDataURL("image/png"), box.left, box.top + 30, box.width, box.height, paper, title) +
-      `<g transform="translate(0 30)">${clip}<g clip-path="url(#lane)">${inside.parts.join("")}</g>${around.parts.join("")}</g>`;
-    download("flgpr-lane.svg", new SvgPen().svg(lane.clientWidth, lane.clientHeight + 30, body), "image/svg+xml");
+    saveSvg(this.parts(), this.view);
+  }
+
+  private parts(): FigureParts {
+    return {
+      title: this.describePicture(),
+      palette: { ...this.palette(), text: colour("ink") },
+      raster: (context, factor) => this.rasters(context, factor),
+      over: (pen) => {
+        drawOverlay(pen, this.view, this.overlay());
+        this.drawComparison(pen);
+      },
+      around: (pen, palette) => {
+        this.picture.axes(pen, palette);
+        colourBar(pen, this.view.box, this.colours, palette, this.view.box.top);
+      },
+    };
   }
 
   exportTable(form: "csv" | "geojson"): void {
@@ -729,40 +662,4 @@ export class App {
     this.scoresChanged();
     this.panel.redraw();
   }
-}
-
-function setLabel(source: Source, name: string): string {
-  if (name === "before") return "before suppression";
-  const first = source.index.detections[0]?.name;
-  return name === first ? "after suppression" : name;
-}
-
-/** Latitude and longitude of a lane point on the local tangent plane; good to centimetres within a kilometre. */
-function geographic(reference: Georeference | null): ((x: number, y: number) => [number, number]) | null {
-  if (!reference || !Number.isFinite(reference.latitude) || !Number.isFinite(reference.longitude)) return null;
-  const azimuth = ((reference.azimuth ?? 0) * Math.PI) / 180;
-  const sine = Math.sin((reference.latitude * Math.PI) / 180);
-  const [axis, squared] = [6378137, 6.69437999014e-3];
-  const root = 1 - squared * sine * sine;
-  const [meridian, normal] = [(axis * (1 - squared)) / root ** 1.5, axis / Math.sqrt(root)];
-  return (x, y) => {
-    const north = y * Math.cos(azimuth) - x * Math.sin(azimuth);
-    const east = y * Math.sin(azimuth) + x * Math.cos(azimuth);
-    const degrees = 180 / Math.PI;
-    return [reference.latitude + (north / meridian) * degrees, reference.longitude + (east / (normal * Math.sqrt(1 - sine * sine))) * degrees];
-  };
-}
-
-function extentOf(sources: Source[]): { x_min: number; x_max: number; y_min: number; y_max: number } {
-  const found = sources.map(({ index: { grid, lane } }) =>
-    grid
-      ? { x_min: grid.x - grid.dx / 2, x_max: grid.x + (grid.nx - 0.5) * grid.dx, y_min: grid.y - grid.dy / 2, y_max: grid.y + (grid.ny - 0.5) * grid.dy }
-      : lane,
-  );
-  return {
-    x_min: Math.min(...found.map((one) => one.x_min)),
-    x_max: Math.max(...found.map((one) => one.x_max)),
-    y_min: Math.min(...found.map((one) => one.y_min)),
-    y_max: Math.max(...found.map((one) => one.y_max)),
-  };
 }

@@ -56,6 +56,13 @@ export function detectionOf(source: Source, set: string): Detection | undefined 
   return source.index.detections.find((one) => one.name === set) ?? source.index.detections[0];
 }
 
+/** What a set of run-views is called on the page. */
+export function setLabel(source: Source, name: string): string {
+  if (name === "before") return "before suppression";
+  const first = source.index.detections[0]?.name;
+  return name === first ? "after suppression" : name;
+}
+
 const MOST_TILES = 600;
 
 /** Tiles as they came, the least recently used forgotten first. */

@@ -59,3 +59,7 @@ export const digits = (value: number | null | undefined, count = 3): string =>
     : String(Number(value.toPrecision(count))).replace(/^-/, "\u2212");
 
 export const fixed = (value: number, count: number): string => value.toFixed(count).replace(/^-/, "\u2212");
+
+export function checkRadio(name: string, value: string): void {
+  for (const input of document.querySelectorAll<HTMLInputElement>(`input[name="${name}"]`)) input.checked = input.value === value;
+}

@@ -58,7 +58,7 @@ function wireButtons(app: App): void {
   click("export-svg", () => app.exportSvg());
   click("export-csv", () => app.exportTable("csv"));
   click("export-geojson", () => app.exportTable("geojson"));
-  click("export-notes", () => app.saveNotes());
+  click("export-notes", () => app.notes.save());
   input("load-notes", (field) => {
     const file = field.files?.[0];
     if (file) void app.loadNotes(file);
