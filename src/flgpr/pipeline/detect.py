@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.view_evidence import Evidence, collect_evidence
 from flgpr.pipeline.wang2007 import Found, detect_with_features
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
@@ -43,8 +44,16 @@ class Detection:
         Run-view (polarization, subband, y, x) in units of the gain background.
     notes : dict
         Figures worth reporting.
-    features : DataFrame or None
-        One row per alarm, in the order of ``alarms``, where the recipe computes features.
+    channel : tuple of str, optional
+        Polarization and sub-band the alarms were raised on.
+    features, contributions : DataFrame, optional
+        Per alarm its features, and what each of them adds to the confidence.
+    training : DataFrame, optional
+        Features of the training alarms, with their ``label``.
+    evidence : Evidence, optional
+        What explains the alarms, for the viewer.
+    before : DataArray, optional
+        Run-view before clutter suppression, for the viewer.
     """
 
     name: str
@@ -52,7 +61,12 @@ class Detection:
     alarms: pd.DataFrame
     view: xr.DataArray
     notes: dict[str, Any] = field(default_factory=dict)
+    channel: tuple[str, str] | None = None
     features: pd.DataFrame | None = None
+    contributions: pd.DataFrame | None = None
+    training: pd.DataFrame | None = None
+    evidence: Evidence | None = None
+    before: xr.DataArray | None = None
 
 
 def detect(
@@ -95,7 +109,8 @@ def detect(
         raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
     images = _remember(imager, track)
-    main = _chain(images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
+    main = _chain(imager.run, images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
+    main = replace(main, before=run_view(images, recipe.run_view.grid(lane), recipe.run_view.y_max))
     found = [main]
     suppressed: list[xr.DataArray] = []
     roadside: dict[str, Any] = {}
@@ -106,10 +121,11 @@ def detect(
             if not suppressed:
                 suppressed, roadside = _suppress_roadside(imager, images, recipe.suppression, lane, track)
             share = _roadside_share(images, suppressed, main.alarms, recipe)
-            found[0] = Detection(MAIN, main.title, main.alarms.assign(roadside=share), main.view, roadside)
+            alarms, features = (t.assign(roadside=share) for t in (main.alarms, _known_features(main.alarms)))
+            found[0] = replace(main, alarms=alarms, features=features, notes=roadside)
             chosen, notes = suppressed, roadside
         signature = variant.self_signature or recipe.background.self_signature
-        found.append(_chain(chosen, recipe, lane, signature, variant.name, variant.title, notes))
+        found.append(_chain(imager.run, chosen, recipe, lane, signature, variant.name, variant.title, notes))
     return found
 
 
@@ -129,7 +145,7 @@ def detection_of(found: Found, recipe: Recipe) -> Detection:
         The main detection.
     """
     alarms, features = _ranked(found.alarms, found.features)
-    return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features)
+    return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features=features)
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
@@ -172,6 +188,7 @@ def _remember(imager: ScanImager, track: Track) -> Iterable[xr.DataArray]:
 
 
 def _chain(
+    run: xr.Dataset,
     images: Iterable[xr.DataArray],
     recipe: Recipe,
     lane: Lane,
@@ -200,7 +217,22 @@ def _chain(
     confidence = local_contrast(
         cleaned(), alarms, contrast.polarization, contrast.subband, recipe.run_view.y_max, contrast.patch()
     )
-    return Detection(name, title, _alarm_table(alarms, confidence), view, dict(notes or {}))
+    found = _alarm_table(alarms, confidence)
+    return Detection(
+        name,
+        title,
+        found,
+        view,
+        dict(notes or {}),
+        channel=(screen.polarization, screen.subband),
+        features=_known_features(found),
+        contributions=found[["confidence"]].set_axis(["contrast"], axis=1),
+        evidence=collect_evidence(cleaned(), found, contrast.patch(), recipe.run_view.y_max, run, contrast.subband),
+    )
+
+
+def _known_features(table: pd.DataFrame) -> pd.DataFrame:
+    return table[["confidence", "magnitude", "scans"]].rename(columns={"confidence": "contrast"})
 
 
 def _alarm_table(alarms: pd.DataFrame, confidence: pd.DataFrame) -> pd.DataFrame:

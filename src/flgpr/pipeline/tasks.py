@@ -42,6 +42,7 @@ from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import Result, describe_run, read_result, write_result
 from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.simulation import preview_figure, simulate_to_store
+from flgpr.pipeline.view_score import write_view_score
 from flgpr.simulate import load_scene
 
 PathLike = str | Path
@@ -138,6 +139,7 @@ def score_result(
     home = Path(output) if output is not None else result.folder
     home.mkdir(parents=True, exist_ok=True)
     write_whole(home / "roc.json", roc_json(scored))
+    write_view_score(home, result, scored, targets, others)
     for page in track(["report.html"], "drawing the report", 1):
         write_whole(home / page, report_html(result, scored, targets, others))
     return result, scored
