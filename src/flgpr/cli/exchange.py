@@ -40,13 +40,16 @@ def import_mapped(
     track: Annotated[Path | None, typer.Option(help="CSV track or NMEA log.")] = None,
     anchor: Anchor = None,
     clock_offset: Annotated[float, typer.Option(help="The track's clock less the radar's, s.")] = 0.0,
+    lever_arm: Annotated[
+        tuple[float, float, float], typer.Option(help="Positioning antenna in the vehicle frame, m: x y z.")
+    ] = (0.0, 0.0, 0.0),
     latency: Annotated[float, typer.Option(help="How late the track's time stamps are, s.")] = 0.0,
     quiet: Quiet = False,
 ) -> None:
     """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
         exchange.import_with_mapping(
-            mapping, output, list(data) if data else None, survey, track, anchor, clock_offset, latency=latency
+            mapping, output, list(data) if data else None, survey, track, anchor, clock_offset, lever_arm, latency
         )
     if not quiet:
         typer.echo(f"wrote {output}")
@@ -71,7 +74,9 @@ def export(
     output: Output,
     to: Annotated[str, typer.Option(help=f"One of {', '.join(exchange.FORMATS)}.")],
     anchor: Annotated[Path, typer.Option(help="TOML that ties the lane to the Earth.")],
-    kind: Annotated[str, typer.Option(help="What a table holds: truth or alarms.")] = "truth",
+    kind: Annotated[str, typer.Option(help="What a table holds: alarms, truth or objects.")] = "truth",
+    time: Annotated[str | None, typer.Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
+    detection: Annotated[str, typer.Option(help="Detection of a result: main or a variant.")] = "main",
     quiet: Quiet = False,
 ) -> None:
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
@@ -79,8 +84,8 @@ def export(
         if to == "cphd":
             exchange.export_run(source, output, anchor)
         elif source.suffix == ".csv":
-            exchange.export_table(source, output, to, anchor, kind)
+            exchange.export_table(source, output, to, anchor, kind, time)
         else:
-            exchange.export_result(source, output, to, anchor)
+            exchange.export_result(source, output, to, anchor, detection, time)
     if not quiet:
         typer.echo(f"wrote {output}")

@@ -76,6 +76,7 @@ def info_lines(told: dict[str, Any]) -> list[str]:
         f"  coverage       x {told['lane']['x'][0]:.1f} to {told['lane']['x'][1]:.1f} m, "
         f"y {told['lane']['y'][0]:.1f} to {told['lane']['y'][1]:.1f} m: {told['looks']['mean']:.1f} looks on average, "
         f"at most {told['looks']['most']}, {100 * told['looks']['unseen_share']:.0f} % never seen",
+        *(f"  channels       {line}" for line in told["health"]),
         "",
         *_coverage_map(told),
     ]

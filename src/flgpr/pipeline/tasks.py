@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.calibrate import channel_health, health_summary
 from flgpr.imaging import ScanImager
 from flgpr.io import (
     import_fullwave,
@@ -420,6 +421,7 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
         "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
         "travelled_m": float(spacing.sum()),
         "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
+        "health": health_summary(channel_health(dataset)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
