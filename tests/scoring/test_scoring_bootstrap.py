@@ -22,7 +22,7 @@ from flgpr.scoring import (
     roc,
     sign_flip_test,
 )
-from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores, tails
 
 LANE = Lane(0.0, 4.0, 0.0, 60.0)
 
@@ -219,3 +219,14 @@ def test_sign_flips_of_many_mines_are_drawn_and_stay_valid():
 @pytest.mark.parametrize(("a", "b", "p"), [(0, 0, 1.0), (5, 0, 2 / 32), (3, 3, 1.0), (6, 1, 16 / 128)])
 def test_mcnemar_is_the_two_sided_binomial(a, b, p):
     assert mcnemar_test(a, b) == pytest.approx(p)
+
+
+def test_percentiles_reach_further_out_for_few_mines():
+    assert tails(0.95, 10**6) == pytest.approx((0.025, 0.975), abs=1e-6)
+    # For n normal values the widened percentiles of the mean are Student's interval: s here is the resampling spread.
+    for n in (5, 12):
+        spread = math.sqrt((n - 1) / n)
+        assert stats.norm.ppf(tails(0.95, n)[1]) * spread == pytest.approx(stats.t.ppf(0.975, n - 1))
+    assert tails(0.95, 1) == (0.0, 1.0)
+    with pytest.raises(ValueError, match="level must lie"):
+        tails(95, 3)

@@ -197,7 +197,7 @@ def pd_mean_interval(
     block: float = 10.0,
     cluster: str | None = None,
 ) -> tuple[float, float]:
-    """Bound PD_mean by the percentiles of resampled curves.
+    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015, Sec. 4.3).
 
     Parameters
     ----------
@@ -222,8 +222,39 @@ def pd_mean_interval(
         (target * scores.shares(far_max, weight, drawn)).sum() / target.sum()
         for target, weight, drawn in _draws(design, draws, seed)
     ]
-    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(means, tails(level, design.clusters))
     return float(low), float(high)
+
+
+def tails(level: float, clusters: int) -> tuple[float, float]:
+    """Compute the probabilities whose percentiles bound a mean of so many mines.
+
+    Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t against the normal
+    distribution; percentiles further out make up for both.
+
+    Parameters
+    ----------
+    level : float
+        Level of the interval.
+    clusters : int
+        Number of mines.
+
+    Returns
+    -------
+    low, high : float
+        Probabilities; 0 and 1 for a single mine, which tells nothing of the spread.
+
+    Raises
+    ------
+    ValueError
+        If the level is not in (0, 1).
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    if clusters < 2:
+        return 0.0, 1.0
+    reach = math.sqrt(clusters / (clusters - 1)) * special.stdtrit(clusters - 1, (1 + level) / 2)
+    return float(special.ndtr(-reach)), float(special.ndtr(reach))
 
 
 def make_design(

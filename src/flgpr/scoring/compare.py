@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.bootstrap import make_design, make_scores, tails
 from flgpr.scoring.lane_roc import AreaRule
 from flgpr.scoring.matching import Match, Subset, select_targets
 
@@ -108,7 +108,7 @@ def compare(
         drawn = float((weight * design.block_area).sum())
         gap = a.shares(far_max, weight, drawn) - b.shares(far_max, weight, drawn)
         gaps[number] = (target * gap).sum() / target.sum()
-    low, high = np.quantile(gaps, [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(gaps, tails(level, design.clusters))
     by_mine = np.bincount(design.target_cluster, weights=share_a - share_b)
     p_value, enumerated = sign_flip_test(by_mine, seed)
     found_a, found_b = (~np.isneginf(s.target) & (s.above / design.area <= far) for s in (a, b))
