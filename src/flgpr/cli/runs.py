@@ -98,6 +98,8 @@ def score(
     sealed: Annotated[
         Path | None, typer.Option(help="Score against a sealed truth: operating points and counts only.")
     ] = None,
+    recipe: Annotated[Path | None, typer.Option(help="Recipe that must stand in the register (with --book).")] = None,
+    book: Annotated[Path | None, typer.Option(help="Register of recipes and openings of the truth.")] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -112,7 +114,7 @@ def score(
         elif lane is None:
             _score_result(alarms, truth, objects, output, quiet, as_json)
         else:
-            told = score_alarms(alarms, truth, lane, output or Path("score"), halo=halo)
+            told = score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
             typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
 
 
@@ -138,7 +140,13 @@ def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> N
 
 def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
     passphrase = typer.prompt("passphrase", hide_input=True, err=True)
-    typer.echo(str(scoring_tasks.score_sealed(alarms, sealed, passphrase, output)))
+    told = scoring_tasks.score_sealed(alarms, sealed, passphrase, output)
+    typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
+    typer.echo(", ".join(f"{name} {value}" for name, value in told.counts.items()))
+    typer.echo(
+        f"look {told.looks} at this truth, {told.lists} different alarm lists so far; "
+        "the seal guards against accidents, not against the holder of the passphrase"
+    )
 
 
 @app.command()

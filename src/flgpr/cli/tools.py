@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from flgpr.cli.common import Quiet, plain_errors, progress
+from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
-from flgpr.pipeline.scoring_tasks import plan_mines
+from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
 
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
@@ -66,6 +66,22 @@ def plan_mines_command(
         _, lines = plan_mines(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far)
     for line in lines:
         typer.echo(line)
+
+
+@plan_app.command("lane")
+def plan_lane_command(
+    lane: Annotated[Path, typer.Argument(help="TOML or CSV of the lane or lanes.")],
+    targets: Annotated[Path, typer.Argument(help="CSV with kind, depth (m) and count.")],
+    output: Output,
+    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
+    spacing: Annotated[float, typer.Option(help="Least distance between targets, m.")] = 3.0,
+    recipe: Annotated[Path | None, typer.Option(help="Recipe whose hash is registered with the plan.")] = None,
+    book: Annotated[Path | None, typer.Option(help="Register; beside the plan by default.")] = None,
+) -> None:
+    """Draw an emplacement plan and register it with the recipe that will be scored."""
+    with plain_errors():
+        plan, line = plan_lane(lane, targets, seed, output, spacing=spacing, recipe=recipe, book=book)
+    typer.echo(f"wrote {output}: {len(plan)} targets; registered {line['time']}")
 
 
 def reproduce(

@@ -197,7 +197,7 @@ def pd_mean_interval(
     block: float = 10.0,
     cluster: str | None = None,
 ) -> tuple[float, float]:
-    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015, Sec. 4.3).
+    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015).
 
     Parameters
     ----------
