@@ -97,3 +97,21 @@ def test_recipes_can_be_listed_shown_and_checked(tmp_path):
 
 def test_replay_says_identical(demo):
     assert "identical" in call("replay", demo[0].folder, "--quiet").stdout
+
+
+def test_a_scene_is_drawn_or_simulated(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'name = "yard"\nsite = "gravel"\nlength = 8.0\n[surface]\ndensity = 2.0\n[track]\npositions = [0.0]\n'
+        '[[draws]]\nkind = "metal"\ndepth = 0.05\ncount = 1\n'
+    )
+    drawn = call("simulate", scene, "--preview", tmp_path / "scene.png")
+    assert drawn.exit_code == 0, drawn.output
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.png", "scene.toml"]
+    made = call("simulate", scene, "-o", tmp_path / "yard.zarr", "--seed", 3, "--quiet")
+    assert made.exit_code == 0, made.output
+    assert open_run(tmp_path / "yard.zarr").attrs["seed"] == 3
+    scene.write_text("length = -1")
+    failed = call("simulate", scene, "-o", tmp_path / "x.zarr")
+    assert failed.exit_code == 2
+    assert "length" in failed.stderr

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from flgpr import __version__
 from flgpr.pipeline import tasks
+from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.progress import Bars, Track, silent
 from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
 
@@ -25,6 +26,8 @@ app = typer.Typer(
 )
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 app.add_typer(import_app, name="import")
+bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
+app.add_typer(bench_app, name="bench")
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 app.add_typer(recipe_app, name="recipe")
 
@@ -165,6 +168,17 @@ def replay(
         raise typer.Exit(1)
 
 
+@bench_app.command("imaging")
+def bench_imaging_command(
+    peers: Annotated[bool, typer.Option("--peers", help="Measure the installed peers beside it.")] = False,
+    rounds: Annotated[int, typer.Option(help="Rounds; medians are reported.", min=1)] = 7,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+) -> None:
+    """Time the imaging operator on one scan of sri-array."""
+    with _plain_errors():
+        typer.echo(format_bench(bench_imaging(peers, rounds, device)))
+
+
 @recipe_app.command("list")
 def recipe_list() -> None:
     """Name the packaged recipes."""
@@ -185,6 +199,26 @@ def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TO
     with _plain_errors():
         recipe = load_recipe(name)
     typer.echo(f"{name}: good ({recipe.description})")
+
+
+@app.command()
+def simulate(
+    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Run store to make.")] = None,
+    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
+    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a lane with truth; with --preview alone only draw it."""
+    with _plain_errors(), _progress(quiet) as track:
+        if output is None and preview is None:
+            raise ValueError("simulate needs --output or --preview, got neither")
+        written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track)
+    if not quiet:
+        for path in written:
+            typer.echo(f"wrote {path}")
 
 
 @import_app.command("fullwave")

@@ -130,3 +130,20 @@ def test_large_but_finite_data_are_accepted():
     operator = ImagingOperator(TONES, TX, RX, grid(3, 3), BANDS)
     data = np.full((1, 6, 128), 1e35, np.complex64)
     assert np.isfinite(operator.adjoint(data)).all()
+
+
+def test_pixels_of_a_volume_and_a_surface_keep_their_shape():
+    x, y, z = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(8, 10, 7), np.linspace(-0.4, 0.2, 3), indexing="ij")
+    volume = np.stack([x, y, z], axis=-1)
+    data = noise((2, 6, 128))
+    images = ImagingOperator(TONES, TX, RX, volume, BANDS, tolerance=1e-4).adjoint(data)
+    assert images.shape == (2, 2, 5, 7, 3)
+    surface = volume[:, :, 0].copy()
+    surface[..., 2] = 0.1 * np.sin(surface[..., 0])
+    on_surface = ImagingOperator(TONES, TX, RX, surface, BANDS, tolerance=1e-4).adjoint(data)
+    assert on_surface.shape == (2, 2, 5, 7)
+    # At x = 0 the surface passes through z = 0, between two layers of the volume: a third operator knows that line.
+    line = surface[2]
+    assert line[:, 2] == pytest.approx(np.zeros(7))
+    alone = ImagingOperator(TONES, TX, RX, line, BANDS, method="direct").adjoint(data)
+    assert np.linalg.norm(on_surface[:, :, 2] - alone) < 3e-4 * np.linalg.norm(alone)

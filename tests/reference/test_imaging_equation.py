@@ -123,3 +123,22 @@ def test_more_channels_than_a_lane_row():
     check(operator, phase(TONES, points), inside(TONES, bands), 1e-3, polarizations=3)
     operator = ImagingOperator(TONES, TX, RX, points, bands[:5], 1e-3, method="profile")
     check(operator, phase(TONES, points), inside(TONES, bands[:5]), 1e-3, polarizations=7)
+
+
+def test_a_long_sparse_band_stays_within_tolerance():
+    # Too many steps for 32-bit delays at this tolerance: double precision takes over.
+    steps = np.sort(np.random.default_rng(5).choice(5000, 300, replace=False))
+    tones, points = 0.5e9 + 0.3e6 * steps, pixels()
+    operator = ImagingOperator(tones, TX, RX, points, None, 1e-5, method="profile")
+    assert operator.adjoint(np.zeros((1, 8, 300))).dtype == np.complex64
+    check(operator, phase(tones, points), np.ones((1, 300)), 1e-5)
+
+
+def test_a_tone_at_the_edge_of_the_band_is_within_tolerance():
+    points = pixels()
+    data = np.zeros((1, 8, 140), complex)
+    data[..., 0] = 1
+    for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
+        operator = ImagingOperator(TONES, TX, RX, points, None, tolerance, method="profile")
+        exact = phase(TONES[:1], points).sum(axis=0)[None]
+        assert relative(operator.adjoint(data), exact) < tolerance

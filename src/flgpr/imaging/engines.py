@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
+from scipy import fft
+from scipy.sparse import csr_array
 
 from flgpr.imaging.plan import Layout, Plan, make_plan
+from flgpr.imaging.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, forward_direct
 from flgpr.kernels.geometry import antenna_paths
-from flgpr.kernels.layout import CHANNELS, aligned
+from flgpr.kernels.layout import BLOCK, CHANNELS, SPREAD_PAIRS, aligned
+from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.model import SPEED_OF_LIGHT
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +27,10 @@ class Engine(Protocol):
     """The adjoint and the forward sums on checked arrays."""
 
     method: str
+    width: int
+
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Make memory for images."""
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
@@ -28,11 +38,27 @@ class Engine(Protocol):
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
 
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+        """Time the adjoint without transfers."""
 
-class DirectEngine:
+
+class _HostMemory:
+    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Make memory for images."""
+        return np.empty(shape, dtype)
+
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+        """Refuse: sums on the CPU have no transfers to leave out."""
+        raise ValueError(
+            f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, got 'cpu'"
+        )
+
+
+class DirectEngine(_HostMemory):
     """Sums term by term in double precision."""
 
     method = "direct"
+    width = 0
 
     def __init__(self, layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray) -> None:
         path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
@@ -54,44 +80,89 @@ class DirectEngine:
         out[..., self._active] = part
 
 
-class ProfileEngine:
+class ProfileEngine(_HostMemory):
     """Range profiles and their interpolation in single precision on the CPU."""
 
     method = "profile"
 
-    def __init__(self, plan: Plan, weight: FloatArray, phase: NDArray[np.complex128] | None) -> None:
-        self._plan = plan
+    def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        self.width = plan.window.width
+        self._bins = plan.bins
+        self._geometry = plan.geometry()
+        self._spectrum = plan.spectrum.single()
         self._weight = weight.astype(np.float32)
-        self._phase = None if phase is None else phase.astype(np.complex64)
-        self._taps = (0,) * plan.window.width
+        self._phase = None if plan.phase is None else plan.phase.astype(np.complex64)
+        self._taps = (0,) * self.width
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
-        plan = self._plan
         if self._phase is not None:
             data = data * self._phase
+        pairs, blocks = data.shape[1], -(-out.shape[2] // BLOCK)
         for rows, bands, channels in passes(*out.shape[:2]):
-            table = self._table(channels)
-            lane = (0,) * channels
-            transform.compress(data[rows], self._weight[bands], plan.spectrum, table, lane)
+            table, lane = self._table(channels), (0,) * channels
+            tones = (data[rows], self._weight[bands], self._spectrum, table, lane)
+            share(pairs, partial(transform.compress, *tones))
             part = out[rows, bands].reshape(-1, out.shape[2])
-            profiles.adjoint(table, plan.bins, plan.geometry, part, self._taps, lane)
+            share(blocks, partial(profiles.adjoint, table, self._bins, self._geometry, part, self._taps, lane))
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
-        plan = self._plan
         out[...] = 0
+        # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
+        pairs = out.shape[1]
+        together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
-            table = self._table(channels)
-            lane = (0,) * channels
+            table, lane = self._table(channels), (0,) * channels
             part = image[rows, bands].reshape(-1, image.shape[2])
-            profiles.forward(table, plan.bins, plan.geometry, part, self._taps, lane)
-            transform.expand(table, self._weight[bands], plan.spectrum, out[rows], lane)
+            spread = partial(profiles.forward, table, self._bins, self._geometry, part, self._taps, lane)
+            share(pairs, spread, together)
+            tones = (table, self._weight[bands], self._spectrum, out[rows], lane)
+            share(pairs, partial(transform.expand, *tones))
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
-        return aligned(self._plan.geometry.tx.size * self._plan.bins * 2 * channels, np.float32)
+        return aligned(self._geometry.tx.size * self._bins * 2 * channels, np.float32)
+
+
+class PreciseEngine(_HostMemory):
+    """Range profiles and their interpolation in double precision: for tolerances that single precision cannot keep."""
+
+    method = "profile"
+
+    def __init__(self, plan: Plan, weight: FloatArray) -> None:
+        spectrum = plan.spectrum
+        self.width = plan.window.width
+        self._spectrum, self._weight, self._phase = spectrum, weight, plan.phase
+        self._geometry = plan.precise_geometry()
+        shape = (weight.shape[1], spectrum.size)
+        self._slots = csr_array((spectrum.share, spectrum.slot, spectrum.entries), shape=shape)
+        self._bin = (spectrum.first + np.arange(plan.bins)) % spectrum.size
+
+    def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
+        for rows, image in zip(data, out, strict=True):
+            rows = rows if self._phase is None else rows * self._phase
+            tones = rows[:, None, :] * self._weight
+            slots = (tones.reshape(-1, tones.shape[2]) @ self._slots).reshape(*tones.shape[:2], -1)
+            profile = fft.ifft(slots, axis=2, norm="forward")[..., self._bin] * self._spectrum.factor
+            table = np.ascontiguousarray(profile.transpose(0, 2, 1))
+            adjoint_precise(table, self._geometry, image)
+
+    def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
+        """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
+        pairs, bands, bins = out.shape[1], self._weight.shape[0], self._bin.size
+        table = np.empty((pairs, bins, bands), np.complex128)
+        for scene, rows in zip(image, out, strict=True):
+            forward_precise(table, self._geometry, scene)
+            slots = np.zeros((self._spectrum.size, pairs, bands), np.complex128)
+            np.add.at(slots, self._bin, (table * self._spectrum.factor[:, None]).transpose(1, 0, 2))
+            slots = fft.fft(slots, axis=0)
+            tones = (self._slots @ slots.reshape(slots.shape[0], -1)).reshape(-1, pairs, bands)
+            rows[...] = np.einsum("kqs,sk->qk", tones, self._weight)
+            if self._phase is not None:
+                rows *= self._phase.conj()
 
 
 def passes(polarizations: int, subbands: int) -> list[tuple[slice, slice, int]]:
@@ -124,19 +195,41 @@ def make_engine(
     ValueError
         If the device or the method is not known.
     """
-    if device != "cpu":
-        raise ValueError(f"device must be 'cpu', got {device!r}")
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
     if method not in ("auto", "profile", "direct"):
         raise ValueError(f"method must be 'auto', 'profile' or 'direct', got {method!r}")
-    if method == "direct" or dtype == np.dtype(np.complex128):
-        return DirectEngine(layout, frequency, weight, offset)
     active = np.asarray(weight.any(axis=0))
-    if method == "auto" and layout.count * np.count_nonzero(active) < 2000:
+    # What single precision adds to the window's error is small but not nothing.
+    share = 0.9 * tolerance if dtype == np.dtype(np.complex64) else tolerance
+    if device == "cuda":
+        return _cuda_engine(make_plan(frequency, active, layout, offset, share), weight, tolerance, dtype, method)
+    # Below this many terms per pair, profiles cost more than the sums themselves.
+    if method == "direct" or (method == "auto" and layout.count * np.count_nonzero(active) < 2000):
         return DirectEngine(layout, frequency, weight, offset)
-    plan = make_plan(frequency, active, layout, tolerance)
-    phase = plan.phase
-    if offset.any():
-        turns = -offset[:, None] * frequency / SPEED_OF_LIGHT
-        shift = np.exp(2j * np.pi * (turns - np.floor(turns)))
-        phase = shift if phase is None else shift * phase
-    return ProfileEngine(plan, weight, phase)
+    plan = make_plan(frequency, active, layout, offset, share)
+    if dtype == np.dtype(np.complex64) and _fits_single(plan, tolerance):
+        return ProfileEngine(plan, weight)
+    return PreciseEngine(plan, weight)
+
+
+def _fits_single(plan: Plan, tolerance: float) -> bool:
+    """Whether 32-bit delays are fine enough and 32-bit indices large enough: not with many thousands of tones."""
+    return plan.rounding < tolerance / 2 and plan.layout.tx.size * plan.bins * 2 * max(CHANNELS) < 2**32
+
+
+def _cuda_engine(plan: Plan, weight: FloatArray, tolerance: float, dtype: np.dtype[Any], method: str) -> Engine:
+    if dtype != np.dtype(np.complex64):
+        raise ValueError(f"dtype must be complex64 (and tolerance at least 1e-5) with device 'cuda', got {dtype}")
+    if method == "direct":
+        raise ValueError("method must be 'auto' or 'profile' with device 'cuda', got 'direct'")
+    if not _fits_single(plan, tolerance):
+        raise ValueError(
+            f"tolerance must be at least {2 * plan.rounding:.0e} with device 'cuda' and these tones, got {tolerance:g}"
+        )
+    # Imported here because it needs numba-cuda, which only users of a device install.
+    try:
+        from flgpr.imaging.cuda import CudaEngine
+    except ImportError as error:
+        raise ValueError(f"device 'cuda' needs the package numba-cuda: {error}") from None
+    return CudaEngine(plan, weight)

@@ -41,8 +41,8 @@ class ImagingOperator:
         Band edges in Hz, both included. None takes the whole band; the sub-band axis stays, with length 1.
     tolerance : float
         Largest relative L2 error against the direct double-precision sum.
-    device : {"cpu"}
-        Where the sums are computed.
+    device : {"cpu", "cuda"}
+        Where the sums are computed; "cuda" needs an NVIDIA device and the package numba-cuda.
     permittivity : float
         Relative permittivity of the medium between antennas and pixels.
     path_offset : (pair,) array_like, optional
@@ -114,7 +114,7 @@ class ImagingOperator:
         self.weight = self._weights(window)
         medium = (math.sqrt(self.permittivity), math.sqrt(self.half_space) if self.half_space else 0.0)
         layout = lay_out(self.tx_position, self.rx_position, points, medium, (tx_pattern, rx_pattern))
-        self._engine: Engine = make_engine(
+        self.engine: Engine = make_engine(
             layout, self.frequency, self.weight, self.path_offset, self.tolerance, self.dtype, device, method
         )
 
@@ -126,7 +126,27 @@ class ImagingOperator:
     @property
     def method(self) -> str:
         """The method in use: "profile" or "direct"."""
-        return self._engine.method
+        return self.engine.method
+
+    @property
+    def width(self) -> int:
+        """Bins that the interpolation window covers; zero for direct sums."""
+        return self.engine.width
+
+    def image_buffer(self, *lead: int) -> NDArray[Any]:
+        """Make memory for images, to be passed as ``out``; page-locked for a CUDA device.
+
+        Parameters
+        ----------
+        *lead : int
+            Number of polarizations, after leading axes if any.
+
+        Returns
+        -------
+        (lead, subband, pixels.shape[:-1]) ndarray of complex64 or complex128
+            Uninitialised images.
+        """
+        return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
@@ -150,8 +170,8 @@ class ImagingOperator:
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
         shape = (*lead, len(self.subbands), *self.pixel_shape)
-        images = _target(out, shape, self.dtype)
-        self._engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
+        images = self.engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
+        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
@@ -174,7 +194,7 @@ class ImagingOperator:
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)
-        self._engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
+        self.engine.forward(block.reshape(*block.shape[:2], math.prod(self.pixel_shape)), out)
         return out.reshape(*lead, *out.shape[1:])
 
     def _checked(self, value: ArrayLike, name: str, tail: tuple[int, ...]) -> tuple[NDArray[Any], tuple[int, ...]]:
@@ -269,9 +289,7 @@ def _precision(dtype: DTypeLike | None, tolerance: float) -> np.dtype[Any]:
     return kind
 
 
-def _target(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    if out is None:
-        return np.empty(shape, dtype)
+def _target(out: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     if out.shape != shape or out.dtype != dtype or not out.flags.c_contiguous:
         raise ValueError(f"out must be contiguous {dtype} of the shape {shape}, got {out.dtype} {out.shape}")
     return out

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.kernels.kaiser import Window, best_shape, design, polynomials, transform
+from flgpr.kernels.geometry import antenna_paths
+from flgpr.kernels.kaiser import MAX_WIDTH, Window, best_shape, design, polynomials, transform
 from flgpr.kernels.layout import BLOCK
+from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
@@ -148,88 +150,116 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything the kernels of one operator are given.
+    """Everything the kernels of one operator are made from.
 
     Attributes
     ----------
+    layout : Layout
+        Antennas and pixels.
     window : Window
         Interpolation window.
     spectrum : Spectrum
-        Tones and bins.
-    geometry : Geometry
-        Antennas, pixels, delays and weights.
-    bins : int
-        Bins per pair, those that only the window's outer taps reach included.
-    phase : (1, tone) ndarray of complex or None
-        Factor on every tone that moves profiles to the middle of the swath (uneven tones only).
+        Tones and bins, in double precision.
+    per_turn, carrier : float
+        Spacing of the spectrum and its position zero over the speed of light, 1/m.
+    start : int
+        First bin that a path reaches; the window's outer taps start earlier.
+    phase : (1 or pair, tone) ndarray of complex or None
+        Factor on every tone.
+    rounding : float
+        Largest phase that the 32-bit delays of the kernels in single precision are off by, rad.
     """
 
+    layout: Layout
     window: Window
     spectrum: Spectrum
-    geometry: Geometry
-    bins: int
+    per_turn: float
+    carrier: float
+    start: int
     phase: NDArray[np.complex128] | None
+    rounding: float
+
+    @property
+    def bins(self) -> int:
+        """Bins per pair, those that only the window's outer taps reach included."""
+        return self.spectrum.factor.size
+
+    def geometry(self) -> Geometry:
+        """Geometry for the kernels in single precision."""
+        layout, width = self.layout, self.window.width
+        shift = 33 - self.window.size.bit_length()
+        half_bin = 1 << (shift - 1) if width % 2 else 0
+        weight = polynomials(self.window, polynomial_degree(width))
+        return Geometry(
+            layout.tx, layout.rx, layout.antenna, layout.pixels, layout.count, layout.medium, self.per_turn,
+            self.carrier, ((self.start << shift) - half_bin) % 2**32, shift, layout.gain.astype(np.float32),
+            weight.astype(np.float32),
+        )  # fmt: skip
+
+    def precise_geometry(self) -> PreciseGeometry:
+        """Geometry for the kernels in double precision."""
+        layout = self.layout
+        path = np.empty((layout.antenna.shape[0], layout.pixels.shape[1]))
+        antenna_paths(layout.pixels, layout.antenna, layout.medium, path)
+        start = self.start % self.window.size - (0.5 if self.window.width % 2 else 0.0)
+        weight = polynomials(self.window, self.window.width + 9)
+        return PreciseGeometry(
+            path, layout.tx, layout.rx, layout.gain, self.per_turn, self.carrier, self.window.size, start, weight
+        )
 
 
-def make_plan(frequency: FloatArray, active: NDArray[np.bool_], layout: Layout, tolerance: float) -> Plan:
-    """Choose window and spectrum for the ``active`` tones (those with a weight in any sub-band)."""
+def make_plan(
+    frequency: FloatArray, active: NDArray[np.bool_], layout: Layout, offset: FloatArray, tolerance: float
+) -> Plan:
+    """Choose window and spectrum for the ``active`` tones (those with a weight in any sub-band).
+
+    ``offset`` (pair,) m is taken off the paths by a factor on every tone.
+    """
     swath = layout.swath()
     tones = place_tones(frequency[active], swath, tolerance)
     share = tolerance if tones.uniform else tolerance / 2
-    extent = tones.extent if tones.uniform else max(tones.extent + 16, 100)
-    window = design(extent, share, layout.count)
-    size, width = window.size, window.width
-    per_turn = tones.step / SPEED_OF_LIGHT
+    window = design(tones.extent if tones.uniform else max(tones.extent + 16, 100), share, layout.count)
+    size, per_turn = window.size, tones.step / SPEED_OF_LIGHT
     start = math.floor(swath[0] * per_turn * size) - 1
-    reach = math.floor(swath[1] * per_turn * size) + 3 - start
-    reach = min(reach, size)
-    shift = 32 - size.bit_length() + 1
-    half_bin = (1 << (shift - 1)) if width % 2 else 0
-    first, bins = start - (width - 1) // 2, reach + width
-    centre = 0 if tones.uniform else start + reach // 2
-    spectrum = _spectrum(tones, active, window, first - centre, bins, share)
-    phase = None
+    reach = min(math.floor(swath[1] * per_turn * size) + 3 - start, size)
+    first, bins = start - (window.width - 1) // 2, reach + window.width
+    turns = np.zeros((1, frequency.size))
+    centre = 0
     if not tones.uniform:
-        turns = tones.place * (centre / size)
-        phase = np.zeros((1, frequency.size), np.complex128)
-        phase[0, active] = np.exp(2j * np.pi * (turns - np.floor(turns)))
-    geometry = Geometry(
-        layout.tx, layout.rx, layout.antenna, layout.pixels, layout.count, layout.medium, per_turn,
-        tones.carrier / SPEED_OF_LIGHT, ((start << shift) - half_bin) % 2**32, shift, layout.gain.astype(np.float32),
-        polynomials(window, polynomial_degree(width)).astype(np.float32),
-    )  # fmt: skip
-    return Plan(window, spectrum, geometry, bins, phase)
+        centre = start + reach // 2
+        turns[0, active] = tones.place * (centre / size)
+    if offset.any():
+        turns = turns - offset[:, None] * (frequency / SPEED_OF_LIGHT)
+    phase = np.exp(2j * np.pi * (turns - np.floor(turns))) if turns.any() else None
+    spectrum = _spectrum(tones, active, window, first - centre, bins, share)
+    rounding = 2 * math.pi * float(np.abs(tones.place).max()) * 2 / 2**32
+    return Plan(layout, window, spectrum, per_turn, tones.carrier / SPEED_OF_LIGHT, start, phase, rounding)
 
 
-def _spectrum(tones: Tones, active: NDArray[np.bool_], window: Window, first: int, bins: int, share: float) -> Spectrum:
+def _spectrum(
+    tones: Tones, active: NDArray[np.bool_], window: Window, first: int, bins: int, tolerance: float
+) -> Spectrum:
     """Slots of every tone; uneven tones are spread over several, as in a non-uniform transform of the first kind."""
     size = window.size
-    weight = 1 / transform(window.width, window.beta, tones.place / size)
-    factor = np.ones(bins)
-    if tones.uniform:
-        slots = np.rint(tones.place).astype(np.int64)[:, None]
-        shares = weight[:, None]
-    else:
-        slots, shares, factor = _spread(tones.place, size, first, bins, share)
-        shares *= weight[:, None]
+    weight = 1 / transform(window.width, window.beta, tones.place / size)[:, None]
+    slots, factor = np.rint(tones.place).astype(np.int64)[:, None], np.ones(bins)
+    if not tones.uniform:
+        slots, shares, factor = _spread(tones.place, size, first, bins, tolerance)
+        weight = weight * shares
     per_tone = np.where(active, slots.shape[1], 0)
     entries = np.concatenate([[0], np.cumsum(per_tone)]).astype(np.int64)
-    turns = np.arange(size) / size
-    return Spectrum(
-        size, first % size, entries, (slots % size).reshape(-1), shares.reshape(-1).astype(np.float32),
-        factor.astype(np.float32), np.exp(2j * np.pi * turns).astype(np.complex64),
-    )  # fmt: skip
+    twiddle = np.exp(2j * np.pi * np.arange(size) / size)
+    return Spectrum(size, first % size, entries, (slots % size).reshape(-1), weight.reshape(-1), factor, twiddle)
 
 
 def _spread(
     place: FloatArray, size: int, first: int, bins: int, tolerance: float
 ) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Slots and weights that stand for tones between two slots, and the factor that undoes this on each bin."""
-    offset = np.arange(first, first + bins) / size
-    width = next(w for w in range(2, 17) if best_shape(w, 2.0)[1] <= tolerance)
+    width = next(w for w in range(2, MAX_WIDTH + 1) if w == MAX_WIDTH or best_shape(w, 2.0)[1] <= tolerance)
     beta = best_shape(width, 2.0)[0]
     lowest = np.ceil(place - width / 2).astype(np.int64)
     slots = lowest[:, None] + np.arange(width)
     distance = (slots - place[:, None]) / (width / 2)
     shares = np.i0(beta * np.sqrt(np.clip(1 - distance**2, 0, None))) / np.i0(beta)
-    return slots, shares, 1 / transform(width, beta, offset)
+    return slots, shares, 1 / transform(width, beta, np.arange(first, first + bins) / size)

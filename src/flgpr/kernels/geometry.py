@@ -43,25 +43,29 @@ def straight_path(x: Any, y: Any, z: Any, index: Any) -> Any:
 
 
 @njit(inline="always", fastmath=True, error_model="numpy", cache=True)
-def refracted_path(across: Any, height: Any, depth: Any, index: Any, ground: Any) -> Any:
-    """Optical length of the ray from ``height`` above the surface to ``depth`` below it, ``across`` away.
+def entry_distance(across: Any, height: Any, depth: Any, square: Any, bend: Any, steps: Any) -> Any:
+    """Horizontal distance from a point ``depth`` below the surface to where its ray from ``height`` above enters.
 
-    ``index`` and ``ground`` are the refractive indices above and below. With t the tangent of the angle of incidence,
-    Snell's law reads height·t + depth·t/sqrt(m² + (m²-1)t²) = across, m = ground/index. Newton's steps start from the
-    ray to the surface above the point; the length is stationary in the point of entry (Fermat), so that its error is of
-    second order in theirs.
+    With t the tangent of the angle of incidence, m the ratio of the refractive indices, ``square`` = m² and ``bend`` =
+    m² - 1, Snell's law reads height·t + depth·t/sqrt(m² + (m²-1)·t²) = across. Newton's ``steps`` start from the ray to
+    the surface above the point. Works in the precision of its arguments.
     """
-    ratio = ground / index
-    square = ratio * ratio
-    bend = square - 1.0
     t = across / (height + depth)
     t = across / (height + depth / math.sqrt(square + bend * t * t))
-    for _ in range(2):
+    for _ in range(steps):
         inner = square + bend * t * t
-        root = 1.0 / math.sqrt(inner)
-        slope = height + depth * square * root / inner
-        t -= (height * t + depth * t * root - across) / slope
-    entry = depth * t / math.sqrt(square + bend * t * t)
+        root = math.sqrt(inner)
+        t -= (height * t + depth * t / root - across) / (height + depth * square / (inner * root))
+    return depth * t / math.sqrt(square + bend * t * t)
+
+
+@njit(inline="always", fastmath=True, error_model="numpy", cache=True)
+def bent_path(across: Any, height: Any, depth: Any, entry: Any, index: Any, ground: Any) -> Any:
+    """Optical length of the ray that enters the ground ``entry`` from the point below.
+
+    The length is stationary in the point of entry (Fermat's principle): an error there is one of second order here.
+    ``index`` and ``ground`` are the refractive indices above and below.
+    """
     air = across - entry
     return index * math.sqrt(height * height + air * air) + ground * math.sqrt(depth * depth + entry * entry)
 
@@ -81,11 +85,14 @@ def antenna_rows(
     path = np.empty(BLOCK, np.float64)
     ax, ay, az = position[0], position[1], position[2]
     if ground > 0.0:
+        square = (ground / index) ** 2
+        square32, bend32 = float32(square), float32(square - 1.0)
         for k in range(uint64(BLOCK)):
             p = first + k
             x, y, z = pixels[0, p] - ax, pixels[1, p] - ay, pixels[2, p]
-            across = math.sqrt(x * x + y * y)
-            path[k] = refracted_path(across, az - max(z, 0.0), max(-z, 0.0), index, ground)
+            across, height, depth = math.sqrt(x * x + y * y), az - max(z, 0.0), max(-z, 0.0)
+            entry = entry_distance(float32(across), float32(height), float32(depth), square32, bend32, 2)
+            path[k] = bent_path(across, height, depth, entry, index, ground)
     else:
         for k in range(uint64(BLOCK)):
             p = first + k
@@ -106,11 +113,13 @@ def antenna_rows(
 def antenna_paths(pixels: Any, positions: Any, medium: Any, out: Any) -> None:
     """Optical paths ``out`` (antenna, pixel), m, in double precision; arguments as in :func:`antenna_rows`."""
     index, ground = medium[0], medium[1]
+    square = (ground / index) ** 2
     for p in prange(pixels.shape[1]):
         for a in range(positions.shape[0]):
             x, y, z = pixels[0, p] - positions[a, 0], pixels[1, p] - positions[a, 1], pixels[2, p]
             if ground > 0.0:
-                height, depth = positions[a, 2] - max(z, 0.0), max(-z, 0.0)
-                out[a, p] = refracted_path(math.sqrt(x * x + y * y), height, depth, index, ground)
+                across, height, depth = math.sqrt(x * x + y * y), positions[a, 2] - max(z, 0.0), max(-z, 0.0)
+                entry = entry_distance(across, height, depth, square, square - 1.0, 5)
+                out[a, p] = bent_path(across, height, depth, entry, index, ground)
             else:
                 out[a, p] = straight_path(x, y, z - positions[a, 2], index)

@@ -11,8 +11,8 @@ BLOCK = 64
 """Pixels that are worked on together; pixel arrays are padded to a multiple."""
 GATHER_PAIRS = 6
 """Pairs whose interpolation weights are held at a time when profiles are read."""
-SPREAD_PAIRS = 3
-"""Pairs that one task writes: few, so that many tasks share the work."""
+SPREAD_PAIRS = 9
+"""Largest number of pairs that one task writes."""
 CHANNELS = (4, 16)
 """Channels per lane row that kernels are compiled for."""
 

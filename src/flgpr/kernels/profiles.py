@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, njit, prange, uint32, uint64
+from numba import float32, njit, uint32, uint64
 from numpy.typing import NDArray
 
 from flgpr.kernels.geometry import antenna_rows
 from flgpr.kernels.lanes import gather_pairs, spread_pairs
-from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, SPREAD_PAIRS
+from flgpr.kernels.layout import BLOCK, GATHER_PAIRS
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -86,21 +86,25 @@ def _weigh(fields, field, weight, taps):  # type: ignore[no-untyped-def]
             fields[field + uint64(1 + width - a) * block + k] = e - o
 
 
-@njit(parallel=True, **_FAST)
-def adjoint(table, bins, geometry, out, taps, channels):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (channel, pixel) from ``table`` (pair, bin, lane) with ``bins`` bins per pair."""
+@njit(nogil=True, **_FAST)
+def adjoint(table, bins, geometry, out, taps, channels, begin, end):  # type: ignore[no-untyped-def]
+    """Fill the blocks of pixels from ``begin`` up to ``end`` of ``out`` (channel, pixel).
+
+    ``table`` (pair, bin, lane) holds ``bins`` bins per pair.
+    """
     tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
     medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
     origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
     antennas, pairs, half, fields_per_pair = antenna.shape[0], tx.shape[0], len(channels), (len(taps) + 2) * BLOCK
     lanes = 2 * half
-    for block in prange((count + BLOCK - 1) // BLOCK):
+    delay = np.empty(antennas * BLOCK, np.uint32)
+    cosine, sine = np.empty(antennas * BLOCK, np.float32), np.empty(antennas * BLOCK, np.float32)
+    start = np.empty(GATHER_PAIRS * BLOCK, np.uint32)
+    fields = np.empty(GATHER_PAIRS * fields_per_pair, np.float32)
+    total = np.empty(BLOCK * 2 * lanes, np.float32)
+    for block in range(begin, end):
         first = uint64(block * BLOCK)
-        delay = np.empty(antennas * BLOCK, np.uint32)
-        cosine, sine = np.empty(antennas * BLOCK, np.float32), np.empty(antennas * BLOCK, np.float32)
-        start = np.empty(GATHER_PAIRS * BLOCK, np.uint32)
-        fields = np.empty(GATHER_PAIRS * fields_per_pair, np.float32)
-        total = np.zeros(BLOCK * 2 * lanes, np.float32)
+        total[:] = 0
         for a in range(antennas):
             at = uint64(a * BLOCK)
             antenna_rows(pixels, first, antenna[a], medium, per_turn, carrier, gain[a], at, delay, cosine, sine)
@@ -136,46 +140,44 @@ def _antennas_of(tx, rx, q, held, used, local):  # type: ignore[no-untyped-def]
     return antennas
 
 
-@njit(parallel=True, **_FAST)
-def forward(table, bins, geometry, image, taps, channels):  # type: ignore[no-untyped-def]
-    """Fill ``table`` from ``image`` (channel, pixel): the transpose of :func:`adjoint`.
+@njit(nogil=True, **_FAST)
+def forward(table, bins, geometry, image, taps, channels, q, end):  # type: ignore[no-untyped-def]
+    """Fill the pairs from ``q`` up to ``end`` of ``table`` from ``image`` (channel, pixel): transpose of the adjoint.
 
-    A task owns the profiles of a few pairs and goes through all pixels in order.
+    A call owns the profiles of its pairs and goes through all pixels in order: what it finds for a pair does not depend
+    on the others.
     """
     tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
     medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
     origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
-    pairs, half, fields_per_pair, most = tx.shape[0], len(channels), (len(taps) + 2) * BLOCK, 2 * SPREAD_PAIRS
-    lanes = 2 * half
-    for task in prange((pairs + SPREAD_PAIRS - 1) // SPREAD_PAIRS):
-        q = task * SPREAD_PAIRS
-        held = min(SPREAD_PAIRS, pairs - q)
-        table[q * bins * lanes : (q + held) * bins * lanes] = 0
-        used, local = np.empty(most, np.int64), np.empty(most, np.int64)
-        antennas = _antennas_of(tx, rx, q, held, used, local)
-        delay = np.empty(most * BLOCK, np.uint32)
-        cosine, sine = np.empty(most * BLOCK, np.float32), np.empty(most * BLOCK, np.float32)
-        start = np.empty(SPREAD_PAIRS * BLOCK, np.uint32)
-        fields = np.empty(SPREAD_PAIRS * fields_per_pair, np.float32)
-        value = np.zeros(BLOCK * lanes, np.float32)
-        for block in range((count + BLOCK - 1) // BLOCK):
-            first = uint64(block * BLOCK)
-            wanted = uint64(min(BLOCK, count - block * BLOCK))
-            for a in range(antennas):
-                n, at = used[a], uint64(a * BLOCK)
-                antenna_rows(pixels, first, antenna[n], medium, per_turn, carrier, gain[n], at, delay, cosine, sine)
-            for g in range(held):
-                i, j, field = (
-                    uint64(local[2 * g] * BLOCK),
-                    uint64(local[2 * g + 1] * BLOCK),
-                    uint64(g * fields_per_pair),
-                )
-                base = uint32((q + g) * bins)
-                _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field)
-                _weigh(fields, field, weight, taps)
-            for c in range(uint64(image.shape[0])):
-                for k in range(wanted):
-                    value[k * uint64(lanes) + c] = image[c, first + k].real
-                    value[k * uint64(lanes) + c + uint64(half)] = image[c, first + k].imag
+    half, fields_per_pair, held = len(channels), (len(taps) + 2) * BLOCK, end - q
+    lanes, most = 2 * half, 2 * held
+    table[q * bins * lanes : (q + held) * bins * lanes] = 0
+    used, local = np.empty(most, np.int64), np.empty(most, np.int64)
+    antennas = _antennas_of(tx, rx, q, held, used, local)
+    delay = np.empty(most * BLOCK, np.uint32)
+    cosine, sine = np.empty(most * BLOCK, np.float32), np.empty(most * BLOCK, np.float32)
+    start = np.empty(held * BLOCK, np.uint32)
+    fields = np.empty(held * fields_per_pair, np.float32)
+    value = np.zeros(BLOCK * lanes, np.float32)
+    for block in range((count + BLOCK - 1) // BLOCK):
+        first = uint64(block * BLOCK)
+        wanted = uint64(min(BLOCK, count - block * BLOCK))
+        for a in range(antennas):
+            n, at = used[a], uint64(a * BLOCK)
+            antenna_rows(pixels, first, antenna[n], medium, per_turn, carrier, gain[n], at, delay, cosine, sine)
+        for g in range(held):
+            i, j, field = (
+                uint64(local[2 * g] * BLOCK),
+                uint64(local[2 * g + 1] * BLOCK),
+                uint64(g * fields_per_pair),
+            )
+            base = uint32((q + g) * bins)
+            _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field)
+            _weigh(fields, field, weight, taps)
+        for c in range(uint64(image.shape[0])):
             for k in range(wanted):
-                spread_pairs(value, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
+                value[k * uint64(lanes) + c] = image[c, first + k].real
+                value[k * uint64(lanes) + c + uint64(half)] = image[c, first + k].imag
+        for k in range(wanted):
+            spread_pairs(value, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)

@@ -7,10 +7,10 @@ the profiles come out in the order in which they are read.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange, uint64
+from numba import njit, uint64
 from numpy.typing import NDArray
 
 from flgpr.kernels.lanes import butterfly
@@ -29,9 +29,14 @@ class Spectrum(NamedTuple):
     first: int
     entries: NDArray[np.int64]
     slot: NDArray[np.int64]
-    share: NDArray[np.float32]
-    factor: NDArray[np.float32]
-    twiddle: NDArray[np.complex64]
+    share: NDArray[Any]
+    factor: NDArray[Any]
+    twiddle: NDArray[Any]
+
+    def single(self) -> Spectrum:
+        """Return the spectrum in single precision, which :func:`compress` and :func:`expand` work in."""
+        share, factor = self.share.astype(np.float32), self.factor.astype(np.float32)
+        return self._replace(share=share, factor=factor, twiddle=self.twiddle.astype(np.complex64))
 
 
 @njit(**_FAST)
@@ -60,17 +65,18 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
     return a
 
 
-@njit(parallel=True, **_FAST)
-def compress(data, weight, spectrum, table, channels):  # type: ignore[no-untyped-def]
-    """Fill ``table`` (pair, bin, lane) from ``data`` (polarization, pair, tone); ``weight`` (subband, tone).
+@njit(nogil=True, **_FAST)
+def compress(data, weight, spectrum, table, channels, begin, end):  # type: ignore[no-untyped-def]
+    """Fill ``table`` (pair, bin, lane) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
 
+    ``weight`` (subband, tone).
     The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero.
     """
     half, size, first = len(channels), spectrum.size, spectrum.first
     entries, slot, share = spectrum.entries, spectrum.slot, spectrum.share
     factor, twiddle = spectrum.factor, spectrum.twiddle
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    for q in prange(data.shape[1]):
+    for q in range(begin, end):
         a, b = np.zeros(size * lanes, np.float32), np.empty(size * lanes, np.float32)
         for k in range(data.shape[2]):
             for e in range(entries[k], entries[k + 1]):
@@ -87,14 +93,14 @@ def compress(data, weight, spectrum, table, channels):  # type: ignore[no-untype
                 table[to + j] = a[at + j] * factor[i]
 
 
-@njit(parallel=True, **_FAST)
-def expand(table, weight, spectrum, data, channels):  # type: ignore[no-untyped-def]
-    """Add to ``data`` (polarization, pair, tone) the spectra of ``table``: the transpose of :func:`compress`."""
+@njit(nogil=True, **_FAST)
+def expand(table, weight, spectrum, data, channels, begin, end):  # type: ignore[no-untyped-def]
+    """Add the spectra of ``table`` to ``data`` (polarization, pair, tone): the transpose of :func:`compress`."""
     half, size, first = len(channels), spectrum.size, spectrum.first
     entries, slot, share = spectrum.entries, spectrum.slot, spectrum.share
     factor, twiddle = spectrum.factor, spectrum.twiddle
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    for q in prange(data.shape[1]):
+    for q in range(begin, end):
         a, b = np.zeros(size * lanes, np.float32), np.empty(size * lanes, np.float32)
         for i in range(bins):
             to, at = uint64(((first + i) % size) * lanes), uint64((q * bins + i) * lanes)

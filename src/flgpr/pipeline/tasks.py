@@ -25,7 +25,7 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
 from flgpr.pipeline.classifier import (
     CLASSIFIER_B,
     Classifier,
@@ -41,6 +41,8 @@ from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import Result, describe_run, read_result, write_result
 from flgpr.pipeline.score import Score, roc_json, score
+from flgpr.pipeline.simulation import preview_figure, simulate_to_store
+from flgpr.simulate import load_scene
 
 PathLike = str | Path
 
@@ -316,6 +318,54 @@ def _difference(old: NDArray[np.float32], new: NDArray[np.float32]) -> float:
     if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
         return float("inf")
     return float(np.linalg.norm(np.nan_to_num(new - old)) / np.linalg.norm(np.nan_to_num(old)))
+
+
+def simulate_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    errors: bool = True,
+    track: Track = silent,
+) -> list[Path]:
+    """Simulate a scene file into a run store, or draw it.
+
+    Parameters
+    ----------
+    scene : path
+        Scene (TOML).
+    sensor : str or path
+        Sensor preset or TOML file.
+    seed : int
+        Seed.
+    output : path, optional
+        Run store to make, see :func:`flgpr.pipeline.simulation.simulate_to_store`.
+    preview : path, optional
+        PNG to write.
+    errors : bool
+        Whether the sensor's errors are added.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If an input is not valid or the store exists.
+    """
+    world, array = load_scene(scene), load_sensor(sensor)
+    written = []
+    if preview is not None:
+        preview_figure(world, seed).savefig(preview, dpi=100, format="png", metadata={"Software": None})
+        written.append(Path(preview))
+    if output is not None:
+        written += simulate_to_store(world, array, seed, output, errors, track)
+    return written
 
 
 def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:

@@ -1,0 +1,54 @@
+"""Tasks shared by threads: short work that must not wait for a thread that the machine does not run.
+
+The calling thread works too and tasks are handed out one by one, so that a thread that is late takes fewer. Waiting
+threads sleep. Calls from several threads at once are allowed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from numba import config, get_num_threads
+
+TASKS_PER_THREAD = 6
+
+_pools: list[ThreadPoolExecutor] = []
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)
+
+
+def _pool() -> ThreadPoolExecutor:
+    if not _pools:
+        _pools.append(ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr-imaging"))
+    return _pools[0]
+
+
+def share(count: int, run: Callable[[int, int], None], step: int | None = None) -> None:
+    """Call ``run(begin, end)`` for parts of ``range(count)`` on as many threads as numba is set to use.
+
+    Parameters
+    ----------
+    count : int
+        Number of items.
+    run : callable
+        Works on the items from ``begin`` up to ``end``; must release the interpreter lock to run beside others.
+    step : int, optional
+        Items per part. Default: so many that every thread gets a few parts.
+    """
+    threads = get_num_threads()
+    size = step or max(1, -(-count // (TASKS_PER_THREAD * threads)))
+    starts = iter(range(0, count, size))
+
+    def work() -> None:
+        for begin in starts:
+            run(begin, min(begin + size, count))
+
+    helpers = [_pool().submit(work) for _ in range(min(threads, -(-count // size)) - 1)]
+    try:
+        work()
+    finally:
+        for helper in helpers:
+            if not helper.cancel():
+                helper.result()

@@ -1,0 +1,73 @@
+"""What the machine can do at most: multiply-adds per second in single precision and bytes per second from memory."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import get_num_threads, njit, prange
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+_CHAINS, _LANES = 12, 16
+
+
+@intrinsic
+def _multiply_add(_context, count, scale):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Sum of independent chains x <- x·scale + scale of vectors that stay in registers, ``count`` steps long."""
+    signature = types.float32(types.int64, types.float32)
+
+    def build(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        vector = ir.VectorType(ir.FloatType(), _LANES)
+        empty, zeros = ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), _LANES), None)
+        first = builder.insert_element(empty, args[1], ir.Constant(ir.IntType(32), 0))
+        factor = builder.shuffle_vector(first, empty, zeros)
+        chains = [cgutils.alloca_once_value(builder, factor) for _ in range(_CHAINS)]
+        with cgutils.for_range(builder, args[0]):
+            for chain in chains:
+                product = builder.fmul(builder.load(chain), factor, flags=("contract",))
+                builder.store(builder.fadd(product, factor, flags=("contract",)), chain)
+        total = builder.load(chains[0])
+        for chain in chains[1:]:
+            total = builder.fadd(total, builder.load(chain))
+        parts = [builder.extract_element(total, ir.Constant(ir.IntType(32), i)) for i in range(_LANES)]
+        value = parts[0]
+        for part in parts[1:]:
+            value = builder.fadd(value, part)
+        return value
+
+    return signature, build
+
+
+@njit(parallel=True, cache=True)
+def _multiply_add_all(tasks, count, scale, out):  # type: ignore[no-untyped-def]
+    for i in prange(tasks):
+        out[i] = _multiply_add(count, scale)
+
+
+@njit(parallel=True, cache=True)
+def _copy(source, target):  # type: ignore[no-untyped-def]
+    for i in prange(source.size):
+        target[i] = source[i]
+
+
+def peak_flops() -> float:
+    """Time dependent multiply-adds on all threads once; floating-point operations per second in single precision."""
+    tasks, count = 4 * get_num_threads(), 1_000_000
+    out = np.empty(tasks, np.float32)
+    _multiply_add_all(tasks, 1, np.float32(0.5), out)
+    start = time.perf_counter()
+    _multiply_add_all(tasks, count, np.float32(0.5), out)
+    return 2.0 * _CHAINS * _LANES * count * tasks / (time.perf_counter() - start)
+
+
+def peak_bandwidth() -> float:
+    """Time a copy that no cache holds once; bytes read and written per second."""
+    source = np.ones(16_000_000, np.float32)
+    target = np.empty_like(source)
+    _copy(source, target)
+    start = time.perf_counter()
+    _copy(source, target)
+    return 2.0 * source.nbytes / (time.perf_counter() - start)

@@ -1,0 +1,120 @@
+"""The CUDA engine on tiny arrays. Run in its own process, under the simulator or on a device (see test_cuda.py)."""
+
+import itertools
+
+import numpy as np
+import pytest
+from numba import cuda
+
+from flgpr.imaging import ImagingOperator
+from flgpr.imaging import cuda as engine
+from flgpr.pipeline import bench
+
+TONES = 500e6 + 40e6 * np.arange(20)
+TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
+RX = np.array([[-2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.0, 0.0, 5.0]])
+BANDS = ((0.5e9, 1.0e9), (0.9e9, 1.3e9))
+
+
+def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
+    return np.random.default_rng(0).uniform(low, high, size=(count, 3))
+
+
+def noise(shape, seed=0):
+    rng = np.random.default_rng(seed)
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+
+
+def beam(position, points):
+    return 1 + 0.1 * (points[:, 1] - position[0])
+
+
+def relative(value, truth):
+    return np.linalg.norm(value - truth) / np.linalg.norm(truth)
+
+
+CASES = {
+    "bands": {"subbands": BANDS, "tolerance": 1e-3, "window": "hann"},
+    "odd width": {"tolerance": 4e-3},
+    "fine": {"tolerance": 1e-5, "subbands": BANDS},
+    "ground": {"half_space": 3.4},
+    "pattern and offset": {"tx_pattern": beam, "rx_pattern": beam, "path_offset": [0.0, 1.0, 30.0]},
+    "uneven": {"frequency": np.sort(np.random.default_rng(1).uniform(0.5e9, 1.3e9, 20)), "subbands": BANDS},
+    "wrapping": {"pixels": scene((-20, 7, 0), (20, 30, 1))},
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_both_directions_agree_with_the_direct_sum(name):
+    case = {"frequency": TONES, "tx_position": TX, "rx_position": RX, "pixels": scene(), **CASES[name]}
+    operator = ImagingOperator(**case, device="cuda")
+    exact = ImagingOperator(**case, method="direct")
+    data = noise((2, 3, 20))
+    image = noise((2, len(exact.subbands), 8), seed=1)
+    adjoint, forward = operator.adjoint(data), operator.forward(image)
+    assert relative(adjoint, exact.adjoint(data)) < exact.tolerance
+    assert relative(forward, exact.forward(image)) < exact.tolerance
+    gap = np.vdot(forward.astype(complex), data) - np.vdot(image, adjoint.astype(complex))
+    assert abs(gap) < 1e-6 * np.linalg.norm(forward) * np.linalg.norm(data)
+
+
+def test_batches_go_through_in_passes(monkeypatch):
+    monkeypatch.setattr(engine, "PASS_BYTES", 1)
+    operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
+    data = noise((4, 1, 3, 20))
+    images = operator.adjoint(data)
+    assert images.shape == (4, 1, 1, 5)
+    assert np.array_equal(images[2], operator.adjoint(data[2]))
+    assert np.array_equal(operator.forward(images)[3], operator.forward(images[3]))
+
+
+def test_more_channels_than_registers():
+    edges = np.linspace(0.5e9, 1.3e9, 11)
+    bands = tuple(itertools.pairwise(edges))
+    operator = ImagingOperator(TONES, TX, RX, scene(count=4), bands, device="cuda")
+    exact = ImagingOperator(TONES, TX, RX, scene(count=4), bands, method="direct")
+    data = noise((1, 3, 20))
+    assert relative(operator.adjoint(data), exact.adjoint(data)) < 1e-3
+    image = exact.adjoint(data)
+    assert relative(operator.forward(image), exact.forward(image)) < 1e-3
+
+
+def test_double_precision_is_refused():
+    with pytest.raises(ValueError, match=r"dtype must be complex64 .* with device 'cuda', got complex128"):
+        ImagingOperator(TONES, TX, RX, scene(), tolerance=1e-7, device="cuda")
+    with pytest.raises(ValueError, match=r"method must be 'auto' or 'profile' with device 'cuda', got 'direct'"):
+        ImagingOperator(TONES, TX, RX, scene(), device="cuda", method="direct")
+
+
+def test_nothing_in_nothing_out():
+    operator = ImagingOperator(TONES, TX, RX, scene(), device="cuda")
+    assert operator.adjoint(np.zeros((0, 3, 20))).shape == (0, 1, 8)
+
+
+def test_page_locked_memory_holds_images():
+    operator = ImagingOperator(TONES, TX, RX, scene(), device="cuda")
+    data, out = noise((1, 3, 20)), operator.image_buffer(1)
+    assert operator.adjoint(data, out=out) is out
+    assert np.array_equal(out, operator.adjoint(data))
+    assert cuda.is_available()
+
+
+def test_sums_on_the_device_are_timed():
+    operator = ImagingOperator(TONES, TX, RX, scene(count=2), device="cuda")
+    assert operator.engine.device_seconds(1, 1, repeats=1) > 0
+    assert np.isfinite(operator.adjoint(noise((1, 3, 20)))).all()
+
+
+def test_the_benchmark_counts_batches_and_the_device(monkeypatch):
+    tones, points = 0.8e9 + 0.2e9 * np.arange(11), scene(count=3)
+    scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
+    monkeypatch.setattr(bench, "sri_scan", lambda: scan)
+    monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)
+    monkeypatch.setattr(bench, "CHECKED_TONES", 11)
+    monkeypatch.setattr(bench, "BATCH", 2)
+    monkeypatch.setattr(bench, "_interleave", lambda runs, rounds: ([1.0] * len(runs), 1.0, 1.0))
+    table = bench.bench_imaging(rounds=1, device="cuda").set_index("work")
+    assert table.loc["15 images of 2 scans", "time"] == 0.5
+    assert table.loc["15 images, on the device", "rate"] > 0
+    assert (table["error"] < 1e-3).all()
+    assert "| 15 images, on the device | flgpr cuda |" in bench.format_bench(table.reset_index())

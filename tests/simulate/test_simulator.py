@@ -1,0 +1,184 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.imaging import ScanImager
+from flgpr.model import Grid, load_sensor
+from flgpr.simulate import Scene, Simulator, simulate, sites
+from flgpr.simulate.field import SurfaceField
+from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.scene import Surface
+from flgpr.simulate.simulator import system_response
+from simulate.conftest import BARE, STILL
+
+WIDE = {"all": (0.45e9, 2.95e9)}
+
+
+def scene(**parts):
+    return Scene(**({"surface": BARE, "track": STILL, "length": 30.0} | parts))
+
+
+def image_of(run, grid, subbands=None, window=None):
+    return next(iter(ScanImager(run, grid, subbands or WIDE, window=window, tolerance=1e-4)))
+
+
+def test_a_corner_reflector_images_at_its_place_and_analytic_level(quiet):
+    run, _ = simulate(scene(objects=[{"kind": "fiducial", "x": 0.52, "y": 12.03, "height": 0.0}]), quiet, 1)
+    grid = Grid.spanning((0.3, 0.8), (11.8, 12.3), 0.01)
+    image = np.abs(image_of(run, grid).sel(polarization="HH").values[0])
+    row, column = np.unravel_index(image.argmax(), grid.shape)
+    assert abs(grid.x[column] - 0.52) <= 0.005 + 1e-9
+    assert abs(grid.y[row] - 12.03) <= 0.005 + 1e-9
+    tx, rx = quiet.pairs()
+    point, up = np.array([0.52, 12.03, 0.0]), np.array([0, 0, quiet.height])
+    axis = np.array([0, np.cos(quiet.tilt), -np.sin(quiet.tilt)])
+    frequency = quiet.tones.axis()
+    inside = (frequency >= WIDE["all"][0]) & (frequency <= WIDE["all"][1])
+    # Radar equation: sqrt(G_t·G_r)·λ/((4π)^1.5·R_t·R_r)·sqrt(σ), σ = (f/GHz)² m², summed over pairs and tones.
+    sigma = np.sqrt((frequency / 1e9) ** 2)
+    total = 0.0
+    for t, r in zip(tx + up, rx + up, strict=True):
+        ray_t, ray_r = point - t, point - r
+        d_t, d_r = np.linalg.norm(ray_t), np.linalg.norm(ray_r)
+        pattern = (ray_t @ axis / d_t) * (ray_r @ axis / d_r)
+        total += pattern / (d_t * d_r) * np.sum((system_response(quiet, frequency) * sigma)[inside])
+    assert 20 * np.log10(image.max() / total) == pytest.approx(0, abs=0.1)
+
+
+@pytest.mark.parametrize("permittivity", [2.5, 3.4, 8.0])
+def test_a_mine_s_two_rims_lie_32_cm_apart_in_any_soil(quiet, permittivity):
+    soil = {"model": "fixed", "permittivity": permittivity, "conductivity": 0.0}
+    target = {"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.1, "height": 1.0}
+    run, _ = simulate(scene(soil=soil, targets=[target]), quiet, 1)
+    grid = Grid.spanning((-0.02, 0.02), (11.3, 13.0), 0.01)
+    cut = np.abs(image_of(run, grid, window="hann").sel(polarization="VV").values[0, :, 2])
+    peaks = [i for i in range(1, cut.size - 1) if cut[i] > max(cut[i - 1], cut[i + 1]) and cut[i] > 0.25 * cut.max()]
+    assert len(peaks) == 2
+    assert (peaks[1] - peaks[0]) * 0.01 == pytest.approx(0.32, abs=0.04)
+
+
+def test_a_level_mine_has_no_cross_polarization_and_a_tilted_one_some(quiet):
+    def ratio(tilt, azimuth):
+        target = {"kind": "metal", "x": 0.0, "y": 12.0, "depth": 0.05, "tilt": tilt, "azimuth": azimuth}
+        run, _ = simulate(scene(targets=[target]), quiet, 1)
+        peak = np.abs(image_of(run, Grid.spanning((-0.5, 0.5), (11.5, 12.9), 0.05)).values).max(axis=(1, 2, 3))
+        level = dict(zip(run["polarization"].values, peak, strict=True))
+        return 20 * np.log10(max(level["HV"], 1e-30) / level["HH"])
+
+    assert ratio(0.0, 0.0) < -60
+    assert -35 < ratio(np.radians(4), np.pi / 2) < -10
+
+
+def test_depth_attenuates_and_shifts_and_plastic_is_weaker_than_metal(quiet):
+    def peak(**target):
+        soil = {"model": "mironov", "clay": 20, "moisture": 0.12}
+        run, _ = simulate(scene(soil=soil, targets=[{"x": 0.0, "y": 12.0} | target]), quiet, 1)
+        grid = Grid.spanning((-0.5, 0.5), (11.4, 13.2), 0.02)
+        image = np.abs(image_of(run, grid, {"F1": (0.75e9, 1.35e9)}).sel(polarization="HH").values[0])
+        return image.max()
+
+    metal = [peak(kind="metal", depth=d) for d in (0.05, 0.10, 0.15)]
+    assert metal[0] > 1.1 * metal[1] > 1.2 * metal[2]
+    assert peak(kind="plastic", depth=0.05) < 0.8 * metal[0]
+
+
+def test_the_same_seed_gives_the_same_bits_in_any_order(quiet):
+    lane = Scene(site="arid-sand", length=20.0, draws=[{"kind": "metal", "depth": 0.05, "count": 3}])
+    sensor = load_sensor("sri-array").model_copy(update={"rx": quiet.rx, "tones": quiet.tones})
+    one, other = Simulator(lane, sensor, 7), Simulator(lane, sensor, 7)
+    pd.testing.assert_frame_equal(one.truth, other.truth)
+    forwards = [one.scan(k) for k in (0, 3, 5)]
+    backwards = [other.scan(k) for k in (5, 3, 0)][::-1]
+    for a, b in zip(forwards, backwards, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(Simulator(lane, sensor, 8).scan(0), forwards[0], equal_nan=True)
+
+
+@pytest.mark.parametrize("site", sites())
+def test_every_site_makes_a_lane_with_its_targets(site, quiet):
+    lane = Scene(site=site, length=20.0, draws=[{"kind": "plastic", "depth": 0.1, "count": 4}])
+    run, truth = simulate(lane.model_copy(update={"track": lane.track.model_copy(update=STILL)}), quiet, 3)
+    assert len(truth) == 4
+    assert (truth["kind"] == "plastic").all()
+    assert lane.lane.contains(truth["x"], truth["y"]).all()
+    assert truth["depth"].mean() == pytest.approx(0.1, abs=0.02)
+    assert run["valid"].values.all()
+
+
+@pytest.fixture
+def clutter(quiet):
+    """Make images of bare rough ground over several seeds."""
+
+    def make(surface, polarizations, seeds, subbands):
+        soil = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}
+        grid = Grid.spanning((-2.0, 2.0), (10.0, 14.0), 0.25)
+        unit = Scene(soil=soil, surface=surface, track=STILL, length=30.0)
+        images = []
+        for seed in range(seeds):
+            run, _ = simulate(unit, quiet, seed)
+            images.append(image_of(run, grid, subbands).sel(polarization=polarizations).values)
+        return np.array(images), grid
+
+    return make
+
+
+def expected_power(quiet, subband, surface):
+    """Mean |image|² at (0, 12) m: over all ground in view, σ⁰·dA times the squared image of one scatterer of 1 m².
+
+    All of it, for what folds in from beyond the unambiguous path and through grating lobes is clutter too.
+    """
+    frequency = quiet.tones.axis()
+    inside = (frequency >= subband[0]) & (frequency <= subband[1])
+    tx, rx = (p + np.array([0, 0, quiet.height]) for p in quiet.pairs())
+    axis = np.array([0, np.cos(quiet.tilt), -np.sin(quiet.tilt)])
+    centre = np.array([0.0, 12.0, 0.0])
+    fine = Grid.spanning((-6.95, 6.95), (5.55, 27.9), 0.15)
+    points = fine.points().reshape(-1, 3)
+    sine = np.hypot(points[:, 0], points[:, 1]) / np.linalg.norm(points - [0, 0, quiet.height], axis=1)
+    response = system_response(quiet, frequency)[inside]
+    power = np.zeros(2)
+    for channel, sigma in enumerate(surface(frequency[inside], sine[:, None])):
+        image = np.zeros(len(points), complex)
+        for t, r in zip(tx, rx, strict=True):
+            ray_t, ray_r = points - t, points - r
+            d_t, d_r = np.linalg.norm(ray_t, axis=1), np.linalg.norm(ray_r, axis=1)
+            gain = np.maximum(ray_t @ axis / d_t, 0) * np.maximum(ray_r @ axis / d_r, 0) / (d_t * d_r)
+            focus = np.linalg.norm(centre - t) + np.linalg.norm(centre - r)
+            turn = np.exp(2j * np.pi / 299792458.0 * (focus - d_t - d_r)[:, None] * frequency[inside])
+            image += gain * np.sum(turn * response * np.sqrt(sigma), axis=1)
+        power[channel] = np.sum(np.abs(image) ** 2) * fine.dx * fine.dy
+    return power
+
+
+@pytest.mark.parametrize("subband", [(0.75e9, 1.35e9), (2.25e9, 2.85e9)])
+def test_clutter_images_have_the_level_of_sigma0_and_rayleigh_statistics(quiet, clutter, subband):
+    images, _ = clutter({"texture_shape": None, "phase_screen": False}, ["HH", "VV"], 8, {"F": subband})
+    middle = images[:, :, 0, 6:11, 6:11]
+    want = expected_power(quiet, subband, lambda f, s: surface_backscatter(f, s, 3.4, 0.005, 0.05, np.radians(5)))
+    got = np.mean(np.abs(middle) ** 2, axis=(0, 2, 3))
+    np.testing.assert_allclose(10 * np.log10(got / want), 0, atol=1.0)
+    intensity = np.abs(images[:, 0, 0]) ** 2
+    intensity = intensity / intensity.mean(axis=0)
+    assert np.var(intensity) == pytest.approx(1.0, abs=0.35)  # Rayleigh amplitude: exponential intensity
+
+
+@pytest.mark.parametrize(("shape", "want"), [(None, 2.0), (2.0, 3.0), (5.0, 2.4)])
+def test_scatterers_are_k_distributed(shape, want):
+    """E|z|⁴/(E|z|²)² is 2(1 + 1/ν) for texture of shape ν, and 2 without."""
+    surface = Surface(texture_shape=shape, texture_length=0.3, correlation=0.65)
+    field = SurfaceField(surface, (), 40.0, seed=1)
+    z = np.concatenate([field.tile(i, j).amplitude for i in range(30) for j in range(30)])
+    power = np.abs(z[:, 0].astype(complex)) ** 2
+    assert np.mean(power**2) / np.mean(power) ** 2 == pytest.approx(want, rel=0.08)
+    assert power.sum() == pytest.approx(900, rel=0.08)
+    assert np.abs(np.vdot(z[:, 0], z[:, 1])) / np.linalg.norm(z[:, 0]) / np.linalg.norm(z[:, 1]) == pytest.approx(
+        0.65, abs=0.03
+    )
+
+
+def test_clutter_decorrelates_with_frequency(clutter):
+    images, _ = clutter(
+        {"texture_shape": None, "phase_screen": False}, ["HH"], 4, {"a": (0.75e9, 1.35e9), "b": (2.25e9, 2.85e9)}
+    )
+    a, b = images[:, 0, 0].ravel(), images[:, 0, 1].ravel()
+    assert np.abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) < 0.25

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from flgpr.simulate.echoes import Echoes, sum_echoes
+from flgpr.simulate.simulator import array_state
+from flgpr.simulate.spread import Spreader
+from reference import slow_simulation
+
+POSE = np.array([0.3, 1.0, 5.0, 0.0, 0.0, 0.0])  # level: the slow twin's dipoles stand along x and z
+
+
+def cloud(count, seed=0):
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-6, 6, count), rng.uniform(7, 26, count), rng.uniform(0, 0.5, count)])
+    return points, rng.normal(size=(count, 2, 3)) + 1j * rng.normal(size=(count, 2, 3))
+
+
+def slow(sensor, points, spectrum, frequency):
+    state = array_state(sensor, POSE)
+    tx, rx = state.position[state.tx], state.position[state.rx]
+    if sensor.antenna.kind == "dipole":
+        return slow_simulation.sum_dipoles(points, spectrum, frequency, tx, rx)
+    return slow_simulation.sum_points(points, spectrum, frequency, tx, rx, state.boresight, sensor.antenna.exponent)
+
+
+@pytest.mark.parametrize("kind", ["horn", "dipole"])
+def test_the_spreader_sums_scatterers_to_a_thousandth(quiet, dipoles, kind):
+    sensor = quiet if kind == "horn" else dipoles
+    frequency = sensor.tones.axis()
+    points, coefficient = cloud(60)
+    basis = np.stack([np.ones((3, frequency.size)), np.linspace(0.5, 2, frequency.size) * np.ones((3, 1))])
+    basis[1, 1] *= 0.7
+    spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
+    got = spreader(points, coefficient.astype(np.complex64), basis, array_state(sensor, POSE))
+    spectrum = np.einsum("irc,rcf->icf", coefficient, basis)
+    want = slow(sensor, points, spectrum, frequency)
+    assert np.linalg.norm(got - want) < 1e-3 * np.linalg.norm(want)
+
+
+@pytest.mark.parametrize("kind", ["horn", "dipole"])
+def test_single_echoes_are_summed_exactly(quiet, dipoles, kind):
+    sensor = quiet if kind == "horn" else dipoles
+    frequency, state = sensor.tones.axis(), array_state(sensor, POSE)
+    points, coefficient = cloud(8, seed=3)
+    echoes = Echoes()
+    spectra = coefficient[:, 0, :, None] * (frequency / 1e9)
+    for point, spectrum in zip(points, spectra, strict=True):
+        path = np.linalg.norm(state.position[state.tx] - point, axis=1)
+        path = path + np.linalg.norm(state.position[state.rx] - point, axis=1)
+        echoes.add(path, point, spectrum)
+    got = sum_echoes(echoes, state, frequency)
+    want = slow(sensor, points, spectra, frequency) * np.sqrt(4 * np.pi)
+    assert np.linalg.norm(got - want) < 1e-4 * np.linalg.norm(want)
+
+
+def test_ranges_beyond_the_unambiguous_path_wrap(quiet):
+    """A window of profile bins that is longer than c/df must not matter."""
+    sensor = quiet.model_copy(update={"tones": quiet.tones.model_copy(update={"step": 40e6, "count": 64})})
+    frequency, points = sensor.tones.axis(), np.array([[0.5, 25.0, 0.0]])
+    coefficient = np.ones((1, 1, 3), np.complex64)
+    spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
+    got = spreader(points, coefficient, np.ones((1, 3, frequency.size)), array_state(sensor, POSE))
+    want = slow(sensor, points, np.ones((1, 3, frequency.size)), frequency)
+    assert np.linalg.norm(got - want) < 1e-3 * np.linalg.norm(want)
