@@ -73,7 +73,7 @@ def quick_scenes() -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene,
     calibration, blind : dict of str to (Scene, int)
         Scene and seed by name.
     """
-    track = {**TRACK, "step": (2.0, 3.0), "start": -14.0}
+    track = {**TRACK, "step": (2.6, 3.0), "start": -14.0}
     surface = {"density": 20.0}
     few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
