@@ -15,8 +15,12 @@ from flgpr.model import SPEED_OF_LIGHT, Lane, lane_to_scan, make_run, vehicle_to
 from flgpr.pipeline import tasks
 from flgpr.pipeline.classifier import CLASSIFIER_A, load_classifier, make_training_set, save_classifier, train
 from flgpr.pipeline.detect import MAIN, detect, lane_of
+from flgpr.pipeline.progress import silent
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
+from flgpr.pipeline.reproduce.wang2007 import wide_view
+from flgpr.pipeline.reproduce.wang2007_examples import save_examples
 from flgpr.pipeline.result import read_result
+from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr.screen import prescreen, run_view, select
 
 LANE = Lane(-0.75, 0.75, 3.0, 10.0)
@@ -236,3 +240,28 @@ def test_training_needs_one_truth_per_run(tmp_path):
         tasks.train_runs([tmp_path], [], "wang2007", tmp_path / "m")
     with pytest.raises(ValueError, match="features"):
         tasks.train_runs([tmp_path], [tmp_path], "demo", tmp_path / "m")
+
+
+def test_the_full_range_view_is_that_of_whole_images(run, recipe):
+    cleaned = CleanedRun(run, recipe, silent)
+    view = wide_view(cleaned, run, recipe, LANE, silent)
+    images = []
+    for image, gain in zip(ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True):
+        images.append(image.copy(data=cleaned.whole_background.magnitude(image.values, gain)))
+    want = run_view(images, recipe.run_view.grid(LANE), recipe.image.y[1])
+    np.testing.assert_allclose(view.values, select(want, "HH", "F1").values, rtol=1e-2, atol=1e-3)
+    assert (view["looks"].values == want["looks"].values).all()
+
+
+def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, found):
+    cleaned = CleanedRun(run, recipe, silent)
+    away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
+    alarms = pd.concat([found.alarms, away], ignore_index=True)
+    save_examples(tmp_path / "examples.npz", cleaned, run, recipe, truth, alarms)
+    with np.load(tmp_path / "examples.npz", allow_pickle=False) as arrays:
+        assert arrays["patches_metal"].shape[1:] == (3, 2, 25, 25)
+        patches = arrays["patches_metal"][:, 0, 0]  # the nearest may reach over the image's border
+        centre = patches[1:, 10:15, 10:15].max(axis=(-2, -1))
+        assert np.median(centre / np.nanmedian(patches[1:], axis=(-2, -1))) > 2
+        assert arrays["series"].shape[0] == 5
+        assert (np.diff(arrays["distances_metal"]) > 0).all()

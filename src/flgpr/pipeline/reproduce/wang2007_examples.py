@@ -86,12 +86,13 @@ def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, tupl
     wanted = {"surface": (plastic, -1.0), "metal": (metal, 1.0), "plastic": (plastic[plastic["depth"] > 0], 0.05)}
     found = {}
     for name, (table, depth) in wanted.items():
+        table = table if len(table) else mines
         row = table.iloc[int((table["depth"] - depth).abs().argmin())]
         where = "on the surface" if row["depth"] < 0 else f"{100 * row['depth']:.0f} cm deep"
         found[name] = (float(row["x"]), float(row["y"]), f"{row['kind']} mine {where}")
     away = np.hypot(*(alarms[axis].to_numpy()[:, None] - truth[axis].to_numpy()[None] for axis in ("x", "y")))
     free = alarms[(away.min(axis=1) > 2) & (alarms["x"].abs() < 1.5)]
-    best = free.sort_values("confidence", ascending=False).iloc[0]
+    best = (free if len(free) else alarms).sort_values("confidence", ascending=False).iloc[0]
     found["false"] = (float(best["x"]), float(best["y"]), "strongest false alarm")
     return found
 

@@ -6,15 +6,17 @@ are spread over the lanes, how many mines the blind lanes hold, and how the vehi
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from flgpr.io import RunWriter, canonical_json, read_manifest, sha256, write_table, write_whole
+from flgpr.io import canonical_json, read_manifest, sha256, write_whole
 from flgpr.model import Lane, load_sensor
 from flgpr.pipeline.progress import Track
-from flgpr.simulate import Scene, Sensor, Simulator
+from flgpr.pipeline.simulation import simulate_to_store
+from flgpr.simulate import Scene, Sensor, draw_world
 
 SITE = "arid-sand"
 TRACK = {"step": (1.0, 3.0), "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
@@ -71,7 +73,7 @@ def quick_scenes() -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene,
     calibration, blind : dict of str to (Scene, int)
         Scene and seed by name.
     """
-    track = {**TRACK, "step": (2.0, 3.0), "start": -14.0}
+    track = {**TRACK, "step": (2.6, 3.0), "start": -14.0}
     surface = {"density": 20.0}
     few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
@@ -107,20 +109,14 @@ def store_lane(folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Tra
     lane : Lane
         The lane.
     """
-    path = folder / f"{scene.name}.zarr"
-    simulator = Simulator(scene, sensor, seed)
-    attrs = simulator.attributes() | {"title": f"lane {scene.name}", "digest": _digest(scene, seed, sensor)}
-    if not _is_there(path, folder / f"{scene.name}.digest", attrs["digest"]):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_table(simulator.truth, folder / f"{scene.name}-truth.csv")
-        write_table(simulator.objects, folder / f"{scene.name}-objects.csv")
-        tx, rx = sensor.pairs()
-        pose = simulator.reported_pose()
-        with RunWriter(path, simulator.frequency, list(sensor.polarization), tx, rx, attrs, overwrite=True) as writer:
-            for index in track(range(len(simulator)), f"simulating {scene.name}", len(simulator)):
-                writer.append(simulator.scan(index), pose[index], float(simulator.time[index]))
-        write_whole(folder / f"{scene.name}.digest", attrs["digest"] + "\n")
-    return path, simulator.truth, scene.lane
+    path, note = folder / f"{scene.name}.zarr", folder / f"{scene.name}.digest"
+    digest = _digest(scene, seed, sensor)
+    if not _is_there(path, note, digest):
+        note.unlink(missing_ok=True)
+        shutil.rmtree(path, ignore_errors=True)
+        simulate_to_store(scene, sensor, seed, path, track=track)
+        write_whole(note, digest + "\n")
+    return path, draw_world(scene, seed).truth(), scene.lane
 
 
 def sensor() -> Sensor:
