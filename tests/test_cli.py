@@ -115,3 +115,34 @@ def test_a_scene_is_drawn_or_simulated(tmp_path):
     failed = call("simulate", scene, "-o", tmp_path / "x.zarr")
     assert failed.exit_code == 2
     assert "length" in failed.stderr
+
+
+def test_a_plan_is_drawn_registered_and_counted(tmp_path):
+    words = call("plan", "mines", "--pd", 0.9, "--far", 0.01).stdout
+    assert "29 mines" in words
+    (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
+    (tmp_path / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
+    made = call("plan", "lane", tmp_path / "lane.toml", tmp_path / "sorts.csv", "-o", tmp_path / "plan.csv")
+    assert made.exit_code == 0, made.output
+    assert "5 targets" in made.stdout
+    assert len((tmp_path / "plan.csv").read_text().splitlines()) == 6
+
+
+def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
+    pytest.importorskip("cryptography")
+    (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")
+    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0.05\nb,0.5,30,plastic,0.1\n")
+    (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,5\n-1,50,3\n0.4,30.1,2\n")
+    lane, alarms, truth = tmp_path / "lane.toml", tmp_path / "alarms.csv", tmp_path / "truth.csv"
+    done = call("score", alarms, "--truth", truth, "--lane", lane, "-o", tmp_path / "score", "--json")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "score" / "report.html").exists()
+    sealing = ["score", str(truth), "--seal", "--lane", str(lane), "-o", str(tmp_path / "sealed")]
+    made = CliRunner().invoke(app, sealing, input="long enough\nlong enough\n")
+    assert made.exit_code == 0, made.output
+    assert b"plastic" not in (tmp_path / "sealed").read_bytes()
+    blind = ["score", str(alarms), "--sealed", str(tmp_path / "sealed")]
+    told = CliRunner().invoke(app, blind, input="long enough\n")
+    assert told.exit_code == 0, told.output
+    assert "n_targets 2" in told.stdout
+    assert "look 1" in told.stdout

@@ -8,7 +8,7 @@ import pytest
 import flgpr
 
 ROOT = Path(flgpr.__file__).parent
-STAGES = {"imaging", "clutter", "screen", "features", "detect", "simulate"}
+STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
 ALLOWED = {
     "model": set(),
     "kernels": set(),

@@ -83,3 +83,116 @@ def _smooth(function, low, high):
     """Integrate with y = middle - half·cos(t), which takes the square roots at the ends out."""
     middle, half = (low + high) / 2, (high - low) / 2
     return quad(lambda t: function(middle - half * math.cos(t)) * half * math.sin(t), 0, math.pi, epsabs=1e-11)[0]
+
+
+def random_lists(seed, lists=10):
+    """Alarm lists and targets with ties, duplicates, empty lists, shared halos and points on every border."""
+    rng = np.random.default_rng(seed)
+    for _ in range(lists):
+        step = rng.choice([0.25, 0.5, 0.0])  # on a lattice distances equal the halo and borders exactly
+        drawn = []
+        for count in (rng.integers(0, 16), rng.integers(1, 6)):
+            points = rng.uniform([-1, -1], [5, 11], size=(count, 2))
+            drawn.append(np.round(points / step) * step if step else points)
+        if len(drawn[0]) > 3:
+            drawn[0][0] = drawn[0][1]
+            drawn[0][2] = drawn[1][0]
+        scores = rng.choice([rng.normal(size=len(drawn[0])), rng.integers(0, 4, len(drawn[0])).astype(float)])
+        alarms = [
+            {"x": float(x), "y": float(y), "confidence": float(c)} for (x, y), c in zip(drawn[0], scores, strict=True)
+        ]
+        kinds = rng.choice(["metal", "plastic"], len(drawn[1]))
+        targets = [{"x": float(x), "y": float(y), "kind": str(k)} for (x, y), k in zip(drawn[1], kinds, strict=True)]
+        yield alarms, targets, float(rng.choice([0.5, 1.0, 1.25]))
+
+
+def best_share(rows, targets, area, far_max):
+    """PD_mean (Wang et al. 2007, Sec. II-F): the integral of the best Pd at each allowed FAR, strip by strip."""
+    points = [(detected / targets, false / area) for _, detected, false in rows]
+    edges = sorted({0.0, far_max, *(far for _, far in points if far < far_max)})
+    strips = itertools.pairwise(edges)
+    return sum((b - a) * max(pd for pd, far in points if far <= a) for a, b in strips) / far_max
+
+
+def box_curve(image, x, y, targets, lane, box):
+    """Cosgrove et al. 2004, Sec. IV-B: peaks in boxes at mines (H1) and offset from them (H0), pixel by pixel."""
+
+    def peaks(centres):
+        found = []
+        for look in image:
+            for cx, cy in centres:
+                inside = [
+                    look[row][column]
+                    for row in range(len(y))
+                    for column in range(len(x))
+                    if cx - box / 2 <= x[column] < cx + box / 2 and cy - box / 2 <= y[row] < cy + box / 2
+                ]
+                inside = [value for value in inside if not math.isnan(value)]
+                if inside:
+                    found.append(max(inside))
+        return found
+
+    centres = []
+    for row in range(int((lane.y_max - lane.y_min) / box)):
+        for column in range(int((lane.x_max - lane.x_min) / box)):
+            cx, cy = lane.x_min + box * (column + 0.5), lane.y_min + box * (row + 0.5)
+            if all(abs(cx - tx) >= box or abs(cy - ty) >= box for tx, ty in targets):
+                centres.append((cx, cy))
+    at, off = peaks(targets), peaks(centres)
+    rows = [(math.inf, 0.0, 0.0)]
+    for threshold in sorted({*at, *off}, reverse=True):
+        pd = sum(value >= threshold for value in at) / len(at)
+        rows.append((threshold, pd, sum(value >= threshold for value in off) / len(off) / box**2))
+    return rows
+
+
+def example_curve(scores, labels, area):
+    """Count flsar2004's way (par. 45): a clutter example called a mine is a false alarm, per square metre searched."""
+    rows = [(math.inf, 0.0, 0.0)]
+    for threshold in sorted(set(scores), reverse=True):
+        called = [label for score, label in zip(scores, labels, strict=True) if score >= threshold]
+        rows.append((threshold, sum(called) / sum(labels), (len(called) - sum(called)) / area))
+    return rows
+
+
+def replicate_pd(target, times, false, false_times, area, far):
+    """Pd at an allowed FAR of a bootstrap replicate: every target and false alarm written out as often as drawn."""
+    targets = [score for score, count in zip(target, times, strict=True) for _ in range(int(count))]
+    falses = [score for score, count in zip(false, false_times, strict=True) for _ in range(int(count))]
+    best = 0.0
+    for threshold in {*target, *false} - {-math.inf}:
+        if sum(score >= threshold for score in falses) / area <= far:
+            best = max(best, sum(score >= threshold for score in targets) / len(targets))
+    return best
+
+
+def sign_flip_p(differences):
+    """Two-sided p over all ways to flip the signs."""
+    seen = abs(sum(differences))
+    sums = [
+        abs(sum(sign * value for sign, value in zip(signs, differences, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(differences))
+    ]
+    return sum(total >= seen for total in sums) / len(sums)
+
+
+def fewest_mines(pd, misses, confidence):
+    """Smallest n for which a detector of exactly this Pd misses so few with probability 1 - confidence at most."""
+    mines = misses + 1
+    while True:
+        chance = sum(math.comb(mines, k) * (1 - pd) ** k * pd ** (mines - k) for k in range(misses + 1))
+        if chance <= 1 - confidence:
+            return mines
+        mines += 1
+
+
+def seen_in_time(sightings, distance):
+    """Alarms known while still so far away: every alarm with its best sighting from there."""
+    best = {}
+    for row in sightings:
+        if (
+            row["ahead"] >= distance
+            and row["confidence"] > best.get(row["alarm_id"], {"confidence": -math.inf})["confidence"]
+        ):
+            best[row["alarm_id"]] = row
+    return list(best.values())

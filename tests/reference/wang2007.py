@@ -1,8 +1,11 @@
 """Wang et al. 2007, equation by equation, with loops."""
 
 import math
+from statistics import NormalDist
 
 import numpy as np
+
+from reference.wang2007_polarimetry import equation_10_entropy_alpha, equation_15_tau, psi_by_eigenvectors
 
 
 def r_k(v):
@@ -19,6 +22,11 @@ def equation_2_self_signature(scans):
         for index in np.ndindex(v.shape):
             total[index] += min(m[index], limit) * np.exp(1j * theta[index]) / r_k(v)
     return total / len(scans)
+
+
+def clipped(v):
+    m = np.abs(v)
+    return v * np.minimum(m, m.mean() + 5 * m.std()) / m
 
 
 def window(array, y, x, size):
@@ -78,3 +86,71 @@ def equation_7_contrast(patch, inner, guard):
             outs.append(patch[y, x])
     m_in, mu, sigma = max(ins), sum(outs) / len(outs), np.std(outs)
     return m_in, (m_in - mu) / sigma
+
+
+def _inner(patch, size):
+    n = patch.shape[-1] // 2
+    return patch[..., n - size[1] // 2 : n + size[1] // 2 + 1, n - size[0] // 2 : n + size[0] // 2 + 1]
+
+
+def equations_6_to_17_features(magnitude, coherent, inner, guard, psi="circular"):
+    """Take patches (polarization HH VV HV, y, x) of every scan that counts; ``inner`` is cross-track x down-track."""
+    m = {pol: [_inner(patch[p], inner).max() for patch in magnitude] for p, pol in enumerate(("HH", "VV", "HV"))}
+    mu = {pol: [_inner(patch[p], inner).mean() for patch in magnitude] for p, pol in enumerate(("HH", "VV", "HV"))}
+    ten = {}
+    for p, pol in enumerate(("HH", "VV")):
+        c = [equation_7_contrast(patch[p].astype(float), inner, guard)[1] for patch in magnitude]
+        ratio = [a / b for a, b in zip(mu[pol], mu["HV"], strict=True)]
+        ten[f"M_{pol}"] = max(m[pol])
+        ten[f"C_{pol}"] = sum(w * v for w, v in zip(m[pol], c, strict=True)) / sum(m[pol])
+        ten[f"R_{pol}_HV"] = sum(w * v for w, v in zip(m[pol], ratio, strict=True)) / sum(m[pol])
+    sums = dict.fromkeys(("P_H", "P_alpha", "P_tau", "P_psi"), 0.0)
+    turn = 0j
+    for patch, weight in zip(coherent, m["HH"], strict=True):
+        n, pixels = patch.shape[-1] // 2, inner[0] * inner[1]
+        for y in range(n - inner[1] // 2, n + inner[1] // 2 + 1):
+            for x in range(n - inner[0] // 2, n + inner[0] // 2 + 1):
+                s = [[[hh, hv], [hv, vv]] for hh, vv, hv in patch[:, y - 2 : y + 3, x - 2 : x + 3].reshape(3, -1).T]
+                h, alpha = equation_10_entropy_alpha(s)
+                here = np.array([[patch[0, y, x], patch[2, y, x]], [patch[2, y, x], patch[1, y, x]]])
+                angle = psi_by_eigenvectors(here)
+                turn += weight * np.exp(2j * angle) / pixels
+                for name, value in zip(sums, (h, alpha, equation_15_tau(here), angle), strict=True):
+                    sums[name] += weight * value / pixels
+    ten |= {name: value / sum(m["HH"]) for name, value in sums.items()}
+    if psi == "circular":
+        ten["P_psi"] = np.angle(turn) / 2
+    return ten
+
+
+def equation_19_w(distances, r_label):
+    """Shares of the alarms of one target."""
+    w = [math.exp(-(d**2) / r_label**2) for d in distances]
+    return [x / sum(w) for x in w]
+
+
+def equation_18_weights(target, distance, w0, beta, r_label):
+    weights = []
+    for i, t in enumerate(target):
+        if t < 0:
+            weights.append(1)
+            continue
+        same = [j for j in range(len(target)) if target[j] == t]
+        w = equation_19_w([distance[j] for j in same], r_label)[same.index(i)]
+        weights.append(max(1, math.floor(w0 * beta[i] * w + 0.5)))
+    return weights
+
+
+def normalised_b(k, n):
+    """b_k of the corrected normalisation, by the standard library."""
+    phi = NormalDist()
+    return phi.inv_cdf(phi.cdf(-1) + (k - 1) / (n - 1) * (phi.cdf(1) - phi.cdf(-1)))
+
+
+def equation_20_direction(samples, label):
+    u1, u2 = (samples[label == k].mean(axis=0) for k in (0, 1))
+    s_w = np.zeros((samples.shape[1],) * 2)
+    for x, k in zip(samples, label, strict=True):
+        d = x - (u2 if k else u1)
+        s_w += np.outer(d, d)
+    return (u2 - u1) @ np.linalg.inv(s_w / len(samples))

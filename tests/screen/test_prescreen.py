@@ -56,6 +56,14 @@ def test_the_density_rule_counts_inside_the_lane():
     assert len(alarms) == (everything["magnitude"] >= threshold).sum()
 
 
+def test_the_density_rule_of_the_paper_counts_over_all_that_was_seen():
+    values = np.random.default_rng(8).random((60, 60))
+    values[:, 50:] = np.nan
+    alarms = prescreen(view_of(values), Lane(0.0, 2.0, 3.0, 6.0), 0.25, 0.75, count="view")
+    assert len(alarms) == math.floor(0.75 * 30.0 / (math.pi * 0.25**2))
+    assert alarms["magnitude"].is_monotonic_decreasing
+
+
 def test_nothing_found_is_an_empty_table():
     table = prescreen(view_of(np.full((9, 9), np.nan)), WIDE)
     assert table.empty
@@ -65,5 +73,7 @@ def test_nothing_found_is_an_empty_table():
 def test_bad_input():
     with pytest.raises(ValueError, match="radius"):
         prescreen(view_of(np.ones((5, 5))), WIDE, radius=0)
+    with pytest.raises(ValueError, match="count"):
+        prescreen(view_of(np.ones((5, 5))), WIDE, count="area")
     with pytest.raises(ValueError, match="dimensions"):
         prescreen(view_of(np.ones((5, 5))).expand_dims("polarization"), WIDE)

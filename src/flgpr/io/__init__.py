@@ -1,25 +1,65 @@
 """Stores and tables on disk, import and export."""
 
+from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
+from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.explain import Explanation, explain_file, propose_mapping
+from flgpr.io.extras import MissingExtraError
 from flgpr.io.files import canonical_json, sha256, write_whole
 from flgpr.io.fullwave import FullwaveLane, import_fullwave
+from flgpr.io.georeferenced import (
+    georeference,
+    write_earth_csv,
+    write_earth_geojson,
+    write_geopackage,
+    write_geotiff,
+    write_kml,
+)
+from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
 from flgpr.io.sample import sample_lane
+from flgpr.io.signals import impulse_to_frequency
 from flgpr.io.tables import read_lane, read_table, write_geojson, write_table
+from flgpr.io.tracks import read_nmea, read_survey, read_track
 
 __all__ = [
+    "Anchor",
+    "ArrayFile",
+    "ArrayInfo",
+    "Explanation",
     "FullwaveLane",
+    "Imported",
+    "MissingExtraError",
     "RunStoreError",
     "RunWriter",
     "canonical_json",
+    "explain_file",
+    "fit_anchor",
+    "georeference",
     "import_fullwave",
+    "import_mapped",
+    "impulse_to_frequency",
+    "open_arrays",
     "open_run",
+    "propose_mapping",
+    "read_anchor",
+    "read_cphd",
     "read_lane",
     "read_manifest",
+    "read_nmea",
+    "read_survey",
     "read_table",
+    "read_track",
     "sample_lane",
     "save_run",
     "sha256",
+    "write_cphd",
+    "write_earth_csv",
+    "write_earth_geojson",
     "write_geojson",
+    "write_geopackage",
+    "write_geotiff",
+    "write_kml",
     "write_table",
     "write_whole",
 ]

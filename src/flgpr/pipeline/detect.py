@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,11 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
+from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.view_evidence import Evidence, collect_evidence
+from flgpr.pipeline.wang2007 import Found, detect_with_features
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
@@ -41,6 +44,16 @@ class Detection:
         Run-view (polarization, subband, y, x) in units of the gain background.
     notes : dict
         Figures worth reporting.
+    channel : tuple of str, optional
+        Polarization and sub-band the alarms were raised on.
+    features, contributions : DataFrame, optional
+        Per alarm its features, and what each of them adds to the confidence.
+    training : DataFrame, optional
+        Features of the training alarms, with their ``label``.
+    evidence : Evidence, optional
+        What explains the alarms, for the viewer.
+    before : DataArray, optional
+        Run-view before clutter suppression, for the viewer.
     """
 
     name: str
@@ -48,9 +61,21 @@ class Detection:
     alarms: pd.DataFrame
     view: xr.DataArray
     notes: dict[str, Any] = field(default_factory=dict)
+    channel: tuple[str, str] | None = None
+    features: pd.DataFrame | None = None
+    contributions: pd.DataFrame | None = None
+    training: pd.DataFrame | None = None
+    evidence: Evidence | None = None
+    before: xr.DataArray | None = None
 
 
-def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Track = silent) -> list[Detection]:
+def detect(
+    run: xr.Dataset,
+    recipe: Recipe,
+    lane: Lane | None = None,
+    track: Track = silent,
+    classifier: Classifier | None = None,
+) -> list[Detection]:
     """Run a recipe on a run.
 
     Parameters
@@ -63,6 +88,8 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
         Lane in place of the recipe's.
     track : Track
         Shows progress.
+    classifier : Classifier, optional
+        Trained classifier whose score is the confidence, for recipes with features; default: the local contrast.
 
     Returns
     -------
@@ -75,10 +102,15 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
         If the recipe does not fit the run; the message names the entry.
     """
     _check_channels(run, recipe)
-    lane = lane or recipe.lane.lane()
+    lane = lane or lane_of(run, recipe)
+    if recipe.features is not None:
+        return [detection_of(detect_with_features(run, recipe, lane, track, classifier), recipe)]
+    if classifier is not None:
+        raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
     images = _remember(imager, track)
-    main = _chain(images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
+    main = _chain(imager.run, images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
+    main = replace(main, before=run_view(images, recipe.run_view.grid(lane), recipe.run_view.y_max))
     found = [main]
     suppressed: list[xr.DataArray] = []
     roadside: dict[str, Any] = {}
@@ -89,11 +121,54 @@ def detect(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None, track: Tra
             if not suppressed:
                 suppressed, roadside = _suppress_roadside(imager, images, recipe.suppression, lane, track)
             share = _roadside_share(images, suppressed, main.alarms, recipe)
-            found[0] = Detection(MAIN, main.title, main.alarms.assign(roadside=share), main.view, roadside)
+            alarms, features = (t.assign(roadside=share) for t in (main.alarms, _known_features(main.alarms)))
+            found[0] = replace(main, alarms=alarms, features=features, notes=roadside)
             chosen, notes = suppressed, roadside
         signature = variant.self_signature or recipe.background.self_signature
-        found.append(_chain(chosen, recipe, lane, signature, variant.name, variant.title, notes))
+        found.append(_chain(imager.run, chosen, recipe, lane, signature, variant.name, variant.title, notes))
     return found
+
+
+def detection_of(found: Found, recipe: Recipe) -> Detection:
+    """Make a detection of what the chain with features found: alarms ranked by confidence.
+
+    Parameters
+    ----------
+    found : Found
+        Alarms and features.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Detection
+        The main detection.
+    """
+    alarms, features = _ranked(found.alarms, found.features)
+    return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features=features)
+
+
+def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Lane
+        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
+        first scan to the farthest that counts at the last.
+    """
+    if recipe.lane is not None:
+        return recipe.lane.lane()
+    pose = run["pose"].values
+    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
+    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
 
 
 def _check_channels(run: xr.Dataset, recipe: Recipe) -> None:
@@ -113,6 +188,7 @@ def _remember(imager: ScanImager, track: Track) -> Iterable[xr.DataArray]:
 
 
 def _chain(
+    run: xr.Dataset,
     images: Iterable[xr.DataArray],
     recipe: Recipe,
     lane: Lane,
@@ -127,35 +203,50 @@ def _chain(
     gain = gain_background(
         (one.values for one in images),
         signature,
-        _odd_pixels(table.median, image.spacing),
-        _odd_pixels(table.mean, image.spacing),
+        *table.windows(image.spacing),
     )
 
     def cleaned() -> Iterator[xr.DataArray]:
         for one in images:
             yield one.copy(data=remove_background(one.values, signature, gain))
 
-    view = run_view(cleaned(), recipe.run_view.grid(), recipe.run_view.y_max)
+    view = run_view(cleaned(), recipe.run_view.grid(lane), recipe.run_view.y_max)
     screen, contrast = recipe.prescreen, recipe.contrast
-    alarms = prescreen(select(view, screen.polarization, screen.subband), lane, screen.radius, screen.density)
+    chosen = select(view, screen.polarization, screen.subband)
+    alarms = prescreen(chosen, lane, screen.radius, screen.density, screen.count)
     confidence = local_contrast(
         cleaned(), alarms, contrast.polarization, contrast.subband, recipe.run_view.y_max, contrast.patch()
     )
-    return Detection(name, title, _alarm_table(alarms, confidence), view, dict(notes or {}))
+    found = _alarm_table(alarms, confidence)
+    return Detection(
+        name,
+        title,
+        found,
+        view,
+        dict(notes or {}),
+        channel=(screen.polarization, screen.subband),
+        features=_known_features(found),
+        contributions=found[["confidence"]].set_axis(["contrast"], axis=1),
+        evidence=collect_evidence(cleaned(), found, contrast.patch(), recipe.run_view.y_max, run, contrast.subband),
+    )
+
+
+def _known_features(table: pd.DataFrame) -> pd.DataFrame:
+    return table[["confidence", "magnitude", "scans"]].rename(columns={"confidence": "contrast"})
 
 
 def _alarm_table(alarms: pd.DataFrame, confidence: pd.DataFrame) -> pd.DataFrame:
-    table = alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"])
-    table = table[table["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    return _ranked(alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"]), confidence)[0]
+
+
+def _ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step."""
+    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    features = features.loc[table.index].reset_index(drop=True)
     table = table.reset_index(drop=True)
     table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
     known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
-    return table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]
-
-
-def _odd_pixels(length: float, spacing: float) -> tuple[int, int]:
-    pixels = 2 * round((length / spacing - 1) / 2) + 1
-    return max(pixels, 1), max(pixels, 1)
+    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
 
 
 def _suppress_roadside(

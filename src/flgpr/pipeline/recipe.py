@@ -62,33 +62,46 @@ class ImageTable(Table):
 
 
 class BackgroundTable(Table):
-    """Self-signature estimate and the windows of the gain background (m)."""
+    """Self-signature estimate and the windows of the gain background (m).
+
+    ``median_step`` takes the median at every so many pixels only, see :class:`flgpr.clutter.BackgroundEstimator`.
+    """
 
     self_signature: Literal["none", "mean", "median"]
     median: Positive
     mean: Positive
+    median_step: Annotated[int, Field(ge=1)] = 1
+
+    def windows(self, spacing: float) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Windows of the median and the mean in odd numbers of pixels of a spacing (m)."""
+        median, mean = (max(2 * round((length / spacing - 1) / 2) + 1, 1) for length in (self.median, self.mean))
+        return (median, median), (mean, mean)
 
 
 class RunViewTable(Table):
-    """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m)."""
+    """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
+
+    Without ``y`` it is as long as the lane.
+    """
 
     x: Limits
-    y: Limits
+    y: Limits | None = None
     spacing: Positive
     y_max: Positive
 
-    def grid(self) -> Grid:
-        """Grid of the run-view."""
-        return Grid.spanning(self.x, self.y, self.spacing)
+    def grid(self, lane: Lane) -> Grid:
+        """Grid of the run-view of a lane."""
+        return Grid.spanning(self.x, self.y or (lane.y_min, lane.y_max), self.spacing)
 
 
 class PrescreenTable(Table):
-    """Prescreener: channel, alarm radius (m) and density."""
+    """Prescreener: channel, alarm radius (m), density, and where the density rule counts."""
 
     polarization: Polarization
     subband: str
     radius: Positive
     density: Positive
+    count: Literal["lane", "view"] = "lane"
 
 
 class ContrastTable(Table):
@@ -104,6 +117,19 @@ class ContrastTable(Table):
     def patch(self) -> PatchShape:
         """Patch of the contrast feature."""
         return PatchShape(self.size, self.spacing, self.inner, self.guard)
+
+
+class FeaturesTable(Table):
+    """The ten features of every sub-band, and the streaming chain that computes them; patches as for ``contrast``.
+
+    ``inner`` is the part of the coherent patch that is averaged (pixels, cross-track x down-track), ``psi`` how angles
+    are. With ``variants`` they are computed twice more: with cross-track and down-track exchanged in all regions, and
+    as the paper normalises and averages them.
+    """
+
+    inner: tuple[int, int] = (5, 3)
+    psi: Literal["circular", "linear"] = "circular"
+    variants: bool = False
 
 
 class LaneTable(Table):
@@ -163,8 +189,9 @@ class Recipe(Table):
     run_view: RunViewTable
     prescreen: PrescreenTable
     contrast: ContrastTable
-    lane: LaneTable
     score: ScoreTable
+    lane: LaneTable | None = None
+    features: FeaturesTable | None = None
     suppression: SuppressionTable | None = None
     variants: tuple[Variant, ...] = ()
 
@@ -183,7 +210,18 @@ class Recipe(Table):
         if len(set(names)) != len(names):
             raise ValueError(f"variants must have different names, got {names}")
         self.contrast.patch()
+        if self.features is None and (self.lane is None or self.run_view.y is None):
+            raise ValueError("lane and run_view.y must be given unless the recipe has the table features")
+        if self.features is not None:
+            self._check_features()
         return self
+
+    def _check_features(self) -> None:
+        if self.background.self_signature != "mean" or self.variants or self.suppression is not None:
+            raise ValueError(
+                'a recipe with the table features needs background.self_signature = "mean" and has neither variants '
+                "nor suppression"
+            )
 
 
 def recipe_names() -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import flgpr
@@ -19,6 +20,7 @@ from flgpr.io import read_manifest, read_table, sha256, write_geojson, write_tab
 from flgpr.model import Lane, complete_scans
 from flgpr.pipeline.detect import MAIN, Detection
 from flgpr.pipeline.recipe import Recipe, parse_recipe
+from flgpr.pipeline.view_files import write_view
 
 FORMAT, VERSION = "flgpr-result", 1
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
@@ -85,8 +87,7 @@ def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, A
         "rx_m": np.unique(run["rx_position"].values, axis=0).tolist(),
         "pose": run["pose"].values.tolist(),
     }
-    if "soil" in run.attrs:
-        description["soil"] = run.attrs["soil"]
+    description |= {name: run.attrs[name] for name in ("soil", "georeference") if name in run.attrs}
     if path is not None:
         description["path"] = str(Path(path).resolve())
         description["store_sha256"] = read_manifest(path)["sha256"]
@@ -134,6 +135,9 @@ def write_result(
         write_table(detection.alarms, home / "alarms.csv")
         write_geojson(detection.alarms, home / "alarms.geojson")
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
+        if detection.features is not None:
+            write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
+    write_view(partial, detections, lane, run)
     write_whole(partial / "recipe.toml", recipe_text)
     manifest = {
         "format": FORMAT,
@@ -211,7 +215,9 @@ def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
             },
             name="run_view",
         )
-    return Detection(entry["name"], entry["title"], read_table(home / "alarms.csv", "alarms"), view, entry["notes"])
+    alarms = read_table(home / "alarms.csv", "alarms")
+    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:

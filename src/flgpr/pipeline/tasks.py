@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,20 +11,31 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.calibrate import channel_health, health_summary
 from flgpr.imaging import ScanImager
 from flgpr.io import (
     import_fullwave,
     open_run,
     read_lane,
+    read_manifest,
     read_table,
     sample_lane,
     save_run,
+    sha256,
     write_geojson,
     write_table,
     write_whole,
 )
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
-from flgpr.pipeline.detect import detect
+from flgpr.pipeline.classifier import (
+    CLASSIFIER_B,
+    Classifier,
+    load_classifier,
+    make_training_set,
+    save_classifier,
+    train,
+)
+from flgpr.pipeline.detect import detect, lane_of
 from flgpr.pipeline.figures import geometry_figure, looks_of
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_text
@@ -31,6 +43,7 @@ from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import Result, describe_run, read_result, write_result
 from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.simulation import preview_figure, simulate_to_store
+from flgpr.pipeline.view_score import write_view_score
 from flgpr.simulate import load_scene
 
 PathLike = str | Path
@@ -43,6 +56,7 @@ def detect_run(
     lane: PathLike | None = None,
     track: Track = silent,
     report: bool = True,
+    model: PathLike | None = None,
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
 
@@ -60,6 +74,8 @@ def detect_run(
         Shows progress.
     report : bool
         Whether to write ``report.html`` now; scoring writes it anew anyway.
+    model : path, optional
+        Folder of a trained classifier, for recipes with features.
 
     Returns
     -------
@@ -73,9 +89,10 @@ def detect_run(
     """
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
-    area = read_lane(lane) if lane is not None else parsed.lane.lane()
     dataset = open_run(run)
-    detections = detect(dataset, parsed, area, track)
+    area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
+    classifier = load_classifier(model) if model is not None else None
+    detections = detect(dataset, parsed, area, track, classifier)
     folder = write_result(output, detections, text, area, describe_run(dataset, run))
     result = read_result(folder)
     if report:
@@ -123,9 +140,73 @@ def score_result(
     home = Path(output) if output is not None else result.folder
     home.mkdir(parents=True, exist_ok=True)
     write_whole(home / "roc.json", roc_json(scored))
+    write_view_score(home, result, scored, targets, others)
     for page in track(["report.html"], "drawing the report", 1):
         write_whole(home / page, report_html(result, scored, targets, others))
     return result, scored
+
+
+def train_runs(
+    runs: Sequence[PathLike],
+    truths: Sequence[PathLike],
+    recipe: PathLike,
+    output: PathLike,
+    features: Sequence[str] = CLASSIFIER_B,
+    lanes: Sequence[PathLike] | None = None,
+    label_radius: float = 1.0,
+    track: Track = silent,
+) -> Classifier:
+    """Train a classifier on stored runs and write it.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores, one lane each.
+    truths : sequence of path
+        CSV of the targets of each run, in the same order. Truth is read here and in scoring, nowhere else.
+    recipe : str or path
+        Name of a packaged recipe with features, or a TOML file.
+    output : path
+        Folder to make.
+    features : sequence of str
+        Columns the classifier reads.
+    lanes : sequence of path, optional
+        TOML of each lane, in the same order, in place of the recipe's.
+    label_radius : float
+        Alarms this near to a target are its hits, m.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Classifier
+        As written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid; nothing is written then.
+    """
+    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
+        raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
+    text = recipe_text(recipe)
+    parsed = parse_recipe(text, str(recipe))
+    if parsed.features is None:
+        raise ValueError(f"recipe must have the table features to train, got {recipe}")
+    tables = [read_table(truth, "truth") for truth in truths]
+    found = []
+    for number, (run, truth) in enumerate(zip(runs, tables, strict=True)):
+        dataset = open_run(run)
+        area = read_lane(lanes[number]) if lanes is not None else lane_of(dataset, parsed)
+        detection = detect(dataset, parsed, area, track)[0]
+        if detection.features is None:
+            raise ValueError(f"recipe must compute features to train, got {recipe}")
+        found.append((f"{number + 1}:{Path(run).stem}", detection.alarms, detection.features, truth, area))
+    classifier = train(make_training_set(found, label_radius, features), features)
+    digests = [read_manifest(run)["sha256"] for run in runs]
+    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
+    save_classifier(classifier, output, notes)
+    return classifier
 
 
 def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
@@ -321,7 +402,7 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
     if recipe is not None:
         table = load_recipe(recipe)
-        grid, lane = table.image.grid(), table.lane.lane()
+        grid, lane = table.image.grid(), lane_of(dataset, table)
     else:
         height = float(pose[:, 2].mean())
         grid = Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 20)
@@ -340,6 +421,7 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
         "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
         "travelled_m": float(spacing.sum()),
         "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
+        "health": health_summary(channel_health(dataset)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),

@@ -113,7 +113,7 @@ def seal_truth(
         "rules": {"halo": float(halo), "area": area, "by": by},
     }
     salt = secrets.token_bytes(16)
-    token = _fernet(passphrase, salt, _COST).encrypt(json.dumps(content).encode())
+    token = _fernet(passphrase, salt, _COST).encrypt(json.dumps(content, default=_plain).encode())
     sealed = {
         "format": FORMAT,
         "note": "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase",
@@ -155,15 +155,16 @@ def open_truth(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[st
     try:
         sealed = json.loads(Path(path).read_text(encoding="utf-8"))
         known = sealed["format"] == FORMAT
-        cost, salt, token = int(sealed["scrypt"]["n"]), base64.b64decode(sealed["scrypt"]["salt"]), sealed["token"]
-    except (ValueError, KeyError, TypeError):
+        cost, salt = int(sealed["scrypt"]["n"]), base64.b64decode(sealed["scrypt"]["salt"])
+        token = sealed["token"].encode()
+    except (ValueError, KeyError, TypeError, AttributeError):
         known = False
     if not known:
         raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
     if not (2 <= cost <= _MOST_COST and cost & (cost - 1) == 0):
         raise ValueError(f"sealed must have a scrypt cost that is a power of two up to {_MOST_COST}, got {cost}")
     try:
-        content = json.loads(_fernet(passphrase, salt, cost).decrypt(token.encode()))
+        content = json.loads(_fernet(passphrase, salt, cost).decrypt(token))
     except InvalidToken:
         raise ValueError("passphrase must be the one of the sealed truth, or the file was altered") from None
     truth = pd.DataFrame(content["truth"])
@@ -205,7 +206,7 @@ def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: 
     mine = [line for line in read_register(book) if line.get("sealed") == key and line.get("event") == "score"]
     groups: list[tuple[str, Any]] = [("all", None)]
     if rules["by"] is not None:
-        groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].unique())]
+        groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].dropna().unique())]
     points = pd.concat([_points(matched, name, subset, rules["area"]) for name, subset in groups], ignore_index=True)
     curve = roc_of(matched, area=rules["area"])
     counts = {name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")}
@@ -219,6 +220,10 @@ def _points(matched: Match, name: str, subset: Any, area: Any) -> pd.DataFrame:
     rows = rows[columns].assign(group=name, far_allowed=FAR_GRID)
     rows.attrs = {}
     return rows[["group", "far_allowed", *columns]]
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def _fernet(passphrase: str, salt: bytes, cost: int) -> Any:

@@ -15,6 +15,7 @@ from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.area import union_area
+from flgpr.scoring.lane_roc import AreaRule, far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
 
 FloatArray = NDArray[np.float64]
@@ -39,9 +40,11 @@ class Design:
     block_lane : (block,) ndarray of int
         Lane of every block.
     block_area : (block,) ndarray
-        Area of every block outside the halos, m².
+        Area of every block outside the halos, m², in proportion to ``area``.
     block_y : tuple of (int, float, float)
         First block, start (m) and length (m) of the blocks of each lane.
+    area : float
+        Area that the FAR of the whole list refers to, m².
     """
 
     lanes: int
@@ -51,6 +54,7 @@ class Design:
     block_lane: IntArray
     block_area: FloatArray
     block_y: tuple[tuple[int, float, float], ...]
+    area: float
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw weights of the targets and of the blocks; some target always has weight."""
@@ -103,6 +107,8 @@ def band(
     subset: Subset = None,
     far: ArrayLike | None = None,
     *,
+    area: AreaRule = "union",
+    frame_area: float | None = None,
     level: float = 0.95,
     draws: int = 1000,
     seed: int = 0,
@@ -124,6 +130,8 @@ def band(
         Targets to score.
     far : (point,) array_like, optional
         Grid of false alarm rates, per m²; 0 to 0.1 in 51 points by default.
+    area, frame_area
+        Area of the FAR, as for :func:`flgpr.scoring.roc`.
     level : float
         Probability that the band holds the whole curve.
     draws : int
@@ -150,10 +158,10 @@ def band(
         raise ValueError(f"far must be rates of at least 0, got {grid}")
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")
-    design = make_design(matched, subset, block=block, cluster=cluster)
+    design = make_design(matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
     scores = make_scores(matched, design, subset)
     ones = np.ones(len(scores.target)), np.ones(len(design.block_lane))
-    centre = scores.pd_at(grid, *ones, float(design.block_area.sum()))
+    centre = scores.pd_at(grid, *ones, design.area)
     curves = np.array([scores.pd_at(grid, *weights) for weights in _draws(design, draws, seed)])
     n = design.clusters
     shrunk = (centre * n + 2) / (n + 4)
@@ -181,17 +189,19 @@ def pd_mean_interval(
     far_max: float = 0.1,
     subset: Subset = None,
     *,
+    area: AreaRule = "union",
+    frame_area: float | None = None,
     level: float = 0.95,
     draws: int = 1000,
     seed: int = 0,
     block: float = 10.0,
     cluster: str | None = None,
 ) -> tuple[float, float]:
-    """Bound PD_mean by the percentiles of resampled curves.
+    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015).
 
     Parameters
     ----------
-    matched, subset, level, draws, seed, block, cluster
+    matched, subset, area, frame_area, level, draws, seed, block, cluster
         As for :func:`band`.
     far_max : float
         End of the averaging, per m².
@@ -206,17 +216,56 @@ def pd_mean_interval(
     ValueError
         As :func:`band`.
     """
-    design = make_design(matched, subset, block=block, cluster=cluster)
+    design = make_design(matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
     scores = make_scores(matched, design, subset)
     means = [
-        (target * scores.shares(far_max, weight, area)).sum() / target.sum()
-        for target, weight, area in _draws(design, draws, seed)
+        (target * scores.shares(far_max, weight, drawn)).sum() / target.sum()
+        for target, weight, drawn in _draws(design, draws, seed)
     ]
-    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(means, tails(level, design.clusters))
     return float(low), float(high)
 
 
-def make_design(matched: Match, subset: Subset = None, *, block: float = 10.0, cluster: str | None = None) -> Design:
+def tails(level: float, clusters: int) -> tuple[float, float]:
+    """Compute the probabilities whose percentiles bound a mean of so many mines.
+
+    Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t against the normal
+    distribution; percentiles further out make up for both.
+
+    Parameters
+    ----------
+    level : float
+        Level of the interval.
+    clusters : int
+        Number of mines.
+
+    Returns
+    -------
+    low, high : float
+        Probabilities; 0 and 1 for a single mine, which tells nothing of the spread.
+
+    Raises
+    ------
+    ValueError
+        If the level is not in (0, 1).
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    if clusters < 2:
+        return 0.0, 1.0
+    reach = math.sqrt(clusters / (clusters - 1)) * special.stdtrit(clusters - 1, (1 + level) / 2)
+    return float(special.ndtr(-reach)), float(special.ndtr(reach))
+
+
+def make_design(
+    matched: Match,
+    subset: Subset = None,
+    *,
+    block: float = 10.0,
+    cluster: str | None = None,
+    area: AreaRule = "union",
+    frame_area: float | None = None,
+) -> Design:
     """Lay out what is drawn; see :func:`band`."""
     if not (math.isfinite(block) and block > 0):
         raise ValueError(f"block must be a positive length, got {block} m")
@@ -225,8 +274,11 @@ def make_design(matched: Match, subset: Subset = None, *, block: float = 10.0, c
     chosen = select_targets(matched.truth, subset)
     if not chosen.any():
         raise ValueError("truth must have at least one target for a bootstrap, got none")
+    total = far_area(matched, area, frame_area)
     names = matched.truth.loc[chosen, cluster] if cluster is not None else np.arange(chosen.sum())
     codes, unique = pd.factorize(np.asarray(names))
+    if (codes < 0).any():
+        raise ValueError(f"cluster must name a mine in every row, got {int((codes < 0).sum())} rows without {cluster}")
     points = matched.truth[["x", "y"]].to_numpy()
     layout: list[tuple[int, float, float]] = []
     areas: list[float] = []
@@ -241,9 +293,10 @@ def make_design(matched: Match, subset: Subset = None, *, block: float = 10.0, c
             near = own[(own[:, 1] > low - matched.halo) & (own[:, 1] < high + matched.halo)]
             areas.append(piece.area - union_area(near, matched.halo, piece))
             lane_of.append(number)
+    open_ = np.maximum(areas, 0.0)
     return Design(
         len(matched.lanes), len(unique), codes.astype(np.int64), matched.target_lane[chosen],
-        np.array(lane_of), np.maximum(areas, 0.0), tuple(layout),
+        np.array(lane_of), open_ * (total / open_.sum()), tuple(layout), total,
     )  # fmt: skip
 
 

@@ -175,8 +175,15 @@ def offset_boxes(targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance
     -------
     (box, 2) ndarray
         Centres of the boxes, m.
+
+    Raises
+    ------
+    ValueError
+        If the box is not positive or the clearance is negative.
     """
     one = as_lane(lane)
+    if not (math.isfinite(box) and box > 0 and clearance >= 0):
+        raise ValueError(f"box must be positive and clearance not negative, got {box} m and {clearance} m")
     columns = int((one.x_max - one.x_min) / box + 1e-9)
     rows = int((one.y_max - one.y_min) / box + 1e-9)
     x, y = np.meshgrid(one.x_min + box * (np.arange(columns) + 0.5), one.y_min + box * (np.arange(rows) + 0.5))

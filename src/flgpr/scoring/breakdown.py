@@ -31,6 +31,8 @@ def pd_table(
 ) -> pd.DataFrame:
     """Tabulate Pd by properties of the targets, all at the one threshold that keeps the FAR of the whole list.
 
+    The groups add up to the whole: an alarm in the halos of two targets finds both, whichever groups they belong to.
+
     Parameters
     ----------
     matched : Match
@@ -149,7 +151,11 @@ def decision_curves(
     if "ahead" not in table.columns or not np.isfinite(pd.to_numeric(table["ahead"], errors="coerce")).all():
         raise ValueError("sightings must have the column ahead, finite, m: the distance from the radar in that scan")
     if "alarm_id" in sightings.columns:
-        table["alarm_id"] = sightings["alarm_id"]
+        # A row without a name is an alarm of its own; its number cannot be taken for a name, which is text.
+        table["alarm_id"] = [
+            row if missing else str(name)
+            for row, (name, missing) in enumerate(zip(sightings["alarm_id"], sightings["alarm_id"].isna(), strict=True))
+        ]
     keys = [name for name in ("lane", "alarm_id") if name in table.columns]
     curves = {}
     for distance in distances:

@@ -187,19 +187,19 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["s
     Returns
     -------
     float
-        The mean Pd, 0 to 1.
+        The mean Pd, 0 to 1; NaN for a curve without targets.
 
     Raises
     ------
     ValueError
-        If ``far_max`` is not positive, an option is unknown, or the curve has no targets.
+        If ``far_max`` is not positive or an option is unknown.
     """
     one_of("interpolation", interpolation, ("step", "linear"))
     if not (math.isfinite(far_max) and far_max > 0):
         raise ValueError(f"far_max must be positive, got {far_max}")
     found, far = curve["pd"].to_numpy(), curve["far"].to_numpy()
     if np.isnan(found).any():
-        raise ValueError("curve must have at least one target for a mean Pd, got none")
+        return math.nan
     if interpolation == "step":
         edges = np.minimum(np.append(far, np.inf), far_max)
         return float((found * np.diff(edges)).sum() / far_max)

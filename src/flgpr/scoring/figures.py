@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+_MOST_BANDS = 2
+_PANELS_WIDE = 3
 DASHES = ("-", "--", "-.", ":")
 
 
@@ -25,7 +27,7 @@ def roc_figure(
     far_max: float = 0.1,
     title: str = "",
 ) -> Figure:
-    """Draw ROC curves as staircases, with confidence bands where given.
+    """Draw ROC curves as staircases, with confidence bands where given; three bands or more each in a panel.
 
     Parameters
     ----------
@@ -51,19 +53,29 @@ def roc_figure(
     conventions = {str(curve.attrs.get("convention")) for curve in curves.values()}
     if len(conventions) > 1:
         raise ValueError(f"curves must share one convention to be drawn together, got {', '.join(sorted(conventions))}")
-    figure = _new_figure(figsize=(5.2, 4.0), dpi=150)
-    axes = figure.add_subplot()
+    shown = bands or {}
+    panels = len(curves) if len(shown) > _MOST_BANDS else 1
+    columns = min(panels, _PANELS_WIDE)
+    rows = math.ceil(panels / columns)
+    size = (5.2, 4.0) if panels == 1 else (2.6 * columns + 0.4, 2.4 * rows + 0.5)
+    figure = _new_figure(figsize=size, dpi=150)
+    figure.suptitle(title, fontsize=10)
+    plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for number, (name, curve) in enumerate(curves.items()):
-        colour = COLOURS[number % len(COLOURS)]
-        if bands and name in bands:
-            area = bands[name]
+        axes, colour = plots[number % panels], COLOURS[number % len(COLOURS)]
+        if name in shown:
+            area = shown[name]
             axes.fill_between(area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0)
         _draw_steps(axes, curve, far_max, f"{name} ({int(curve.attrs['n_targets'])})", colour, number)
-    axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02), xlabel="false alarms per m²", ylabel="probability of detection")
-    axes.set_title(title, fontsize=10)
-    axes.grid(alpha=0.3)
-    if curves:
-        axes.legend(title="targets (number)", fontsize=8, title_fontsize=8, loc="lower right")
+    for axes in plots[:panels]:
+        axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02))
+        axes.grid(alpha=0.3)
+        if curves:
+            axes.legend(title="targets (number)", fontsize=8, title_fontsize=8, loc="lower right")
+    for axes in plots[panels:]:
+        axes.remove()
+    figure.supxlabel("false alarms per m²", fontsize=10)
+    figure.supylabel("probability of detection", fontsize=10)
     return figure
 
 

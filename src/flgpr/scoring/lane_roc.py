@@ -28,7 +28,7 @@ def roc(
     frame_area: float | None = None,
     halo_as: Literal["radius", "diameter"] = "radius",
     assignment: Literal["halo", "nearest"] = "halo",
-    shared: Literal["count", "drop"] = "count",
+    shared: Literal["drop", "count"] = "drop",
     refraction: Refraction | None = None,
     survey_error: float | None = None,
     level: float = 0.95,
@@ -60,9 +60,10 @@ def roc(
         What ``halo`` is: a radius (Wang et al. 2007) or a diameter (Fuse et al. 2018).
     assignment : {"halo", "nearest"}
         Whether an alarm detects every target in reach or only the nearest.
-    shared : {"count", "drop"}
-        With a subset: whether an alarm that is also in the halo of a target outside the subset counts for its own. By
-        default it does, so that a target is found or missed alike in every subset; "drop" is rule 5 to the letter.
+    shared : {"drop", "count"}
+        With a subset: what becomes of an alarm in the halo of a target outside it. By default it is neither detection
+        nor false alarm (rule 5), even where it is in the halo of a target of the subset too. "count" lets it detect
+        that one, so that a target is found or missed alike in every subset.
     refraction : Refraction, optional
         Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
     survey_error : float, optional
@@ -98,7 +99,7 @@ def roc_of(
     *,
     area: AreaRule = "union",
     frame_area: float | None = None,
-    shared: Literal["count", "drop"] = "count",
+    shared: Literal["drop", "count"] = "drop",
     level: float = 0.95,
 ) -> pd.DataFrame:
     """Compute the ROC of alarms that are matched already; see :func:`roc`.
@@ -120,7 +121,7 @@ def roc_of(
     ValueError
         As :func:`roc`.
     """
-    one_of("shared", shared, ("count", "drop"))
+    one_of("shared", shared, ("drop", "count"))
     chosen = select_targets(matched.truth, subset)
     scores = matched.best(chosen, shared)[1][chosen]
     thresholds = np.append(np.inf, np.unique(matched.confidence)[::-1])

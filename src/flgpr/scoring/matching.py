@@ -88,16 +88,16 @@ class Match:
             areas.append(lane.area - halos)
         return np.array(areas)
 
-    def best(self, chosen: BoolArray | None = None, shared: Literal["count", "drop"] = "count") -> tuple[Any, ...]:
+    def best(self, chosen: BoolArray | None = None, shared: Literal["drop", "count"] = "drop") -> tuple[Any, ...]:
         """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
 
         Parameters
         ----------
         chosen : (target,) ndarray of bool, optional
             The targets that count; all by default.
-        shared : {"count", "drop"}
-            What becomes of an alarm in the halo of a chosen and of another target: it counts for the chosen one, or is
-            disregarded, as rule 5 to the letter has it.
+        shared : {"drop", "count"}
+            What becomes of an alarm in the halo of a chosen and of another target: it is disregarded (rule 5), or
+            counts for the chosen one. With the assignment "nearest" an alarm is in the halo of its nearest target only.
 
         Returns
         -------

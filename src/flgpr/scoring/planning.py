@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from flgpr.model import Lane
 from flgpr.scoring.checks import LaneLike, as_lanes
@@ -79,10 +79,8 @@ def sample_size(
     ValueError
         If a probability is out of range or the detector is assumed no better than the claim.
     """
-    for name, value in (("pd", pd), ("confidence", confidence), ("power", power)):
-        if not 0 < value < 1:
-            raise ValueError(f"{name} must lie between 0 and 1, got {value}")
-    if not far > 0:
+    _check_open(pd=pd, confidence=confidence, power=power)
+    if not (math.isfinite(far) and far > 0):
         raise ValueError(f"far must be positive, got {far}")
     if true_pd is not None and not pd < true_pd <= 1:
         raise ValueError(f"true_pd must be above pd = {pd} and at most 1, got {true_pd}")
@@ -91,14 +89,18 @@ def sample_size(
     each = (1 + confidence) / 2 if joint else confidence
     for misses in range(_MOST):
         mines = mines_needed(pd, misses, each)
-        passed = 1.0 if true_pd is None else float(stats.binom.cdf(misses, mines, 1 - true_pd))
+        passed = 1.0 if true_pd is None else _at_most(misses, mines, 1 - true_pd)
         if passed >= power:
             break
+    else:
+        raise ValueError(f"true_pd must be further above pd = {pd}, got {true_pd}: it takes over {_MOST} misses")
     for false_alarms in range(_MOST):
         area = area_needed(far, false_alarms, each)
-        quiet = 1.0 if true_far is None else float(stats.poisson.cdf(false_alarms, true_far * area))
+        quiet = 1.0 if true_far is None else float(special.pdtr(false_alarms, true_far * area))
         if quiet >= power:
             break
+    else:
+        raise ValueError(f"true_far must be further under far = {far}, got {true_far}: over {_MOST} false alarms")
     unknown = float("nan")
     return SamplePlan(
         mines, misses, area, false_alarms,
@@ -122,13 +124,21 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     -------
     int
         Smallest number of mines.
+
+    Raises
+    ------
+    ValueError
+        If a probability is out of range or ``misses`` is negative.
     """
+    _check_open(pd=pd, confidence=confidence)
+    if misses < 0:
+        raise ValueError(f"misses must not be negative, got {misses}")
     low, high = misses, misses + 1
-    while stats.binom.cdf(misses, high, 1 - pd) > 1 - confidence:
+    while _at_most(misses, high, 1 - pd) > 1 - confidence:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if stats.binom.cdf(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
+        low, high = (low, middle) if _at_most(misses, middle, 1 - pd) <= 1 - confidence else (middle, high)
     return high
 
 
@@ -148,7 +158,15 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
     -------
     float
         Area, m².
+
+    Raises
+    ------
+    ValueError
+        If ``far`` is not positive, ``confidence`` is out of range or ``false_alarms`` is negative.
     """
+    _check_open(confidence=confidence)
+    if not (math.isfinite(far) and far > 0 and false_alarms >= 0):
+        raise ValueError(f"far must be positive and false_alarms not negative, got {far} and {false_alarms}")
     return float(special.gammaincinv(false_alarms + 1, confidence) / far)
 
 
@@ -184,10 +202,13 @@ def emplacement_plan(
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:
         raise ValueError(f"targets must have the columns kind, depth, count; missing: {', '.join(missing)}")
-    counts = targets["count"].to_numpy()
-    if not ((counts >= 1) & (counts == np.floor(counts))).all():
+    taken = [name for name in ("target_id", "x", "y") if name in targets.columns]
+    if taken:
+        raise ValueError(f"targets must not have columns that are drawn here, got {', '.join(taken)}")
+    counts = pd.to_numeric(targets["count"], errors="coerce").to_numpy(dtype=np.float64)
+    if len(counts) == 0 or not ((counts >= 1) & (counts == np.floor(counts))).all():
         raise ValueError(f"targets.count must be whole and positive, got {counts.tolist()}")
-    if spacing < 0 or edge < 0:
+    if not (spacing >= 0 and edge >= 0):
         raise ValueError(f"spacing and edge must not be negative, got {spacing} m and {edge} m")
     lanes, rng = as_lanes(lane), np.random.default_rng(seed)
     sorts = targets.loc[targets.index.repeat(counts.astype(np.int64))].drop(columns="count").reset_index(drop=True)
@@ -200,6 +221,17 @@ def emplacement_plan(
     plan.insert(0, "target_id", [f"T{number + 1:0{width}d}" for number in range(len(plan))])
     plan.attrs = {"seed": int(seed), "spacing": float(spacing), "edge": float(edge)}
     return plan
+
+
+def _check_open(**probabilities: float) -> None:
+    for name, value in probabilities.items():
+        if not 0 < value < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, got {value}")
+
+
+def _at_most(count: int, trials: int, chance: float) -> float:
+    """Compute the binomial probability of so many successes or fewer; the plain function, for it is called often."""
+    return 1.0 if count >= trials else float(special.betainc(trials - count, count + 1, 1 - chance))
 
 
 def _draw_places(

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 _STYLE = """body{font:15px/1.45 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}
 table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.2rem .7rem;border-bottom:1px solid #ccc;text-align:right}
-th:first-child,td:first-child{text-align:left}img{max-width:100%}h2{margin-top:2rem}.note{color:#555}"""
+th:first-child,td:first-child,.w{text-align:left}td.w{overflow-wrap:anywhere}img{max-width:100%}h2{margin-top:2rem}.note{color:#555}"""
+_NO_FIGURE = ("none", "never", "not known", "inf")
 _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -92,16 +93,9 @@ def write_report(
     ValueError
         As :func:`flgpr.scoring.roc`.
     """
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
     matched = match(alarms, truth, lane, halo, halo_as=halo_as, refraction=refraction)
     curve = roc_of(matched, area=area, level=level)
-    figures = _figures(matched, curve, area, far_max, {"level": level, "draws": draws, "seed": seed})
-    paths = {}
-    for name, figure in figures.items():
-        for kind in ("png", "pdf"):
-            paths[f"{name}_{kind}"] = place / f"{name}.{kind}"
-            paths[f"{name}_{kind}"].write_bytes(figure_bytes(figure, kind))
+    figures = _figures(matched, curve, far_max, {"area": area, "level": level, "draws": draws, "seed": seed})
     summary: dict[str, Any] = {
         **{str(name): value for name, value in curve.attrs.items()},
         "version": flgpr.__version__,
@@ -110,7 +104,7 @@ def write_report(
         **dict(notes or {}),
     }
     if len(matched.truth):
-        low, high = pd_mean_interval(matched, far_max, level=level, draws=draws, seed=seed)
+        low, high = pd_mean_interval(matched, far_max, area=area, level=level, draws=draws, seed=seed)
         summary["pd_mean"] = {"value": pd_mean(curve, far_max), "low": low, "high": high, "far_max": far_max}
     body = [
         f"<h1>{html.escape(title)}</h1>",
@@ -122,10 +116,20 @@ def write_report(
         _false_alarms(matched, curve, worst, alarm_patches or {}),
         "<h2>How it was scored</h2>" + _listing(summary),
     ]
-    paths["html"] = place / "report.html"
-    paths["html"].write_text(_page(title, "\n".join(body)), encoding="utf-8")
-    paths["json"] = place / "roc.json"
-    paths["json"].write_text(json.dumps({**summary, "points": curve_points(curve)}, indent=1), encoding="utf-8")
+    told = json.dumps({**summary, "points": curve_points(curve)}, indent=1, allow_nan=False, default=str)
+    content = {"html": ("report.html", _page(title, "\n".join(body)).encode()), "json": ("roc.json", told.encode())}
+    for name, figure in figures.items():
+        for kind in ("png", "pdf"):
+            content[f"{name}_{kind}"] = (f"{name}.{kind}", figure_bytes(figure, kind))
+    return _write_all(Path(folder), content)
+
+
+def _write_all(folder: Path, content: Mapping[str, tuple[str, bytes]]) -> dict[str, Path]:
+    """Write files once all of them are made, so that an error leaves nothing behind."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {key: folder / name for key, (name, _) in content.items()}
+    for key, (_, data) in content.items():
+        paths[key].write_bytes(data)
     return paths
 
 
@@ -146,24 +150,23 @@ def curve_points(curve: pd.DataFrame) -> list[dict[str, float | int | None]]:
     return [{str(name): value if math.isfinite(value) else None for name, value in row.items()} for row in rows]
 
 
-def _figures(
-    matched: Match, curve: pd.DataFrame, area: Literal["union", "paper"], far_max: float, options: dict[str, Any]
-) -> dict[str, Figure]:
+def _figures(matched: Match, curve: pd.DataFrame, far_max: float, options: dict[str, Any]) -> dict[str, Figure]:
     """Draw all targets with their band, and the subsets by kind and by depth."""
     if len(matched.truth) == 0:
         return {"roc": roc_figure({"no targets": curve}, None, far_max)}
     grid = np.linspace(0, far_max, 101)
     whole = band(matched, None, grid, **options)
-    figures = {"roc": roc_figure({"all": curve}, {"all": whole}, far_max, "All targets, simultaneous band")}
+    sure = f"{100 * options['level']:g} % simultaneous bands"
+    figures = {"roc": roc_figure({"all": curve}, {"all": whole}, far_max, f"All targets, {sure}")}
     kinds = sorted(map(str, matched.truth["kind"].unique()))
     by_kind = {kind: (matched.truth["kind"].astype(str) == kind).to_numpy() for kind in kinds}
     depth = depth_classes(matched.truth["depth"], DEPTH_EDGES)
     by_depth = {str(name): (depth == name).to_numpy() for name in depth.cat.categories}
     for name, groups in (("kind", by_kind), ("depth", by_depth)):
-        curves = {label: roc_of(matched, chosen, area=area) for label, chosen in groups.items()}
+        curves = {label: roc_of(matched, chosen, area=options["area"]) for label, chosen in groups.items()}
         if curves:
             bands = {label: band(matched, chosen, grid, **options) for label, chosen in groups.items()}
-            figures[name] = roc_figure(curves, bands if len(curves) <= 3 else None, far_max, f"By {name}")
+            figures[name] = roc_figure(curves, bands, far_max, f"By {name}, {sure}")
     return figures
 
 
@@ -174,11 +177,18 @@ def _heading(curve: pd.DataFrame, summary: Mapping[str, Any], far_max: float) ->
         f"Mean Pd up to {far_max:g} per m²: <b>{mean['value']:.3f}</b> ({level:g} % interval {mean['low']:.3f} to "
         f"{mean['high']:.3f}). "
     )  # fmt: skip
+    error = summary.get("survey_error")
+    lost = "" if error is None else f"{error['lost']:.3f}" if error["lost"] >= 0.001 else "under 0.001"
+    survey = "" if error is None else (
+        f" Survey error {error['sigma']:g} m per axis, {100 * error['share']:.0f} % of the halo; an alarm right on a "
+        f"target is lost to it with probability {lost}."
+    )  # fmt: skip
     return (
         f"<p>{known}{curve.attrs['n_targets']} targets, {curve.attrs['n_alarms']} alarms, of which "
         f"{int(curve['n_false'].iloc[-1])} false, on {curve.attrs['area']:.1f} m².</p>"
         f"<p class=note>Convention: {html.escape(curve.attrs['source'])}; FAR is {html.escape(curve.attrs['far_is'])} "
-        f"(rule {html.escape(curve.attrs['area_rule'])}); halo radius {curve.attrs['halo_radius']:g} m.</p>"
+        f"(rule {html.escape(curve.attrs['area_rule'])}); halo radius {curve.attrs['halo_radius']:g} m; refraction "
+        f"correction: {html.escape(curve.attrs['refraction'])}.{survey}</p>"
     )
 
 
@@ -209,7 +219,7 @@ def _breakdown(matched: Match, far: float, area: Literal["union", "paper"], leve
     names = [name for name in ("kind", "depth", "soil") if name in table.columns]
     rows = [
         {
-            **{name: str(row[name]) for name in names},
+            **{name: _known(row[name]) for name in names},
             "found": f"{row['n_detected']} of {row['n_targets']}",
             "Pd": f"{row['pd']:.3f}",
             "Pd interval": f"{row['pd_low']:.3f} to {row['pd_high']:.3f}",
@@ -228,9 +238,9 @@ def _missed(
         {
             "target": str(row["target_id"]),
             "kind": str(row["kind"]),
-            "depth (m)": f"{row['depth']:g}",
+            "depth (cm)": _known(100 * row["depth"]),
             "x, y (m)": f"{row['x']:.2f}, {row['y']:.2f}",
-            "nearest best alarm (m)": f"{row['distance']:.2f}" if row["detected"] else "none",
+            "best alarm off by (m)": f"{row['distance']:.2f}" if row["detected"] else "none",
             "found at FAR (per m²)": f"{row['far']:.4f}" if row["detected"] else "never",
         }
         for row in missed.to_dict("records")
@@ -270,14 +280,30 @@ def _image(figure: Figure, name: str) -> str:
 
 
 def _table(rows: Sequence[Mapping[str, str]]) -> str:
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in rows[0])
-    lines = ["".join(f"<td>{html.escape(value)}</td>" for value in row.values()) for row in rows]
+    """Lay out a table; columns of words stand to the left, of figures to the right."""
+    words = {name for row in rows for name, value in row.items() if value[:1].isalpha() and value not in _NO_FIGURE}
+    mark = {name: " class=w" if name in words else "" for name in rows[0]}
+    head = "".join(f"<th{mark[name]}>{html.escape(name)}</th>" for name in rows[0])
+    lines = ["".join(f"<td{mark[name]}>{html.escape(value)}</td>" for name, value in row.items()) for row in rows]
     return f"<table><tr>{head}</tr>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
 
 
 def _listing(summary: Mapping[str, Any]) -> str:
-    rows = [{"what": str(name), "value": str(value)} for name, value in summary.items()]
-    return _table(rows)
+    return _table([{"what": str(name), "value": _in_words(value)} for name, value in summary.items()])
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_in_words(entry) for entry in value) or "unnamed"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _known(value: Any) -> str:
+    if pd.isna(value):
+        return "not known"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _page(title: str, body: str) -> str:

@@ -73,9 +73,7 @@ def splits(
     elif by == "target":
         group = _target_groups(examples, mine, folds)
     else:
-        if by not in examples.columns:
-            raise ValueError(f"examples must have the column {by} to split by it")
-        group = pd.factorize(examples[by].astype(str), sort=True)[0]
+        group = pd.factorize(_named(examples, by), sort=True)[0]
     if folds is not None and by != "target":
         raise ValueError(f'folds must be left out unless by="target", got {folds} with {by!r}')
     if len(np.unique(group)) < 2:
@@ -86,7 +84,7 @@ def splits(
         tested = set(mine[test]) - {""}
         if by in ("lane", "site"):
             train = train[~np.isin(mine[train], list(tested))] if tested else train
-        name = str(examples[by].iloc[test[0]]) if by in ("lane", "site") else mine[test[0]] or str(value)
+        name = str(examples[by].iloc[test[0]]) if by in ("lane", "site") else ", ".join(sorted(tested)) or str(value)
         result.append(Split(f"leave-one-{by}-out", name, train, test, bool(tested & set(mine[train]))))
     return result
 
@@ -111,9 +109,7 @@ def cross_site(examples: pd.DataFrame, train_site: str, test_site: str) -> Split
     ValueError
         If a site is not in the table.
     """
-    if "site" not in examples.columns:
-        raise ValueError("examples must have the column site to split by it")
-    site = examples["site"].astype(str).to_numpy()
+    site = _named(examples, "site")
     for name in (train_site, test_site):
         if name not in set(site):
             raise ValueError(f"site must be one of {', '.join(sorted(set(site)))}, got {name!r}")
@@ -161,14 +157,20 @@ def paper_splits(
     elif paper == "flsar2004":
         sides = [(str(row), rows != row) for row in rows]
     else:
-        if "lane" not in examples.columns:
-            raise ValueError("examples must have the column lane for wang2007")
-        lane = examples["lane"].astype(str).to_numpy()
+        lane = _named(examples, "lane")
         sides = [(str(name), lane != name) for name in np.unique(lane)]
     return [
         Split(paper, name, rows[learn], rows[~learn], bool((set(mine[learn]) & set(mine[~learn])) - {""}))
         for name, learn in sides
     ]
+
+
+def _named(examples: pd.DataFrame, column: str) -> NDArray[Any]:
+    if column not in examples.columns:
+        raise ValueError(f"examples must have the column {column} to split by it")
+    if examples[column].isna().any():
+        raise ValueError(f"examples.{column} must be named in every row, got {int(examples[column].isna().sum())} gaps")
+    return examples[column].astype(str).to_numpy(dtype=object)
 
 
 def _mines(examples: pd.DataFrame) -> NDArray[Any]:

@@ -1,6 +1,33 @@
-"""From images to alarms: the run-view and the prescreener."""
+"""From images to alarms: the run-view and the prescreeners."""
 
+from flgpr.screen.clusters import (
+    ClusterThresholds,
+    Ellipse,
+    energy_ratio,
+    find_clusters,
+    fit_ellipse,
+    fuse_clusters,
+    learn_thresholds,
+    prescreen_clusters,
+)
+from flgpr.screen.labels import label_alarms
 from flgpr.screen.prescreen import prescreen
-from flgpr.screen.run_view import run_view, sample_scan, select
+from flgpr.screen.run_view import RunViewSums, run_view, sample_scan, select, view_array
 
-__all__ = ["prescreen", "run_view", "sample_scan", "select"]
+__all__ = [
+    "ClusterThresholds",
+    "Ellipse",
+    "RunViewSums",
+    "energy_ratio",
+    "find_clusters",
+    "fit_ellipse",
+    "fuse_clusters",
+    "label_alarms",
+    "learn_thresholds",
+    "prescreen",
+    "prescreen_clusters",
+    "run_view",
+    "sample_scan",
+    "select",
+    "view_array",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -13,11 +14,17 @@ from scipy.ndimage import binary_erosion, maximum_filter
 from flgpr.model import Lane
 
 
-def prescreen(view: xr.DataArray, lane: Lane, radius: float = 0.75, density: float = 0.75) -> pd.DataFrame:
+def prescreen(
+    view: xr.DataArray,
+    lane: Lane,
+    radius: float = 0.75,
+    density: float = 0.75,
+    count: Literal["lane", "view"] = "lane",
+) -> pd.DataFrame:
     """Raise alarms at the local maxima of a run-view.
 
-    The density rule keeps the strongest alarms, as many as ``density`` per disc of the alarm radius. Unlike the paper,
-    which counts over the whole run-view, area and alarms are counted inside the lane: what a strong object at the
+    The density rule keeps the strongest alarms, as many as ``density`` per disc of the alarm radius. The paper counts
+    area and alarms over the whole run-view. By default they are counted inside the lane: what a strong object at the
     roadside adds must not push alarms out of the lane. Alarms outside it that pass the same threshold are kept.
 
     Parameters
@@ -30,6 +37,8 @@ def prescreen(view: xr.DataArray, lane: Lane, radius: float = 0.75, density: flo
         An alarm is the largest pixel within this distance, m.
     density : float
         ρ, mean number of alarms kept per area π·radius².
+    count : {"lane", "view"}
+        Where area and alarms are counted for the density rule: in the lane, or in all that was seen, as in the paper.
 
     Returns
     -------
@@ -46,17 +55,25 @@ def prescreen(view: xr.DataArray, lane: Lane, radius: float = 0.75, density: flo
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
     if not (radius > 0 and density > 0):
         raise ValueError(f"radius and density must be positive, got {radius} and {density}")
+    if count not in ("lane", "view"):
+        raise ValueError(f"count must be lane or view, got {count!r}")
     rows, columns = _maxima(view, radius)
     values = np.asarray(view.values, dtype=np.float64)
     table = pd.DataFrame(
         {"x": view["x"].values[columns], "y": view["y"].values[rows], "magnitude": values[rows, columns]}
     )
-    inside = table[lane.contains(table["x"], table["y"])]
-    keep = math.floor(density * lane.area / (math.pi * radius**2))
+    inside = table if count == "view" else table[lane.contains(table["x"], table["y"])]
+    area = _area_seen(view) if count == "view" else lane.area
+    keep = math.floor(density * area / (math.pi * radius**2))
     if len(inside) > keep:
         threshold = inside["magnitude"].iloc[keep - 1] if keep else math.inf
         table = table[table["magnitude"] >= threshold]
     return table.reset_index(drop=True)
+
+
+def _area_seen(view: xr.DataArray) -> float:
+    dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
+    return float(np.isfinite(view.values).sum()) * dy * dx
 
 
 def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -66,16 +83,24 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     seen = np.isfinite(values)
     filled = np.where(seen, values, -np.inf)
     ny, nx = math.floor(radius / dy + 1e-9), math.floor(radius / dx + 1e-9)
-    oy, ox = np.mgrid[-ny : ny + 1, -nx : nx + 1]
-    disc = (oy * dy) ** 2 + (ox * dx) ** 2 <= radius**2 * (1 + 1e-9)
-    peak = filled == maximum_filter(filled, footprint=disc, mode="constant", cval=-np.inf)
     inner = binary_erosion(seen, np.ones((3, 3), bool), border_value=0)
-    rows, columns = np.nonzero(peak & inner)
+    # A maximum within the radius is one among its neighbours too, which is quickly found out.
+    near = maximum_filter(filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf)
+    rows, columns = np.nonzero((filled == near) & inner) if min(dy, dx) <= radius / math.sqrt(2) else np.nonzero(inner)
+    padded = np.pad(filled, ((ny, ny), (nx, nx)), constant_values=-np.inf)
+    peak = np.ones(rows.size, bool)
+    for v in range(-ny, ny + 1):
+        for u in range(-nx, nx + 1):
+            if (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9):
+                peak &= filled[rows, columns] >= padded[rows + ny + v, columns + nx + u]
+    rows, columns = rows[peak], columns[peak]
     order = np.argsort(-values[rows, columns], kind="stable")
     rows, columns = rows[order], columns[order]
     kept: list[int] = []
+    taken: dict[float, list[int]] = {}
     for i in range(rows.size):
-        equal = [k for k in kept if values[rows[k], columns[k]] == values[rows[i], columns[i]]]
+        equal = taken.setdefault(float(values[rows[i], columns[i]]), [])
         if all(math.hypot((rows[k] - rows[i]) * dy, (columns[k] - columns[i]) * dx) > radius for k in equal):
             kept.append(i)
+            equal.append(i)
     return rows[kept], columns[kept]

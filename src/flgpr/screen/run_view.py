@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import Grid, lane_to_scan
+from flgpr.model import Grid, lane_to_scan, scan_to_lane
 
 
 def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -31,6 +33,82 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
     row = (points[..., 1] - y[0]) / (y[1] - y[0])
     column = (points[..., 0] - x[0]) / (x[1] - x[0])
     return bilinear(np.abs(image.values), row, column)
+
+
+class RunViewSums:
+    """The largest and second largest magnitude at every pixel of the lane, scan by scan.
+
+    Parameters
+    ----------
+    grid : Grid
+        Pixels in the lane frame.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    """
+
+    def __init__(self, grid: Grid, y_max: float) -> None:
+        self.grid, self.y_max = grid, y_max
+        self._points = grid.points()
+        self._looks = np.zeros(grid.shape, np.int64)
+        self._first: NDArray[np.float32] | None = None
+        self._second: NDArray[np.float32] | None = None
+
+    def add(self, magnitude: NDArray[np.float32], grid: Grid, pose: NDArray[np.float64]) -> None:
+        """Take one scan in.
+
+        Parameters
+        ----------
+        magnitude : (..., y, x) ndarray of float32
+            Cleaned magnitudes.
+        grid : Grid
+            Their pixels in the scan frame.
+        pose : (6,) ndarray
+            Pose of the scan.
+        """
+        if self._first is None or self._second is None:
+            shape = (*magnitude.shape[:-2], *self.grid.shape)
+            self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
+        rows = self._rows(grid, pose)
+        local = lane_to_scan(self._points[rows], pose)
+        row, column = (local[..., 1] - grid.y_min) / grid.dy, (local[..., 0] - grid.x_min) / grid.dx
+        values = bilinear(magnitude, row, column).astype(np.float32)
+        values[..., local[..., 1] > self.y_max] = np.nan
+        seen = np.isfinite(values)
+        self._looks[rows] += seen.all(axis=tuple(range(seen.ndim - 2)))
+        values = np.where(seen, values, -np.inf)
+        first, second = self._first[..., rows, :], self._second[..., rows, :]
+        np.maximum(second, np.minimum(first, values), out=second)
+        np.maximum(first, values, out=first)
+
+    def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Compute the run-view.
+
+        Returns
+        -------
+        view : (..., y, x) ndarray of float32
+            Second largest magnitude; the only one where a single scan sees the pixel; NaN where none does.
+        looks : (y, x) ndarray of int
+            Number of scans that see each pixel.
+
+        Raises
+        ------
+        ValueError
+            If no scan was added.
+        """
+        if self._first is None or self._second is None:
+            raise ValueError("images must hold at least one scan, got none")
+        view = np.where(self._looks > 1, self._second, self._first)
+        return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
+
+    def _rows(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
+        """Rows of the run-view that a scan can reach."""
+        x_min, x_max, y_min, y_max = grid.extent()
+        corners = np.zeros((4, 3))
+        corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (y_min, min(y_max, self.y_max + grid.dy))]
+        along = scan_to_lane(corners, pose)[:, 1]
+        first = math.floor((along.min() - self.grid.y_min) / self.grid.dy)
+        last = math.ceil((along.max() - self.grid.y_min) / self.grid.dy) + 1
+        return slice(min(max(first, 0), self.grid.ny), min(max(last, 0), self.grid.ny))
 
 
 def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.DataArray:
@@ -58,37 +136,49 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     ValueError
         If there is no image.
     """
-    points = grid.points()
-    first: NDArray[np.float32] | None = None
-    looks = np.zeros(grid.shape, np.int64)
+    sums = RunViewSums(grid, y_max)
     template: xr.DataArray | None = None
     for image in images:
-        local = lane_to_scan(points, np.asarray(image.attrs["pose"]))
-        values = sample_scan(image, local).astype(np.float32)
-        values[..., local[..., 1] > y_max] = np.nan
-        seen = np.isfinite(values)
-        looks += seen.reshape(-1, *grid.shape).all(axis=0)
-        values = np.where(seen, values, -np.inf)
-        if first is None or template is None:
-            template, first, second = image, values, np.full_like(values, -np.inf)
-        else:
-            second = np.maximum(second, np.minimum(first, values))
-            first = np.maximum(first, values)
-    if first is None or template is None:
+        template = image
+        sums.add(np.abs(image.values), _grid_of(image), np.asarray(image.attrs["pose"]))
+    result, looks = sums.result()
+    if template is None:
         raise ValueError("images must hold at least one scan, got none")
-    result = np.where(looks > 1, second, first)
-    result = np.where(looks > 0, result, np.nan).astype(np.float32)
+    return view_array(result, looks, grid, {str(n): template[n].values for n in template.dims if n not in ("y", "x")})
+
+
+def view_array(
+    view: NDArray[np.float32], looks: NDArray[np.int64], grid: Grid, channels: Mapping[str, Any]
+) -> xr.DataArray:
+    """Attach coordinates to a run-view.
+
+    Parameters
+    ----------
+    view : (..., y, x) ndarray of float32
+        Run-view.
+    looks : (y, x) ndarray of int
+        Number of scans that see each pixel.
+    grid : Grid
+        Pixels in the lane frame.
+    channels : mapping of str to sequence
+        Names and labels of the leading dimensions.
+
+    Returns
+    -------
+    xarray.DataArray
+        As :func:`run_view` returns it.
+    """
     return xr.DataArray(
-        result,
-        dims=template.dims,
-        coords={
-            **{name: template[name] for name in template.dims if name not in ("y", "x")},
-            "y": grid.y,
-            "x": grid.x,
-            "looks": (("y", "x"), looks),
-        },
+        view,
+        dims=(*channels, "y", "x"),
+        coords={**channels, "y": grid.y, "x": grid.x, "looks": (("y", "x"), looks)},
         name="run_view",
     )
+
+
+def _grid_of(image: xr.DataArray) -> Grid:
+    y, x = image["y"].values, image["x"].values
+    return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
 
 
 def select(view: xr.DataArray, polarization: str, subband: str) -> xr.DataArray:

@@ -1,1 +1,1 @@
-"""Papers' experiments, run again on simulated lanes: one module per paper, one page each."""
+"""The papers' experiments, run again on simulated lanes: one module per paper, one page each."""

@@ -1,0 +1,95 @@
+"""Time the wang2007 chain from a stored run to scored alarms, pass by pass.
+
+The run is noise on the geometry of the ``sri-array``: what the chain does per scan does not depend on what the scan
+shows, and the density rule fixes the number of alarms. Usage::
+
+    python benchmarks/wang2007.py [--scans 600] [--folder DIR]
+
+Prints one line per pass (wall and processor seconds, the latter of all threads), the sum and the peak memory. Wall
+times mean something only on an idle machine; processor times nearly always.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numba
+import numpy as np
+import pandas as pd
+
+from flgpr.io import RunWriter, open_run
+from flgpr.model import Lane, load_sensor
+from flgpr.pipeline.detect import detect
+from flgpr.pipeline.recipe import load_recipe
+from flgpr.scoring import pd_mean, roc
+
+STEP = 1000 / 600  # m between scans
+
+
+def write_noise_run(path: Path, scans: int) -> Path:
+    """Store a run of noise whose level falls with no structure at all."""
+    sensor, rng = load_sensor("sri-array"), np.random.default_rng(1)
+    tones = 442.5e6 + 2.5e6 * np.arange(1024)
+    tx, rx = sensor.pairs()
+    shape = (3, len(tx), tones.size)
+    with RunWriter(path, tones, list(sensor.polarization), tx, rx) as writer:
+        for scan in range(scans):
+            noise = rng.standard_normal((2, *shape), dtype=np.float32)
+            attitude = 0.004 * rng.standard_normal(2)
+            writer.append(noise[0] + 1j * noise[1], [0.0, STEP * scan - 20, 5.0, 0.0, *attitude], float(scan))
+    return path
+
+
+class Clock:
+    """A track that keeps the times of every pass."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, float, float]] = []
+
+    def __call__(self, items: Iterable, label: str, total: int) -> Iterator:  # noqa: ARG002
+        """Pass items through and time them."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        yield from items
+        self.rows.append((label, time.perf_counter() - wall, time.process_time() - cpu))
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scans", type=int, default=600)
+    parser.add_argument("--folder", type=Path, default=None)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+        small = write_noise_run(Path(folder) / "warm.zarr", 3)
+        store = write_noise_run(Path(folder) / "run.zarr", options.scans)
+        recipe = load_recipe("wang2007")
+        length = STEP * options.scans - 5
+        lane = Lane(-1.5, 1.5, 0.0, length)
+        detect(open_run(small), recipe, Lane(-1.5, 1.5, -13.0, 0.0))  # compile
+        places = np.linspace(5, length - 5, max(2, options.scans // 12))
+        truth = pd.DataFrame({"target_id": [f"T{i}" for i in range(places.size)], "x": 0.0, "y": places, "depth": 0.05})
+        truth["kind"] = "metal"
+        clock, wall, cpu = Clock(), time.perf_counter(), time.process_time()
+        found = detect(open_run(store), recipe, lane, clock)[0]
+        score = pd_mean(roc(found.alarms, truth, lane))
+        total = ("all", time.perf_counter() - wall, time.process_time() - cpu)
+    columns = found.features.shape[1] - 1
+    print(f"{options.scans} scans, {len(found.alarms)} alarms, {columns} feature columns, PD_mean {score:.2f}")
+    print(
+        f"{os.cpu_count()} cores, {numba.get_num_threads()} threads, load average {os.getloadavg()[0]:.1f} at the end"
+    )
+    for label, seconds, work in (*clock.rows, total):
+        print(
+            f"{label:16s} {seconds:8.1f} s wall {work:8.1f} s processor {1e3 * work / options.scans:7.1f} ms per scan"
+        )
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+
+
+if __name__ == "__main__":
+    main()

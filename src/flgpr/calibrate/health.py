@@ -1,0 +1,117 @@
+"""Dead channels and drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.model import check_run
+
+QUIET = -25.0
+"""Level under the median of a polarization's pairs at which a channel counts as dead, dB."""
+STEADY = 0.5
+"""Least coherence from scan to scan of a channel that shares its neighbours' standing part, 1."""
+
+
+def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
+    """Look at every channel: its level, what is missing, whether it is dead, whether it drifts.
+
+    The standing part of a channel (antenna coupling and the vehicle's own reflections) is the same in every scan; the
+    complex factor by which it changes is the channel's drift in gain and phase. It is told only where the standing part
+    stands out: the ``coherence`` says how much of the power it is.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    quiet : float
+        Level under the median of the polarization's pairs that makes a channel dead, dB.
+
+    Returns
+    -------
+    DataFrame
+        A row per polarization and pair: ``polarization``, ``pair``, ``level_db`` (re the median pair), ``missing``
+        (sweeps), ``stuck`` (share of the band with one and the same value in all scans), ``coherence`` (0 to 1),
+        ``gain_drift_db`` and ``phase_drift_rad`` (last quarter of the scans against the first; NaN for fewer than four
+        scans), ``dead`` (true if silent, stuck or without any sweep).
+    """
+    check_run(run)
+    rows = []
+    signal, valid = run["signal"].values, run["valid"].values
+    for k, label in enumerate(run["polarization"].values):
+        power = np.array([_power(signal[valid[:, k, p], k, p]) for p in range(run.sizes["pair"])])
+        middle = float(np.median(power[power > 0])) if (power > 0).any() else 1.0
+        for pair in range(run.sizes["pair"]):
+            sweeps = signal[valid[:, k, pair], k, pair].astype(np.complex128)
+            level = 10 * np.log10(power[pair] / middle) if power[pair] > 0 else -np.inf
+            stuck = float((sweeps == sweeps[:1]).all(axis=0).mean()) if len(sweeps) > 1 else 0.0
+            gain, phase = _drift(sweeps)
+            rows.append(
+                {
+                    "polarization": str(label),
+                    "pair": pair,
+                    "level_db": level,
+                    "missing": int(np.count_nonzero(~valid[:, k, pair])),
+                    "stuck": stuck,
+                    "coherence": _coherence(sweeps),
+                    "gain_drift_db": gain,
+                    "phase_drift_rad": phase,
+                    "dead": bool(len(sweeps) == 0 or level < quiet or stuck > 0.5),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def health_summary(table: pd.DataFrame) -> list[str]:
+    """Say in words what a user must know of the channels.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From :func:`channel_health`.
+
+    Returns
+    -------
+    list of str
+        A line for dead channels and one for drift, or one that all is well.
+    """
+    lines = []
+    dead = table[table["dead"]]
+    if len(dead):
+        names = ", ".join(f"{row.polarization} pair {row.pair}" for row in dead.head(8).itertuples())
+        lines.append(f"{len(dead)} of {len(table)} channels are dead: {names}{' ...' if len(dead) > 8 else ''}")
+    told = table[~table["dead"] & (table["coherence"] >= STEADY) & table["gain_drift_db"].notna()]
+    moved = told[(told["gain_drift_db"].abs() > 1.0) | (told["phase_drift_rad"].abs() > 0.2)]
+    if len(moved):
+        worst = moved.iloc[int(moved["gain_drift_db"].abs().to_numpy().argmax())]
+        lines.append(
+            f"{len(moved)} of {len(told)} channels with a standing part drift by over 1 dB or 0.2 rad, the most "
+            f"{worst['polarization']} pair {worst['pair']} by {worst['gain_drift_db']:+.1f} dB"
+        )
+    return lines or [f"all {len(table)} channels are alive" + (", none drifts" if len(told) else "")]
+
+
+def _power(sweeps: NDArray[np.complex64]) -> float:
+    return float(np.mean(np.abs(sweeps.astype(np.complex128)) ** 2)) if sweeps.size else 0.0
+
+
+def _coherence(sweeps: NDArray[np.complex128]) -> float:
+    """Power of the mean over mean power, less what chance makes of it."""
+    count = len(sweeps)
+    total = float(np.mean(np.abs(sweeps) ** 2)) if sweeps.size else 0.0
+    if count < 2 or total == 0:
+        return 0.0
+    share = float(np.mean(np.abs(sweeps.mean(axis=0)) ** 2)) / total
+    return max(0.0, (share - 1 / count) / (1 - 1 / count))
+
+
+def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
+    quarter = len(sweeps) // 4
+    if quarter < 1:
+        return np.nan, np.nan
+    first, last = sweeps[:quarter].mean(axis=0), sweeps[-quarter:].mean(axis=0)
+    base = float((np.abs(first) ** 2).sum())
+    factor = complex((first.conj() * last).sum()) / base if base > 0 else 0j
+    return (20 * np.log10(abs(factor)), float(np.angle(factor))) if factor else (np.nan, np.nan)

@@ -1,0 +1,43 @@
+"""The command line."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from flgpr import __version__
+from flgpr.cli import runs
+from flgpr.cli.exchange import export, import_app
+from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and scores.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+app.registered_commands += runs.app.registered_commands
+app.add_typer(import_app, name="import")
+app.command()(export)
+app.command()(reproduce)
+app.add_typer(recipe_app, name="recipe")
+app.add_typer(plan_app, name="plan")
+app.add_typer(bench_app, name="bench")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"flgpr {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Take the options that stand before every command."""

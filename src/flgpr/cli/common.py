@@ -1,0 +1,36 @@
+"""What the commands share: options, plain errors, progress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flgpr.pipeline.progress import Bars, Track, silent
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="What to write.")]
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Turn what the user can mend into one line and exit status 2."""
+    try:
+        yield
+    except (ValueError, FileNotFoundError, FileExistsError, PermissionError, ModuleNotFoundError) as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Track]:
+    """Show bars, or nothing."""
+    if quiet:
+        yield silent
+    else:
+        with Bars() as bars:
+            yield bars

@@ -1,0 +1,91 @@
+"""Commands that read other formats and write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flgpr.cli.common import Output, Quiet, plain_errors
+from flgpr.pipeline import exchange, tasks
+
+import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
+
+Anchor = Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")]
+
+
+@import_app.command("fullwave")
+def import_fullwave(
+    archive: Annotated[Path, typer.Argument(help="NumPy archive (.npz) of a full-wave lane.")],
+    output: Output,
+    quiet: Quiet = False,
+) -> None:
+    """Import a full-wave lane; truth and objects are written beside the run if the archive tells."""
+    with plain_errors():
+        written = tasks.import_fullwave_lane(archive, output)
+    if not quiet:
+        for path in written:
+            typer.echo(f"wrote {path}")
+
+
+@import_app.command("mapped")
+def import_mapped(
+    mapping: Annotated[Path, typer.Argument(help="Mapping (TOML): which variable is what, in which unit.")],
+    output: Output,
+    data: Annotated[
+        list[Path] | None, typer.Option(help="Data file in place of the mapping's own; may repeat.")
+    ] = None,
+    survey: Annotated[Path | None, typer.Option(help="CSV of surveyed poses, a line per scan.")] = None,
+    track: Annotated[Path | None, typer.Option(help="CSV track or NMEA log.")] = None,
+    anchor: Anchor = None,
+    clock_offset: Annotated[float, typer.Option(help="The track's clock less the radar's, s.")] = 0.0,
+    lever_arm: Annotated[
+        tuple[float, float, float], typer.Option(help="Positioning antenna in the vehicle frame, m: x y z.")
+    ] = (0.0, 0.0, 0.0),
+    latency: Annotated[float, typer.Option(help="How late the track's time stamps are, s.")] = 0.0,
+    quiet: Quiet = False,
+) -> None:
+    """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
+    with plain_errors():
+        exchange.import_with_mapping(
+            mapping, output, list(data) if data else None, survey, track, anchor, clock_offset, lever_arm, latency
+        )
+    if not quiet:
+        typer.echo(f"wrote {output}")
+
+
+@import_app.command("cphd")
+def import_cphd(
+    file: Annotated[Path, typer.Argument(help="CPHD file.")],
+    output: Output,
+    anchor: Anchor = None,
+    quiet: Quiet = False,
+) -> None:
+    """Import a CPHD file."""
+    with plain_errors():
+        exchange.import_cphd(file, output, anchor)
+    if not quiet:
+        typer.echo(f"wrote {output}")
+
+
+def export(
+    source: Annotated[Path, typer.Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
+    output: Output,
+    to: Annotated[str, typer.Option(help=f"One of {', '.join(exchange.FORMATS)}.")],
+    anchor: Annotated[Path, typer.Option(help="TOML that ties the lane to the Earth.")],
+    kind: Annotated[str, typer.Option(help="What a table holds: alarms, truth or objects.")] = "truth",
+    time: Annotated[str | None, typer.Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
+    detection: Annotated[str, typer.Option(help="Detection of a result: main or a variant.")] = "main",
+    quiet: Quiet = False,
+) -> None:
+    """Write alarms, truth, run-views or runs for other programs, on the Earth."""
+    with plain_errors():
+        if to == "cphd":
+            exchange.export_run(source, output, anchor)
+        elif source.suffix == ".csv":
+            exchange.export_table(source, output, to, anchor, kind, time)
+        else:
+            exchange.export_result(source, output, to, anchor, detection, time)
+    if not quiet:
+        typer.echo(f"wrote {output}")

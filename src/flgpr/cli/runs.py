@@ -1,0 +1,240 @@
+"""Commands on runs and results: demo, detect, train, score, info, replay, simulate, view."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flgpr.cli.common import Json, Output, Quiet, plain_errors, progress
+from flgpr.cli.show import info_lines, print_scores, score_summary
+from flgpr.pipeline import scoring_tasks, tasks
+from flgpr.pipeline.classifier import CLASSIFIER_B
+from flgpr.pipeline.exchange import explain_file
+from flgpr.pipeline.scoring_tasks import score_alarms
+from flgpr.viewer import serve
+
+app = typer.Typer()
+
+
+@app.command()
+def demo(
+    output: Output = Path("demo-result"),
+    view: Annotated[bool, typer.Option("--view", help="Open the result in the browser.")] = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Process the packaged lane: image, detect, score, report."""
+    with plain_errors(), progress(quiet or as_json) as track:
+        result, scored = tasks.demo(output, track)
+    if as_json:
+        typer.echo(json.dumps(score_summary(result.folder, scored)))
+    elif not quiet:
+        print_scores(scored)
+        typer.echo(f"report: {(result.folder / 'report.html').resolve()}")
+    if view:
+        serve(result.folder, announce=typer.echo)
+
+
+@app.command()
+def detect(
+    run: Annotated[Path, typer.Argument(help="Run store.")],
+    output: Output,
+    recipe: Annotated[str, typer.Option(help="Packaged recipe or TOML file.")] = "demo",
+    lane: Annotated[Path | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Trained classifier, for recipes with features.")] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Raise alarms on a run; truth is not needed and not read."""
+    with plain_errors(), progress(quiet or as_json) as track:
+        result = tasks.detect_run(run, recipe, output, lane, track, model=model)
+    main, masked = result.detections[0], result.manifest["run"]["masked_scans"]
+    if as_json:
+        summary = {"alarms": len(main.alarms), "masked_scans": masked, "result": str(result.folder)}
+        typer.echo(json.dumps(summary))
+    elif not quiet:
+        if masked:
+            typer.echo(
+                f"{len(masked)} of {result.manifest['run']['scans']} scans left out for missing sweeps: {masked}"
+            )
+        typer.echo(f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}")
+
+
+@app.command()
+def train(
+    runs: Annotated[list[Path], typer.Argument(help="Run stores, one lane each.")],
+    truth: Annotated[list[Path], typer.Option(help="CSV of the targets of each run, in the same order.")],
+    output: Output,
+    recipe: Annotated[str, typer.Option(help="Recipe with features.")] = "wang2007",
+    lane: Annotated[list[Path] | None, typer.Option(help="TOML of each lane, in the same order.")] = None,
+    feature: Annotated[list[str] | None, typer.Option(help="Feature to use; once per feature.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Train a classifier on runs with truth."""
+    with plain_errors(), progress(quiet) as track:
+        tasks.train_runs(runs, truth, recipe, output, feature or CLASSIFIER_B, lane, track=track)
+    if not quiet:
+        typer.echo(f"wrote {output}")
+
+
+@app.command()
+def score(
+    alarms: Annotated[Path, typer.Argument(help="Result folder, or an alarm list (CSV) of any detector.")],
+    truth: Annotated[Path | None, typer.Option(help="CSV of the targets.")] = None,
+    objects: Annotated[Path | None, typer.Option(help="CSV of rocks, posts and the like, for the pictures.")] = None,
+    lane: Annotated[
+        Path | None, typer.Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for roc.json and report.html.")] = None,
+    halo: Annotated[
+        float, typer.Option(help="Halo radius in metres, for an alarm list; a result uses its recipe's.")
+    ] = 1.0,
+    seal: Annotated[
+        bool, typer.Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")
+    ] = False,
+    sealed: Annotated[
+        Path | None, typer.Option(help="Score against a sealed truth: operating points and counts only.")
+    ] = None,
+    recipe: Annotated[Path | None, typer.Option(help="Recipe that must stand in the register (with --book).")] = None,
+    book: Annotated[Path | None, typer.Option(help="Register of recipes and openings of the truth.")] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Score a result or an alarm list against truth, open or sealed."""
+    with plain_errors():
+        if seal:
+            _seal(alarms, lane, output, halo)
+        elif sealed is not None:
+            _score_sealed(alarms, sealed, output)
+        elif truth is None:
+            raise ValueError("score needs --truth or --sealed, got neither")
+        elif lane is None:
+            _score_result(alarms, truth, objects, output, quiet, as_json)
+        else:
+            told = score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
+            typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
+
+
+def _score_result(
+    alarms: Path, truth: Path, objects: Path | None, output: Path | None, quiet: bool, as_json: bool
+) -> None:
+    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
+    with progress(quiet or as_json) as track:
+        _, scored = tasks.score_result(folder, truth, objects, output, track)
+    if as_json:
+        typer.echo(json.dumps(score_summary(output or folder, scored)))
+    elif not quiet:
+        print_scores(scored)
+        typer.echo(f"report: {((output or folder) / 'report.html').resolve()}")
+
+
+def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> None:
+    if lane is None or output is None:
+        raise ValueError("--seal needs --lane and --output, got one or none of them")
+    passphrase = typer.prompt("passphrase", hide_input=True, confirmation_prompt=True, err=True)
+    typer.echo(f"wrote {scoring_tasks.seal(truth, lane, output, passphrase, halo=halo)}")
+
+
+def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
+    passphrase = typer.prompt("passphrase", hide_input=True, err=True)
+    told = scoring_tasks.score_sealed(alarms, sealed, passphrase, output)
+    typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
+    typer.echo(", ".join(f"{name} {value}" for name, value in told.counts.items()))
+    typer.echo(
+        f"look {told.looks} at this truth, {told.lists} different alarm lists so far; "
+        "the seal guards against accidents, not against the holder of the passphrase"
+    )
+
+
+@app.command()
+def info(
+    run: Annotated[Path, typer.Argument(help="Run store, or a file to import.")],
+    recipe: Annotated[str | None, typer.Option(help="Recipe whose images and lane decide what is covered.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="PNG to write: plan, coverage and side view.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tell what a run or a file holds, in plain words and units."""
+    with plain_errors():
+        if run.is_file():
+            _explain(run, as_json)
+            return
+        told = tasks.run_info(run, recipe, plot)
+    if as_json:
+        typer.echo(json.dumps(told))
+        return
+    for line in info_lines(told):
+        typer.echo(line)
+    if plot is not None:
+        typer.echo(f"plot: {plot.resolve()}")
+
+
+def _explain(path: Path, as_json: bool) -> None:
+    told = explain_file(path)
+    if as_json:
+        typer.echo(json.dumps({"kind": told.kind, "lines": told.lines, "mapping": told.mapping}))
+        return
+    typer.echo(f"{path}: {told.kind}")
+    for line in told.lines:
+        typer.echo(f"  {line}")
+    if told.mapping:
+        typer.echo(f"\nA mapping to begin with (flgpr import mapped):\n\n{told.mapping}")
+
+
+@app.command()
+def replay(
+    result: Annotated[Path, typer.Argument(help="Result folder.")],
+    run: Annotated[Path | None, typer.Option(help="Run store, if it is no longer where the result says.")] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Run a result's recipe again and compare; exit status 1 if it does not agree."""
+    with plain_errors(), progress(quiet or as_json) as track:
+        outcome = tasks.replay(result, run, track)
+    if as_json:
+        typer.echo(json.dumps(outcome))
+    elif outcome["identical"]:
+        typer.echo("identical: every file has the same bytes")
+    else:
+        word = "agrees" if outcome["agrees"] else "DIFFERS"
+        typer.echo(
+            f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {', '.join(outcome['files'])}"
+        )
+    if not outcome["agrees"]:
+        raise typer.Exit(1)
+
+
+@app.command()
+def simulate(
+    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Run store to make.")] = None,
+    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
+    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a lane with truth; with --preview alone only draw it."""
+    with plain_errors(), progress(quiet) as track:
+        if output is None and preview is None:
+            raise ValueError("simulate needs --output or --preview, got neither")
+        written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track)
+    if not quiet:
+        for path in written:
+            typer.echo(f"wrote {path}")
+
+
+@app.command()
+def view(
+    paths: Annotated[list[Path], typer.Argument(help="Result folder or run; two results can be compared.")],
+    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let other machines see it.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only.")] = False,
+    live: Annotated[Path | None, typer.Option(help="JSON lines of a live detection to follow.")] = None,
+) -> None:
+    """Show results in the browser, read-only and on this machine."""
+    with plain_errors():
+        serve(paths, host, port, not no_browser, allow_remote, live, announce=typer.echo)

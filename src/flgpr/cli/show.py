@@ -1,0 +1,97 @@
+"""How results and runs are said on a terminal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from flgpr.pipeline import tasks
+
+
+def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
+    """Summarise scores for a machine."""
+    last = scored[0].curve.iloc[-1]
+    return {
+        "result": str(folder),
+        "targets": int(last["n_targets"]),
+        "found": int(last["n_detected"]),
+        "false_alarms": int(last["n_false"]),
+        "area_m2": float(last["area"]),
+        "outcomes": json.loads(tasks.outcome_table(scored).to_json(orient="records")),
+    }
+
+
+def print_scores(scored: list[Any]) -> None:
+    """Print what became of each target."""
+    table = Table(title="What became of each target")
+    for name in ("target", "outcome", "rank", "false above", "off by"):
+        table.add_column(name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True)
+    for one in scored:
+        table.add_section()
+        table.add_row(f"[bold]{one.detection.name}[/bold]")
+        for row in one.outcomes.to_dict("records"):
+            target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm deep"
+            found = [str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"] if row["detected"] else []
+            table.add_row(target, "found" if row["detected"] else "missed", *found)
+    Console().print(table)
+    last = scored[0].curve.iloc[-1]
+    if not last["n_targets"]:
+        typer.echo(f"main: no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²")
+        return
+    typer.echo(
+        f"main: {last['n_detected']:.0f} of {last['n_targets']:.0f} targets found (Pd {last['pd']:.2f}, 95 % interval "
+        f"{last['pd_low']:.2f} to {last['pd_high']:.2f}), {last['n_false']:.0f} false alarms on {last['area']:.2f} m² "
+        f"(FAR {last['far']:.2f} per m², {last['far_low']:.2f} to {last['far_high']:.2f})"
+    )
+
+
+def info_lines(told: dict[str, Any]) -> list[str]:
+    """Say in words what a run holds."""
+    low, high = (value / 1e9 for value in told["frequency_hz"])
+    spacing = told["scan_spacing_m"]
+    between = f", {spacing[0]:.2f} to {spacing[1]:.2f} m between scans" if spacing else ""
+    missing = f"{told['missing_sweeps']} missing" if told["missing_sweeps"] else "none missing"
+    masked = f"; scans left out for it: {told['masked_scans']}" if told["masked_scans"] else ""
+    even = "evenly spaced" if told["uniform_tones"] else f"uneven, up to {told['largest_step_hz'] / 1e6:.3g} MHz apart"
+    lines = [
+        f"{told['title']}" + (f" ({told['source']})" if told["source"] else ""),
+        f"  scans          {told['scans']} over {told['travelled_m']:.2f} m of travel{between}",
+        f"  sweeps         {told['pairs']} pairs x {', '.join(told['polarizations'])}: {missing}{masked}",
+        f"  tones          {told['tones']} from {low:.4g} to {high:.4g} GHz, {even}",
+    ]
+    if told["unambiguous_path_m"]:
+        lines.append(
+            f"  range          resolution {told['range_resolution_m']:.3f} m, path unambiguous to "
+            f"{told['unambiguous_path_m']:.1f} m"
+        )
+    heights = [pose[2] for pose in told["pose"]]
+    lines += [
+        f"  array          {len(told['tx_m'])} transmitter and {len(told['rx_m'])} receiver positions, "
+        f"{min(heights):.2f} to {max(heights):.2f} m above the ground",
+        f"  coverage       x {told['lane']['x'][0]:.1f} to {told['lane']['x'][1]:.1f} m, "
+        f"y {told['lane']['y'][0]:.1f} to {told['lane']['y'][1]:.1f} m: {told['looks']['mean']:.1f} looks on average, "
+        f"at most {told['looks']['most']}, {100 * told['looks']['unseen_share']:.0f} % never seen",
+        *(f"  channels       {line}" for line in told["health"]),
+        "",
+        *_coverage_map(told),
+    ]
+    return lines
+
+
+def _coverage_map(told: dict[str, Any]) -> list[str]:
+    """Draw looks as a map of characters, down-track upwards, at most 24 lines."""
+    rows, most = told["looks_map"], max(told["looks"]["most"], 1)
+    stride = max(1, len(rows) // 24)
+    shades = " ░▒▓█"
+    low, high = told["lane"]["y"]
+    drawn = []
+    for index in range(0, len(rows), stride):
+        y = low + (high - low) * index / max(len(rows) - 1, 1)
+        cells = "".join(shades[-(-count * (len(shades) - 1) // most)] * 2 for count in rows[index])
+        drawn.append(f"  y {y:7.1f} m  {cells}")
+    return [*drawn[::-1], f"  {'':11}looks: blank 0 … {shades[-1]} {most}"]

@@ -1,0 +1,102 @@
+"""Commands on recipes, test plans and speed, and the papers run again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flgpr.cli.common import Output, Quiet, plain_errors, progress
+from flgpr.pipeline.bench import bench_imaging, format_bench
+from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
+from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
+
+recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
+bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
+plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
+PAPERS = ("cosgrove2004", "wang2007")
+
+
+@bench_app.command("imaging")
+def bench_imaging_command(
+    peers: Annotated[bool, typer.Option("--peers", help="Measure the installed peers beside it.")] = False,
+    rounds: Annotated[int, typer.Option(help="Rounds; medians are reported.", min=1)] = 7,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+) -> None:
+    """Time the imaging operator on one scan of sri-array."""
+    with plain_errors():
+        typer.echo(format_bench(bench_imaging(peers, rounds, device)))
+
+
+@recipe_app.command("list")
+def recipe_list() -> None:
+    """Name the packaged recipes."""
+    for name in recipe_names():
+        typer.echo(f"{name:12} {load_recipe(name).description}")
+
+
+@recipe_app.command("show")
+def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+    """Print a recipe."""
+    with plain_errors():
+        typer.echo(recipe_text(name), nl=False)
+
+
+@recipe_app.command("check")
+def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+    """Check a recipe; a fault is told with its line and rule."""
+    with plain_errors():
+        recipe = load_recipe(name)
+    typer.echo(f"{name}: good ({recipe.description})")
+
+
+@plan_app.command("mines")
+def plan_mines_command(
+    pd_claim: Annotated[float, typer.Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    far: Annotated[float, typer.Option(help="False alarms per m² to be shown.")] = 0.01,
+    confidence: Annotated[float, typer.Option(help="Confidence of each claim.")] = 0.95,
+    true_pd: Annotated[float | None, typer.Option(help="Pd the detector is believed to have.")] = None,
+    true_far: Annotated[float | None, typer.Option(help="FAR it is believed to have.")] = None,
+) -> None:
+    """Tell how many mines and how much ground it takes to show a performance."""
+    with plain_errors():
+        _, lines = plan_mines(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far)
+    for line in lines:
+        typer.echo(line)
+
+
+@plan_app.command("lane")
+def plan_lane_command(
+    lane: Annotated[Path, typer.Argument(help="TOML or CSV of the lane or lanes.")],
+    targets: Annotated[Path, typer.Argument(help="CSV with kind, depth (m) and count.")],
+    output: Output,
+    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
+    spacing: Annotated[float, typer.Option(help="Least distance between targets, m.")] = 3.0,
+    recipe: Annotated[Path | None, typer.Option(help="Recipe whose hash is registered with the plan.")] = None,
+    book: Annotated[Path | None, typer.Option(help="Register; beside the plan by default.")] = None,
+) -> None:
+    """Draw an emplacement plan and register it with the recipe that will be scored."""
+    with plain_errors():
+        plan, line = plan_lane(lane, targets, seed, output, spacing=spacing, recipe=recipe, book=book)
+    typer.echo(f"wrote {output}: {len(plan)} targets; registered {line['time']}")
+
+
+def reproduce(
+    paper: Annotated[str, typer.Argument(help=f"One of {', '.join(PAPERS)}.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to work in.")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A small version that only shows that all of it runs.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
+    with plain_errors(), progress(quiet) as track:
+        if paper not in PAPERS:
+            raise ValueError(f"paper must be one of {', '.join(PAPERS)}, got {paper!r}")
+        run: Callable[..., Any] = import_module(f"flgpr.pipeline.reproduce.{paper}").reproduce
+        page = run(output or Path(f"{paper}-result"), quick=quick, track=track)
+    if not quiet:
+        typer.echo(f"page: {Path(page).resolve()}")

@@ -1,0 +1,405 @@
+"""Background estimation over runs of any length: one scan in memory at a time, all channels together.
+
+Two normalisations go side by side. Each polarization and sub-band has its *own* gain, self-signature and background
+(Wang et al. 2007, Eq. 2-5), which serve magnitudes. The *shared* ones are common to the polarizations of a sub-band, so
+that the ratios and phases between polarizations, which polarimetry looks at, survive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.clutter.background import ComplexArray
+from flgpr.kernels.background import (
+    add_clipped,
+    gain_and_limit,
+    magnitude_over_background,
+    residual,
+    subtract_and_divide,
+)
+from flgpr.kernels.filters import mean_filter, median_stack
+
+FloatArray = NDArray[np.float64]
+MagnitudeArray = NDArray[np.float32]
+_LOWEST, _CLIP = 0.75, 5.0  # share of the pixels in r_k; standard deviations of the magnitude limit
+
+
+@dataclass(frozen=True)
+class Background:
+    """What is taken from a scan image.
+
+    Attributes
+    ----------
+    signature, shared_signature : (polarization, subband, y, x) ndarray of complex64
+        B1 in units of the channel's own gain, and of the gain shared by the polarizations.
+    gain, shared_gain : ndarray of float32
+        B2 likewise; ``shared_gain`` (subband, y, x) is the same for all polarizations.
+    """
+
+    signature: ComplexArray
+    gain: MagnitudeArray
+    shared_signature: ComplexArray
+    shared_gain: MagnitudeArray
+
+    def cropped(self, rows: int) -> Background:
+        """Give the background of the nearest ``rows`` image rows.
+
+        Parameters
+        ----------
+        rows : int
+            Number of rows.
+
+        Returns
+        -------
+        Background
+            For images that end there.
+        """
+        return Background(
+            np.ascontiguousarray(self.signature[..., :rows, :]),
+            np.ascontiguousarray(self.gain[..., :rows, :]),
+            np.ascontiguousarray(self.shared_signature[..., :rows, :]),
+            np.ascontiguousarray(self.shared_gain[..., :rows, :]),
+        )
+
+    def magnitude(self, image: ComplexArray, gain: FloatArray) -> MagnitudeArray:
+        """Clean an image channel by channel (Wang et al. 2007, Eq. 5).
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+        gain : (polarization, subband) ndarray
+            Its scan gain r_k.
+
+        Returns
+        -------
+        (polarization, subband, y, x) ndarray of float32
+            m'', in units of the background.
+        """
+        out = np.empty(image.shape, np.float32)
+        magnitude_over_background(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
+        return out
+
+    def own_coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
+        """Clean an image channel by channel and keep its phase, as the paper's polarimetric features have it.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+        gain : (polarization, subband) ndarray
+            Its scan gain r_k.
+
+        Returns
+        -------
+        (polarization, subband, y, x) ndarray of complex64
+            Cleaned image; its modulus is :meth:`magnitude`.
+        """
+        out = np.empty(image.shape, np.complex64)
+        subtract_and_divide(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
+        return out
+
+    def coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
+        """Clean an image with what the polarizations share: ``(v/r̄ - B1)/B̄2``.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+        gain : (polarization, subband) ndarray
+            Its scan gain r_k.
+
+        Returns
+        -------
+        (polarization, subband, y, x) ndarray of complex64
+            Cleaned image, one calibration for all polarizations of a sub-band.
+        """
+        out = np.empty(image.shape, np.complex64)
+        shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
+        level = np.broadcast_to(self.shared_gain, image.shape).reshape(-1, image.shape[-2] * image.shape[-1])
+        subtract_and_divide(_flat(image), shared, _flat(self.shared_signature), level, _flat(out))
+        return out
+
+
+def shared_gain(gain: FloatArray) -> FloatArray:
+    """Gain common to the polarizations: the root mean square of theirs.
+
+    Parameters
+    ----------
+    gain : (..., polarization, subband) ndarray
+        Scan gains.
+
+    Returns
+    -------
+    (..., 1, subband) ndarray
+        r̄ of every sub-band.
+    """
+    return np.sqrt(np.mean(gain**2, axis=-2, keepdims=True))
+
+
+class BackgroundEstimator:
+    """Estimate a run's background in two passes over its images.
+
+    Call :meth:`add_signature` with every scan, then :meth:`add_gain` with every scan in the same order, then
+    :meth:`result`.
+
+    Parameters
+    ----------
+    median_size, mean_size : tuple of int
+        Windows (y, x) of the gain background in pixels, odd.
+    step : int
+        The median is taken at every ``step``-th pixel both ways, and the mean over those: the gain background is smooth
+        over the mean's window, so that little is lost (see the tests for how little) and most of the time is saved.
+
+    Raises
+    ------
+    ValueError
+        If a window is not odd or the step is not between 1 and half the mean's window.
+    """
+
+    def __init__(
+        self, median_size: tuple[int, int] = (21, 21), mean_size: tuple[int, int] = (51, 51), step: int = 1
+    ) -> None:
+        for name, size in (("median_size", median_size), ("mean_size", mean_size)):
+            if any(n < 1 or n % 2 == 0 for n in size):
+                raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
+        if not 1 <= step <= max(1, min(mean_size) // 2):
+            raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
+        self.median_size, self.mean_size, self.step = median_size, mean_size, step
+        self.gains: list[FloatArray] = []
+        self._shape: tuple[int, ...] | None = None
+        self._signature: ComplexArray | None = None
+        self._shared: ComplexArray | None = None
+        self._median: FloatArray | None = None
+        self._smoothed = 0
+
+    def add_signature(self, image: ComplexArray) -> FloatArray:
+        """First pass: take a scan into the self-signature (Eq. 2).
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+
+        Returns
+        -------
+        (polarization, subband) ndarray
+            Scan gain r_k; also kept in ``gains``.
+
+        Raises
+        ------
+        ValueError
+            If the image has no gain or another shape than those before.
+        """
+        if self._shape is None:
+            self._shape = image.shape
+            pixels = (image.shape[0] * image.shape[1], image.shape[2] * image.shape[3])
+            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
+        gain, limit = self._measure(image)
+        common = np.broadcast_to(shared_gain(gain), gain.shape)
+        weight = 1 / gain.ravel(), np.ascontiguousarray(1 / common).ravel()
+        add_clipped(_flat(image), limit.ravel(), *weight, self._own_total, self._shared_total)
+        self.gains.append(gain)
+        return gain
+
+    def add_gain(self, image: ComplexArray) -> None:
+        """Second pass: take a scan into the gain background (Eq. 3 and 4).
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+
+        Raises
+        ------
+        ValueError
+            If more scans come than in the first pass, or the first pass had less than two.
+        """
+        signature = self.signature()
+        if self._smoothed >= len(self.gains):
+            raise ValueError(
+                f"add_gain must be called once per scan of the first pass, got more than {len(self.gains)}"
+            )
+        smooth = self._smooth(image, self.gains[self._smoothed], signature)
+        self._median = smooth if self._median is None else self._median + smooth
+        self._smoothed += 1
+
+    def signature(self) -> ComplexArray:
+        """Self-signature B1 of the scans so far.
+
+        Returns
+        -------
+        (polarization, subband, y, x) ndarray of complex64
+            B1.
+
+        Raises
+        ------
+        ValueError
+            If there are less than two scans: it would be all of the image.
+        """
+        if self._signature is None:
+            if len(self.gains) < 2 or self._shape is None:
+                raise ValueError(f"self-signature needs at least two scans, got {len(self.gains)}")
+            self._signature = (self._own_total / len(self.gains)).astype(np.complex64).reshape(self._shape)
+            self._shared = (self._shared_total / len(self.gains)).astype(np.complex64).reshape(self._shape)
+        return self._signature
+
+    def result(self) -> Background:
+        """Assemble the background after both passes.
+
+        Returns
+        -------
+        Background
+            B1 and B2, own and shared.
+
+        Raises
+        ------
+        ValueError
+            If the second pass has not seen every scan, or the background vanishes somewhere.
+        """
+        signature = self.signature()
+        if self._median is None or self._smoothed != len(self.gains) or self._shared is None:
+            raise ValueError(f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}")
+        level = self._spread_out(self._median / self._smoothed)
+        return Background(signature, level, self._shared, shared_level(level, np.stack(self.gains)))
+
+    def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        if image.shape != self._shape:
+            raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
+        gain, limit = np.empty(image.shape[:2]), np.empty(image.shape[:2])
+        pixels = image.shape[2] * image.shape[3]
+        gain_and_limit(_flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel())
+        if not (np.isfinite(gain).all() and (gain > 0).all()):
+            raise ValueError(f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}")
+        return gain, limit
+
+    def _smooth(self, image: ComplexArray, gain: FloatArray, signature: ComplexArray) -> FloatArray:
+        out = np.empty(image.shape, np.float32)
+        residual(_flat(image), gain.ravel(), _flat(signature), _flat(out))
+        return median_stack(out.reshape(-1, *image.shape[2:]), self.median_size, self.step).astype(np.float64)
+
+    def _spread_out(self, medians: FloatArray) -> MagnitudeArray:
+        """Mean filter, which is linear and so can come once after the mean over the scans."""
+        if self._shape is None:
+            raise ValueError("images must hold at least one scan, got none")
+        step, plane = self.step, self._shape[2:]
+        there = np.zeros(plane)
+        there[::step, ::step] = 1
+        share = mean_filter(there, self.mean_size)
+        level = np.empty((len(medians), *plane), np.float32)
+        for one, median in zip(level, medians, strict=True):
+            values = np.zeros(plane)
+            values[::step, ::step] = median
+            one[:] = mean_filter(values, self.mean_size) / share
+        if not (level > 0).all():
+            raise ValueError("gain background must be positive everywhere, got zero: images equal their self-signature")
+        return level.reshape(self._shape)
+
+
+def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
+    """Gain background B̄2 common to the polarizations: the root mean square of theirs, brought to the shared gain.
+
+    Parameters
+    ----------
+    level : (polarization, subband, y, x) ndarray
+        B2 of every channel in units of its own gain.
+    gains : (scan, polarization, subband) ndarray
+        Scan gains.
+
+    Returns
+    -------
+    (subband, y, x) ndarray of float32
+        B̄2.
+    """
+    ratio = np.mean(gains / shared_gain(gains), axis=0)
+    return np.sqrt(np.mean((level * ratio[..., None, None]) ** 2, axis=0)).astype(np.float32)
+
+
+class CausalBackground:
+    """Background from the scans so far, for live use: nothing waits for the end of the run.
+
+    Self-signature and medians are running means, over all scans or, with ``span``, fading with that many scans, which
+    follows a self-signature that drifts. The residuals of earlier scans are not made anew when the self-signature
+    improves. A scan enters the estimate before it is cleaned with it.
+
+    Parameters
+    ----------
+    median_size, mean_size, step
+        As for :class:`BackgroundEstimator`.
+    span : int, optional
+        Number of scans that the running mean remembers.
+    warm_up : int
+        Number of scans before the first one is cleaned, at least 2.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+    """
+
+    def __init__(
+        self,
+        median_size: tuple[int, int] = (21, 21),
+        mean_size: tuple[int, int] = (51, 51),
+        step: int = 3,
+        span: int | None = None,
+        warm_up: int = 5,
+    ) -> None:
+        if warm_up < 2 or (span is not None and span < 2):
+            raise ValueError(f"warm_up and span must be at least 2 scans, got {warm_up} and {span}")
+        self._settings: dict[str, Any] = {"median_size": median_size, "mean_size": mean_size, "step": step}
+        self._tool = BackgroundEstimator(**self._settings)
+        self._span, self._warm_up, self._count = span, warm_up, 0
+        self._means: list[Any] = []
+
+    def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
+        """Take the next scan in.
+
+        Parameters
+        ----------
+        image : (polarization, subband, y, x) ndarray of complex64
+            Scan image.
+
+        Returns
+        -------
+        gain : (polarization, subband) ndarray
+            Its scan gain.
+        background : Background or None
+            What to clean it with; None during the warm-up.
+
+        Raises
+        ------
+        ValueError
+            If the image has no gain or another shape than those before.
+        """
+        one = BackgroundEstimator(**self._settings)
+        gain = one.add_signature(image)
+        self._tool._shape = self._tool._shape or image.shape
+        if image.shape != self._tool._shape:
+            raise ValueError(f"image must have the shape {self._tool._shape} of those before, got {image.shape}")
+        self._count += 1
+        weight = 1 / min(self._count, self._span or self._count)
+        new = [one._own_total, one._shared_total, gain / shared_gain(gain)]
+        self._means[:3] = [_blend(old, value, weight) for old, value in zip(self._means[:3] or new, new, strict=True)]
+        if self._count < 2:
+            return gain, None
+        signature, shared = (mean.astype(np.complex64).reshape(image.shape) for mean in self._means[:2])
+        smooth = self._tool._smooth(image, gain, signature)
+        share = 1 / min(self._count - 1, self._span or self._count)
+        self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
+        if self._count < self._warm_up:
+            return gain, None
+        level = self._tool._spread_out(self._means[3])
+        return gain, Background(signature, level, shared, shared_level(level, self._means[2][None]))
+
+
+def _blend(old: Any, new: Any, weight: float) -> Any:
+    return old + weight * (new - old)
+
+
+def _flat(array: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(array).reshape(-1, array.shape[-2] * array.shape[-1])

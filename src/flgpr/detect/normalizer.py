@@ -1,0 +1,105 @@
+"""Histogram specification to a truncated normal distribution (Wang et al. 2007, Sec. II-E, corrected)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
+from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
+
+FloatArray = NDArray[np.float64]
+
+
+class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Give every feature the distribution of a standard normal variable cut off at -1 and +1.
+
+    With the N training values sorted, duplicates counted as often as they occur, the k-th goes to
+    ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values share the mean of
+    their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.)
+    Between training values the map is linear; beyond them it goes on along the line through the two end pairs.
+
+    Attributes
+    ----------
+    knots_ : list of (2, n) ndarray
+        Per feature the values a (rising) and the b they go to.
+    n_features_in_ : int
+        Number of features.
+    """
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: Any = None,  # noqa: ARG002
+        sample_weight: ArrayLike | None = None,
+    ) -> HistogramNormalizer:
+        """Learn the map.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Training values.
+        y : object
+            Not used.
+        sample_weight : (sample,) array_like of whole numbers, optional
+            How often each sample counts.
+
+        Returns
+        -------
+        HistogramNormalizer
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite or a weight is not a whole number.
+        """
+        values: FloatArray = validate_data(self, X, dtype=np.float64)
+        weight = _check_sample_weight(sample_weight, values, dtype=np.float64, ensure_non_negative=True)
+        if (weight != np.rint(weight)).any():
+            raise ValueError("sample_weight must hold whole numbers: how often each sample counts")
+        if not weight.any():
+            raise ValueError("sample_weight must not be zero for all samples")
+        self.knots_ = [_knots(column, weight) for column in values.T]
+        return self
+
+    def transform(self, X: ArrayLike) -> FloatArray:
+        """Apply the map.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Values.
+
+        Returns
+        -------
+        (sample, feature) ndarray
+            Normalised values; training values lie in [-1, 1].
+        """
+        check_is_fitted(self)
+        values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        columns = [_follow(column, knots) for column, knots in zip(values.T, self.knots_, strict=True)]
+        return np.stack(columns, axis=1)
+
+
+def _knots(values: FloatArray, weight: FloatArray) -> FloatArray:
+    a, group = np.unique(values[weight > 0], return_inverse=True)
+    count = np.bincount(group, weight[weight > 0]).astype(np.int64)
+    total = int(count.sum())
+    level = np.arange(total) / max(total - 1, 1) if total > 1 else np.array([0.5])
+    b = ndtri(ndtr(-1.0) + level * (ndtr(1.0) - ndtr(-1.0)))
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    return np.stack([a, np.add.reduceat(b, start) / count])
+
+
+def _follow(values: FloatArray, knots: FloatArray) -> FloatArray:
+    a, b = knots
+    if a.size == 1:
+        return np.full(values.shape, b[0])
+    result = np.interp(values, a, b)
+    for outside, i, j in ((values < a[0], 0, 1), (values > a[-1], -1, -2)):
+        gap = a[i] - a[j]
+        result[outside] = b[i] + (values[outside] - a[i]) * ((b[i] - b[j]) / gap)
+    return result

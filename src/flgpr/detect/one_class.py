@@ -1,0 +1,231 @@
+"""Novelty detection by a relevance vector machine that has seen mines only (flsar2004, Sec. 3.5)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit
+from sklearn.base import OutlierMixin
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import validate_data
+
+from flgpr.detect.kernel_functions import Kernel
+from flgpr.detect.rvm import RelevanceMachine
+from flgpr.detect.rvm_fit import Algorithm
+
+FloatArray = NDArray[np.float64]
+FORMULATIONS = ("offset", "no-bias", "reference")
+
+
+class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: ignore[misc]  # no types
+    """One-class relevance vector machine, trained with all labels l = +1.
+
+    The text of the paper, taken at its word, collapses: with a free bias and a single label nothing but the bias
+    survives, and every example is a mine with p near 1. Three ways out, of which the first is the default:
+
+    - "offset": c(f) = Σ w_n K(f, f_n) - b0 with b0 = logit(1 - p0) fixed. Where a local kernel has died away,
+      p = p0.
+    - "no-bias": c(f) = Σ w_n K(f, f_n), closest to the text; p falls to 0.5 far from all mines.
+    - "reference": a binary machine against points drawn uniformly over the box of the features. p/(1 - p) is then the
+      mines' density over a constant; no clutter is seen, but nothing is promised outside the box.
+
+    Parameters
+    ----------
+    kernel, gamma, degree, coef0, prior, rate, algorithm, n_starts, moderated, tol, max_iter
+        As in :class:`RelevanceVectorClassifier`. The width refers to the standardised features.
+    p0 : float
+        Probability of a mine far from all mines ("offset").
+    formulation : {"offset", "no-bias", "reference"}
+        See above.
+    standardize : bool
+        Whether features are centred and scaled by the mean and standard deviation of the training mines.
+    reject : float
+        Share of the training mines that :meth:`predict` gives up; it sets ``offset_`` and nothing else.
+    box : (feature, 2) array_like, optional
+        Lowest and highest value of every feature ("reference"); by default the mines' range widened by half on either
+        side.
+    n_reference : int, optional
+        Number of reference points; by default as many as mines.
+    random_state : int, RandomState or None
+        Source of the reference points.
+
+    Attributes
+    ----------
+    relevance_ : (k,) ndarray of int
+        Indices of the relevance vectors; with "reference" those from the number of mines on are reference points.
+    offset_ : float
+        Least probability that :meth:`predict` calls a mine.
+    center_, scale_ : (feature,) ndarray
+        Standardisation.
+    dual_coef_, intercept_, alpha_, covariance_, log_evidence_, n_iter_, converged_, gamma_, rate_
+        As in :class:`RelevanceVectorClassifier`.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel = "rbf",
+        gamma: float | Literal["scale", "auto"] = "scale",
+        p0: float = 0.01,
+        formulation: Literal["offset", "no-bias", "reference"] = "offset",
+        standardize: bool = True,
+        degree: float = 3,
+        coef0: float = 1.0,
+        prior: Literal["ard", "laplacian"] = "ard",
+        rate: float | Literal["auto"] = "auto",
+        algorithm: Algorithm = "fast",
+        n_starts: int = 9,
+        moderated: bool = True,
+        tol: float = 1e-5,
+        max_iter: int = 1000,
+        reject: float = 0.05,
+        box: ArrayLike | None = None,
+        n_reference: int | None = None,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
+        self.kernel = kernel
+        self.gamma = gamma
+        self.p0 = p0
+        self.formulation = formulation
+        self.standardize = standardize
+        self.degree = degree
+        self.coef0 = coef0
+        self.prior = prior
+        self.rate = rate
+        self.algorithm = algorithm
+        self.n_starts = n_starts
+        self.moderated = moderated
+        self.tol = tol
+        self.max_iter = max_iter
+        self.reject = reject
+        self.box = box
+        self.n_reference = n_reference
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: Any = None) -> OneClassRelevanceVectorMachine:
+        """Fit the machine to mines.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Mines.
+        y : object
+            Ignored: every row counts as a mine.
+
+        Returns
+        -------
+        OneClassRelevanceVectorMachine
+            The machine itself.
+
+        Raises
+        ------
+        ValueError
+            If a parameter breaks its rule.
+        """
+        del y
+        self._check_parameters()
+        if self.formulation not in FORMULATIONS:
+            raise ValueError(f"formulation must be one of {', '.join(FORMULATIONS)}, got {self.formulation!r}")
+        if not 0 < self.p0 < 1:
+            raise ValueError(f"p0 must lie between 0 and 1, got {self.p0!r}")
+        if not 0 <= self.reject < 1:
+            raise ValueError(f"reject must be at least 0 and below 1, got {self.reject!r}")
+        if self.formulation == "reference" and isinstance(self.kernel, str) and self.kernel == "precomputed":
+            raise ValueError("kernel must be a function of examples with formulation 'reference', got 'precomputed'")
+        X = np.asarray(validate_data(self, X, dtype=np.float64))
+        self._set_scale(X)
+        Z = self._prepared(X)
+        target = np.ones(len(Z))
+        if self.formulation == "reference":
+            extra = self._prepared(self._reference(X))
+            Z, target = np.vstack([Z, extra]), np.append(target, np.zeros(len(extra)))
+        offset = float(np.log(self.p0 / (1 - self.p0))) if self.formulation == "offset" else 0.0
+        self._solve(Z, target, self.formulation == "reference", offset, None)
+        self.offset_ = float(np.quantile(self.score_samples(X), self.reject))
+        return self
+
+    def _set_scale(self, X: FloatArray) -> None:
+        fixed = not self.standardize or (isinstance(self.kernel, str) and self.kernel == "precomputed")
+        self.center_ = np.zeros(X.shape[1]) if fixed else X.mean(axis=0)
+        spread = np.ones(X.shape[1]) if fixed else X.std(axis=0)
+        self.scale_ = np.where(spread > 0, spread, 1.0)
+
+    def _prepared(self, X: FloatArray) -> FloatArray:
+        return np.asarray((X - self.center_) / self.scale_, dtype=np.float64)
+
+    def _reference(self, X: FloatArray) -> FloatArray:
+        low, high = X.min(axis=0), X.max(axis=0)
+        low, high = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+        if self.box is not None:
+            box = np.asarray(self.box, dtype=np.float64)
+            if box.shape != (X.shape[1], 2) or not (box[:, 1] > box[:, 0]).all():
+                raise ValueError(
+                    f"box must hold a rising (low, high) for each of {X.shape[1]} features, got {self.box}"
+                )
+            low, high = box.T
+        count = len(X) if self.n_reference is None else self.n_reference
+        if not count >= 1:
+            raise ValueError(f"n_reference must be at least 1, got {self.n_reference!r}")
+        return np.asarray(check_random_state(self.random_state).uniform(low, high, (count, X.shape[1])))
+
+    def score_samples(self, X: ArrayLike) -> FloatArray:
+        """Probability of a mine.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample,) ndarray
+            p(mine).
+        """
+        return expit(self._log_odds(X))
+
+    def predict_proba(self, X: ArrayLike) -> FloatArray:
+        """Probabilities of no mine and of a mine.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample, 2) ndarray
+            The last column is p(mine).
+        """
+        p = expit(self._log_odds(X))
+        return np.column_stack([1 - p, p])
+
+    def decision_function(self, X: ArrayLike) -> FloatArray:
+        """Probability of a mine less ``offset_``.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample,) ndarray
+            Positive for mines.
+        """
+        return expit(self._log_odds(X)) - self.offset_
+
+    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+        """Mine or not.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample,) ndarray of int
+            1 for a mine, -1 for something else.
+        """
+        return np.where(self.decision_function(X) >= 0, 1, -1)

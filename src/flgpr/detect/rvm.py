@@ -1,0 +1,347 @@
+"""The relevance vector machine as a classifier (Tipping 2001; Tipping & Faul 2003)."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit
+from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils.multiclass import check_classification_targets, type_of_target
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from flgpr.detect.kernel_functions import Kernel, evaluate_kernel, resolve_gamma
+from flgpr.detect.rvm_fit import ALGORITHMS, Algorithm, SparseFit, fit_sparse
+
+FloatArray = NDArray[np.float64]
+PRIORS = ("ard", "laplacian")
+
+
+def moderate(mean: FloatArray, variance: FloatArray) -> FloatArray:
+    """Argument that stands for a normal one in σ: κ m, κ = (1 + π s²/8)^(-1/2) (MacKay 1992).
+
+    Parameters
+    ----------
+    mean, variance : ndarray
+        m and s² of the argument.
+
+    Returns
+    -------
+    ndarray
+        κ m; σ of it is about the mean of σ.
+    """
+    return np.asarray(mean / np.sqrt(1 + np.pi * variance / 8))
+
+
+class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
+    """What the binary and the one-class machine share: kernel, fit, argument of σ."""
+
+    kernel: Kernel
+    gamma: float | Literal["scale", "auto"]
+    degree: float
+    coef0: float
+    prior: Literal["ard", "laplacian"]
+    rate: float | Literal["auto"]
+    algorithm: Algorithm
+    n_starts: int
+    moderated: bool
+    tol: float
+    max_iter: int
+
+    def _check_parameters(self) -> None:
+        if self.prior not in PRIORS:
+            raise ValueError(f"prior must be one of {', '.join(PRIORS)}, got {self.prior!r}")
+        if self.algorithm not in ALGORITHMS:
+            raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {self.algorithm!r}")
+        for name, count in (("n_starts", self.n_starts), ("max_iter", self.max_iter)):
+            if not count >= 1:
+                raise ValueError(f"{name} must be at least 1, got {count!r}")
+        if not self.tol > 0:
+            raise ValueError(f"tol must be positive, got {self.tol!r}")
+        if self.rate != "auto" and not (isinstance(self.rate, (int, float)) and self.rate > 0):
+            raise ValueError(f"rate must be a positive number or 'auto', got {self.rate!r}")
+
+    def _prepared(self, X: FloatArray) -> FloatArray:
+        """Examples as the kernel takes them."""
+        return X
+
+    def _kernel(self, X: FloatArray, centres: FloatArray) -> FloatArray:
+        return evaluate_kernel(self.kernel, X, centres, self.gamma_, self.degree, self.coef0)
+
+    def _solve(self, X: FloatArray, target: FloatArray, bias: bool, offset: float, start: SparseFit | None) -> None:
+        """Fit the weights and set the fitted attributes; the bias is the last column."""
+        pairwise = isinstance(self.kernel, str) and self.kernel == "precomputed"
+        if pairwise and X.shape[0] != X.shape[1]:
+            raise ValueError(f"X must be the square kernel matrix of the training examples, got the shape {X.shape}")
+        self.gamma_ = resolve_gamma(self.gamma, X)
+        design = self._kernel(X, X)
+        if bias:
+            design = np.hstack([design, np.ones((len(X), 1))])
+        fit = fit_sparse(
+            design, target, offset=offset, algorithm=self.algorithm,
+            rate=self.rate if self.prior == "laplacian" else 0.0,
+            n_starts=self.n_starts, start=start, tol=self.tol, max_iter=self.max_iter,
+        )  # fmt: skip
+        if not fit.converged:
+            warnings.warn(
+                f"no convergence after {fit.n_iter} iterations: raise max_iter or tol", ConvergenceWarning, stacklevel=3
+            )
+        vectors = fit.active < len(X)
+        self.relevance_: NDArray[np.int64] = fit.active[vectors]
+        self.relevance_vectors_ = X[self.relevance_]
+        self.dual_coef_ = fit.mean[vectors]
+        self.intercept_ = float(fit.mean[~vectors].sum()) + offset
+        self.alpha_, self.covariance_ = fit.alpha, fit.covariance
+        self.log_evidence_, self.n_iter_, self.converged_, self.rate_ = (
+            fit.log_evidence, fit.n_iter, fit.converged, fit.rate,
+        )  # fmt: skip
+        self._fit_result, self._has_bias = fit, bool((~vectors).any())
+
+    def _argument(self, X: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Mean and variance of the argument of σ."""
+        check_is_fitted(self, "dual_coef_")
+        X = self._prepared(np.asarray(validate_data(self, X, reset=False, dtype=np.float64)))
+        if isinstance(self.kernel, str) and self.kernel == "precomputed":
+            basis = X[:, self.relevance_]
+        else:
+            basis = self._kernel(X, self.relevance_vectors_) if len(self.relevance_) else np.zeros((len(X), 0))
+        mean = basis @ self.dual_coef_ + self.intercept_
+        if self._has_bias:
+            basis = np.hstack([basis, np.ones((len(basis), 1))])
+        return mean, np.einsum("nk,kl,nl->n", basis, self.covariance_, basis)
+
+    def _log_odds(self, X: ArrayLike) -> FloatArray:
+        mean, variance = self._argument(X)
+        return moderate(mean, variance) if self.moderated else mean
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.pairwise = isinstance(self.kernel, str) and self.kernel == "precomputed"
+        return tags
+
+
+class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ignore[misc]
+    """Relevance vector machine for two classes (Tipping 2001, Sec. 3; flsar2004, Sec. 3.4).
+
+    p(second class | f) = σ(Σ w_n K(f, f_n) + w_0), where an evidence maximum leaves few w_n that are not zero.
+
+    Parameters
+    ----------
+    kernel : str or callable
+        "rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed", or a function of two arrays of examples. It need
+        not be a Mercer kernel.
+    gamma : float or {"scale", "auto"}
+        Width of the kernel, as in :class:`sklearn.svm.SVC`.
+    degree, coef0 : float
+        Parameters of the polynomial and sigmoid kernels.
+    bias : bool
+        Whether there is a w_0; it is subject to the prior like every weight.
+    prior : {"ard", "laplacian"}
+        A normal prior of own precision for each weight (Tipping 2001), or besides an exponential prior on the
+        variances, which makes the prior of the weights Laplacian.
+    rate : float or "auto"
+        Rate of that exponential prior; "auto" learns it.
+    algorithm : {"fast", "ard"}
+        Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001).
+    n_starts : int
+        Starts of "fast" from different first vectors; the evidence has many local maxima.
+    moderated : bool
+        Whether probabilities average over the weights' posterior, σ(κ m), or use their mode, σ(m).
+    tol : float
+        What is left to gain at the end, as in :func:`flgpr.detect.rvm_fit.fit_sparse`.
+    max_iter : int
+        Most iterations of one ascent.
+
+    Attributes
+    ----------
+    classes_ : (2,) ndarray
+        Labels; the second is the positive class.
+    relevance_ : (k,) ndarray of int
+        Indices of the relevance vectors.
+    relevance_vectors_ : (k, feature) ndarray
+        The vectors.
+    dual_coef_ : (k,) ndarray
+        Their weights w_n.
+    intercept_ : float
+        w_0.
+    alpha_, covariance_ : ndarray
+        Prior precisions and posterior covariance of the weights, the bias last where it stayed.
+    log_evidence_ : float
+        Log marginal likelihood (Laplace's approximation).
+    n_iter_ : int
+        Iterations over all starts.
+    converged_ : bool
+        Whether the tolerance was reached.
+    gamma_, rate_ : float
+        Values in use.
+
+    References
+    ----------
+    Tipping 2001, J. Mach. Learn. Res. 1:211; Tipping & Faul 2003, AISTATS; flsar2004, Eq. 1, 3, 4.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel = "rbf",
+        gamma: float | Literal["scale", "auto"] = "scale",
+        degree: float = 3,
+        coef0: float = 1.0,
+        bias: bool = True,
+        prior: Literal["ard", "laplacian"] = "ard",
+        rate: float | Literal["auto"] = "auto",
+        algorithm: Algorithm = "fast",
+        n_starts: int = 9,
+        moderated: bool = True,
+        tol: float = 1e-5,
+        max_iter: int = 1000,
+    ) -> None:
+        self.kernel = kernel
+        self.gamma = gamma
+        self.degree = degree
+        self.coef0 = coef0
+        self.bias = bias
+        self.prior = prior
+        self.rate = rate
+        self.algorithm = algorithm
+        self.n_starts = n_starts
+        self.moderated = moderated
+        self.tol = tol
+        self.max_iter = max_iter
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> RelevanceVectorClassifier:
+        """Fit the machine.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+        y : (sample,) array_like
+            Two different labels.
+
+        Returns
+        -------
+        RelevanceVectorClassifier
+            The machine itself.
+
+        Raises
+        ------
+        ValueError
+            If a parameter breaks its rule or ``y`` does not hold two classes.
+        """
+        return self._fit_from(X, y, None)
+
+    def _fit_from(self, X: ArrayLike, y: ArrayLike, start: SparseFit | None) -> RelevanceVectorClassifier:
+        self._check_parameters()
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        if type_of_target(y) == "multiclass":
+            raise ValueError(
+                "Only binary classification is supported: y must hold 2 classes, got "
+                f"{len(np.unique(y))}; wrap the machine in OneVsRestClassifier for more"
+            )
+        self.classes_, code = np.unique(y, return_inverse=True)
+        if len(self.classes_) != 2:
+            raise ValueError(f"y must hold 2 classes, got one class only: {self.classes_[0]!r}")
+        self._solve(np.asarray(X), code.astype(np.float64), self.bias, 0.0, start)
+        return self
+
+    def decision_function(self, X: ArrayLike) -> FloatArray:
+        """Log odds of the second class: the argument of σ (flsar2004, Eq. 1), moderated if the probabilities are.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample,) ndarray
+            Positive where the second class is more likely.
+        """
+        return self._log_odds(X)
+
+    def predict_proba(self, X: ArrayLike) -> FloatArray:
+        """Probabilities of the two classes (flsar2004, Eq. 4).
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample, 2) ndarray
+            In the order of ``classes_``.
+        """
+        p = expit(self._log_odds(X))
+        return np.column_stack([1 - p, p])
+
+    def predict(self, X: ArrayLike) -> NDArray[Any]:
+        """More likely class.
+
+        Parameters
+        ----------
+        X : (sample, feature) array_like
+            Examples.
+
+        Returns
+        -------
+        (sample,) ndarray
+            Labels.
+        """
+        positive = self.decision_function(X) > 0
+        return self.classes_[positive.astype(int)]
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.classifier_tags.multi_class = False
+        return tags
+
+
+def leave_one_out(
+    machine: RelevanceVectorClassifier, X: ArrayLike, y: ArrayLike, *, warm: bool = False
+) -> tuple[FloatArray, list[RelevanceVectorClassifier]]:
+    """Test every example on a machine that was fitted to all the others (flsar2004, par. 45).
+
+    Parameters
+    ----------
+    machine : RelevanceVectorClassifier
+        Its parameters; it is not fitted itself.
+    X : (sample, feature) array_like
+        Examples; not a precomputed kernel.
+    y : (sample,) array_like
+        Labels.
+    warm : bool
+        Whether each fold begins with the vectors of the machine fitted to all examples, less the one left out, instead
+        of from nothing. Quicker; it may end in another maximum of the evidence (compare ``log_evidence_``).
+
+    Returns
+    -------
+    probability : (sample,) ndarray
+        Held-out probability of the second class.
+    machines : list of RelevanceVectorClassifier
+        The machine of every fold.
+    """
+    X, y = np.asarray(X, dtype=np.float64), np.asarray(y)
+    full = clone(machine).fit(X, y)._fit_result if warm else None
+    machines = []
+    probability = np.empty(len(X))
+    for n in range(len(X)):
+        rest = np.arange(len(X)) != n
+        start = None if full is None else _without(full, n)
+        machines.append(clone(machine)._fit_from(X[rest], y[rest], start))
+        probability[n] = machines[-1].predict_proba(X[n : n + 1])[0, 1]
+    return probability, machines
+
+
+def _without(fit: SparseFit, n: int) -> SparseFit:
+    """Take the model to the design without basis function n."""
+    kept = fit.active != n
+    active = fit.active[kept]
+    return SparseFit(
+        active - (active > n), fit.alpha[kept], fit.mean[kept], fit.covariance[np.ix_(kept, kept)],
+        fit.log_evidence, 0, False, fit.rate,
+    )  # fmt: skip

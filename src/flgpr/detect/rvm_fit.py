@@ -1,0 +1,182 @@
+"""Fitting sparse Bayesian logistic models: which basis functions stay, and with what weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
+
+from flgpr.kernels import relevance
+
+FloatArray = NDArray[np.float64]
+Algorithm = Literal["fast", "ard"]
+ALGORITHMS = ("fast", "ard")
+PRUNE = 1e9
+"""Precision at which a weight counts as zero ("ard")."""
+NEAR = 1e-3
+"""Change of log α at which "ard" has done its part."""
+
+
+@dataclass(frozen=True)
+class SparseFit:
+    """A sparse Bayesian logistic model.
+
+    Attributes
+    ----------
+    active : (k,) ndarray of int
+        Columns of the design that stay, rising.
+    alpha : (k,) ndarray
+        Precisions of the weights' priors.
+    mean : (k,) ndarray
+        Mode of the weights.
+    covariance : (k, k) ndarray
+        Covariance of the weights about it (Laplace's approximation).
+    log_evidence : float
+        Laplace's approximation of log p(t | alpha).
+    n_iter : int
+        Iterations, those of all starts together.
+    converged : bool
+        Whether nothing was left to gain.
+    rate : float
+        Rate of the Laplacian prior; 0 with ARD.
+    """
+
+    active: NDArray[np.int64]
+    alpha: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    log_evidence: float
+    n_iter: int
+    converged: bool
+    rate: float
+
+
+def fit_sparse(
+    design: ArrayLike,
+    target: ArrayLike,
+    *,
+    offset: float = 0.0,
+    algorithm: Algorithm = "fast",
+    rate: float | Literal["auto"] = 0.0,
+    n_starts: int = 9,
+    start: SparseFit | None = None,
+    tol: float = 1e-5,
+    max_iter: int = 1000,
+) -> SparseFit:
+    """Fit p(t = 1) = σ(Σ w_i φ_i + offset) with w_i ~ N(0, 1/α_i) and α maximising the evidence.
+
+    Parameters
+    ----------
+    design : (sample, basis) array_like
+        Basis functions at the samples.
+    target : (sample,) array_like
+        0 or 1.
+    offset : float
+        Fixed part of the argument of σ.
+    algorithm : {"fast", "ard"}
+        "fast" adds and removes basis functions one by one (Tipping & Faul 2003). The evidence has many local maxima, so
+        it starts ``n_starts`` times from different first functions and exchanges members of the best models. "ard"
+        begins with all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the last
+        digits of the precisions come from the fast ascent, no function entering.
+    rate : float or "auto"
+        Rate of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights' priors Laplacian with
+        scale 1/sqrt(rate); 0 is ARD. "auto" takes the rate that makes the variances of the ARD fit most likely.
+    n_starts : int
+        Number of starts ("fast").
+    start : SparseFit, optional
+        Model to begin with, its ``active`` referring to this design; takes the place of the starts ("fast").
+    tol : float
+        Largest gain of log evidence by a function's entering, and largest change of log α, that is left. The change of
+        log α does not count once 50 rounds of it gain less than a hundredth of ``tol``.
+    max_iter : int
+        Most iterations of one ascent.
+
+    Returns
+    -------
+    SparseFit
+        The model. It may be empty: then nothing is to be gained over the offset alone.
+    """
+    # Rows of basis functions, contiguous, because every sum over samples runs along them.
+    rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)
+    t = np.ascontiguousarray(target, dtype=np.float64)
+    if rate == "auto":
+        plain = fit_sparse(design, t, offset=offset, algorithm=algorithm, n_starts=n_starts, start=start, tol=tol,
+                           max_iter=max_iter)  # fmt: skip
+        if not len(plain.alpha):
+            return plain
+        rate, start = 2 * len(plain.alpha) / float((1 / plain.alpha).sum()), None if start is None else plain
+    # These matrices are small: threads that wait for one another cost more than they bring.
+    with _threads().limit(limits=1, user_api="blas"):
+        if algorithm == "ard":
+            return _prune(rows, t, offset, rate, tol, max_iter)
+        return _ascend(rows, t, offset, rate, n_starts, start, tol, max_iter)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _ascend(
+    rows: FloatArray, t: FloatArray, offset: float, rate: float, n_starts: int, start: SparseFit | None, *options: Any
+) -> SparseFit:
+    square, weight, allowed = rows**2, np.ones(t.size), np.ones(len(rows), np.bool_)
+    fixed = (rows, square, t, weight, offset, allowed, rate)
+    if start is not None:
+        fits = [relevance.ascend(*fixed, start.active, start.alpha, start.mean, allowed, *options)]
+    else:
+        empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+        fits = [relevance.ascend(*fixed, *empty, first, *options) for first in _first(len(rows), n_starts)]
+        fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
+    improved = [relevance.exchange(*fixed, fit, *options) for fit in fits[: max(1, n_starts // 3)]]
+    best = max(improved, key=lambda fit: relevance.penalised(fit, rate))
+    iterations = sum(fit[5] for fit in fits[len(improved) :]) + sum(fit[5] for fit in improved)
+    return _sorted(*best[:5], iterations, best[6], rate)
+
+
+def _first(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
+    """Which functions may enter first: all, then every n-th from the last (the bias) back, from the one before, ..."""
+    masks = [np.ones(count, np.bool_)]
+    for k in range(min(n_starts - 1, count)):
+        mask = np.zeros(count, np.bool_)
+        mask[count - 1 - k :: -(n_starts - 1)] = True
+        masks.append(mask)
+    return masks
+
+
+def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int) -> SparseFit:
+    """Tipping 2001, Eq. 16: α = γ/w² for all weights together; with a rate the root of w²α² - γα - rate."""
+    active, weight = np.arange(len(rows)), np.ones(t.size)
+    alpha, mean = np.ones(len(rows)), np.zeros(len(rows))
+    iteration = 0
+    while iteration < max_iter:
+        iteration += 1
+        mean, covariance, *_ = relevance.laplace(rows[active], t, weight, offset, alpha, mean)
+        determined = np.maximum(1 - alpha * np.diag(covariance), 1e-12)
+        power = np.maximum(mean**2, 1e-300)
+        new = (determined + np.sqrt(determined**2 + 4 * power * rate)) / (2 * power)
+        kept = new < PRUNE
+        change = np.abs(np.log(new / alpha))[kept].max(initial=0.0)
+        active, alpha, mean = active[kept], new[kept], mean[kept]
+        if kept.all() and change < NEAR:
+            break
+    closed = np.zeros(len(rows), np.bool_)
+    fit = relevance.ascend(
+        rows, rows**2, t, weight, offset, closed, rate, active, alpha, mean, closed, tol, max_iter
+    )  # fmt: skip
+    return _sorted(*fit[:5], iteration + fit[5], fit[6], rate)
+
+
+def _sorted(
+    active: NDArray[np.int64], alpha: FloatArray, mean: FloatArray, covariance: FloatArray, *rest: Any
+) -> SparseFit:
+    order = np.argsort(active)
+    evidence, iterations, converged, rate = rest
+    return SparseFit(
+        active[order], alpha[order], mean[order], covariance[np.ix_(order, order)],
+        float(evidence), int(iterations), bool(converged), float(rate),
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""The ten features of an alarm (Wang et al. 2007, Eq. 6-17), gathered scan by scan for any number of sub-bands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.features.contrast import PatchShape
+from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
+from flgpr.kernels.patches import INNER, MEAN, OUTER, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
+from flgpr.model import Grid, lane_to_scan
+
+FEATURES = ("M_VV", "C_VV", "R_VV_HV", "M_HH", "C_HH", "R_HH_HV", "P_H", "P_alpha", "P_tau", "P_psi")
+"""The paper's features in its order, #1 to #10."""
+POLARIMETRIC = FEATURES[6:]
+_AVERAGE = 5  # pixels of the window of <·> in Eq. 10
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """How features are computed.
+
+    Attributes
+    ----------
+    patch : PatchShape
+        Incoherent patch and its regions, cross-track x down-track.
+    inner : tuple of int
+        Central pixels of the coherent patch over which the polarimetric values are averaged, cross-track x down-track.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    psi : {"circular", "linear"}
+        How angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it.
+    """
+
+    patch: PatchShape = field(default_factory=PatchShape)
+    inner: tuple[int, int] = (5, 3)
+    y_max: float = 16.0
+    psi: Literal["circular", "linear"] = "circular"
+
+    def __post_init__(self) -> None:
+        if any(n < 1 or n % 2 == 0 for n in self.inner):
+            raise ValueError(f"inner must be odd numbers of pixels, got {self.inner}")
+        if self.psi not in ("circular", "linear"):
+            raise ValueError(f"psi must be circular or linear, got {self.psi!r}")
+
+    def swapped(self) -> FeatureSettings:
+        """Give the same settings with cross-track and down-track exchanged in all regions."""
+        patch = PatchShape(self.patch.size, self.patch.spacing, self.patch.inner[::-1], self.patch.guard[::-1])
+        return FeatureSettings(patch, self.inner[::-1], self.y_max, self.psi)
+
+
+class FeatureSums:
+    """The sums over scans that the features are made of.
+
+    Only the scans in which the alarm lies within ``y_max`` and whose patch holds the whole inner region count.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        x, y in the lane frame, m.
+    polarizations, subbands : sequence of str
+        Channels of the images to come.
+    grid : Grid
+        Their pixels in the scan frame.
+    settings : FeatureSettings, optional
+        Default: the paper's.
+
+    Raises
+    ------
+    ValueError
+        If HH, VV or HV is missing; VH stands in for HV where there is only that.
+    """
+
+    def __init__(
+        self,
+        alarms: pd.DataFrame,
+        polarizations: Sequence[str],
+        subbands: Sequence[str],
+        grid: Grid,
+        settings: FeatureSettings | None = None,
+    ) -> None:
+        self.settings, self.grid, self.subbands = settings or FeatureSettings(), grid, list(subbands)
+        names = list(polarizations)
+        cross = "HV" if "HV" in names else "VH"
+        missing = [name for name in ("HH", "VV", cross) if name not in names]
+        if missing:
+            raise ValueError(f"polarizations must hold HH, VV and HV or VH for the features, got {', '.join(names)}")
+        self._hh, self._vv, self._hv = (names.index(name) for name in ("HH", "VV", cross))
+        self._index = alarms.index
+        self._centres = np.zeros((len(alarms), 3))
+        self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._order = np.argsort(self._centres[:, 1], kind="stable")
+        self._regions = _codes(self.settings.patch)
+        shape = (len(alarms), len(self.subbands))
+        self._peak = {name: np.full(shape, -np.inf) for name in ("HH", "VV")}
+        self._sum = {name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")}
+        self._angle = {name: np.zeros(shape) for name in ("P_H", "P_alpha", "P_tau", "P_psi", "weight")}
+        self._turn = np.zeros(shape, np.complex128)
+        self._scans = np.zeros(len(alarms), np.int64)
+
+    def add(self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray) -> None:
+        """Take one scan in.
+
+        Parameters
+        ----------
+        magnitude : (polarization, subband, y, x) ndarray of float32
+            Cleaned magnitudes, each channel in units of its own gain background.
+        coherent : (polarization, subband, y, x) ndarray of complex64
+            Cleaned images whose polarizations share one gain.
+        pose : (6,) ndarray
+            Pose of the scan.
+        """
+        grid = self.grid
+        local = lane_to_scan(self._centres, pose)[:, :2]
+        row, column = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
+        reach = (local[:, 1] <= self.settings.y_max) & (row >= 0) & (row <= grid.ny - 1)
+        seen = np.flatnonzero(reach & (column >= 0) & (column <= grid.nx - 1))
+        if not seen.size:
+            return
+        values = self._statistics(magnitude, row[seen], column[seen])
+        keep = np.isfinite(values).all(axis=(1, 2, 3))
+        seen, values = seen[keep], values[keep]
+        self._add_incoherent(seen, values)
+        self._add_coherent(seen, values[:, self._hh, :, PEAK], coherent, row, column)
+        self._scans[seen] += 1
+
+    def table(self) -> pd.DataFrame:
+        """Compute the features from the sums.
+
+        Returns
+        -------
+        DataFrame
+            ``scans`` (number of scans that count) and, per sub-band, the ten features as ``FEATURE_SUBBAND``, with the
+            index of the alarms; NaN where no scan counts. Angles in rad.
+        """
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ten = {
+                **{f"M_{pol}": np.where(np.isfinite(peak), peak, np.nan) for pol, peak in self._peak.items()},
+                **{f"C_{pol}": self._sum[f"C_{pol}"] / self._sum[pol] for pol in ("HH", "VV")},
+                **{f"R_{pol}_HV": self._sum[f"R_{pol}_HV"] / self._sum[pol] for pol in ("HH", "VV")},
+                **{name: self._angle[name] / self._angle["weight"] for name in POLARIMETRIC},
+            }
+            if self.settings.psi == "circular":
+                ten["P_psi"] = np.where(self._angle["weight"] > 0, np.angle(self._turn) / 2, np.nan)
+        columns = {"scans": self._scans}
+        for b, subband in enumerate(self.subbands):
+            columns |= {f"{name}_{subband}": ten[name][:, b] for name in FEATURES}
+        return pd.DataFrame(columns, index=self._index)
+
+    def _statistics(self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray) -> FloatArray:
+        patch, channels = self.settings.patch, magnitude.shape[:2]
+        offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / self.grid.dx
+        out = np.empty((row.size, channels[0] * channels[1], 1, 4))
+        flat = np.ascontiguousarray(magnitude.reshape(-1, *magnitude.shape[2:]))
+        region_statistics(flat, row, column, offset, self._regions[None], out)
+        return out.reshape(row.size, *channels, 4)
+
+    def _add_incoherent(self, seen: NDArray[np.intp], values: FloatArray) -> None:
+        cross = values[:, self._hv]
+        for name, place in (("HH", self._hh), ("VV", self._vv)):
+            own = values[:, place]
+            peak = own[..., PEAK]
+            self._peak[name][seen] = np.maximum(self._peak[name][seen], peak)  # Eq. 6
+            self._sum[name][seen] += peak
+            with np.errstate(invalid="ignore", divide="ignore"):
+                self._sum[f"C_{name}"][seen] += peak * (peak - own[..., OUTER_MEAN]) / own[..., OUTER_STD]  # Eq. 7
+                self._sum[f"R_{name}_HV"][seen] += peak * own[..., MEAN] / cross[..., MEAN]  # Eq. 8
+
+    def _add_coherent(
+        self,
+        seen: NDArray[np.intp],
+        weight: FloatArray,
+        coherent: NDArray[np.complex64],
+        row: FloatArray,
+        column: FloatArray,
+    ) -> None:
+        """Add entropy, alpha, tau and psi at the pixels about each alarm (Eq. 11, 12, 16, 17).
+
+        The patch is cut from the image without interpolation: the phase turns by up to a cycle from pixel to pixel.
+        """
+        nx, ny = (n // 2 for n in self.settings.inner)
+        half = _AVERAGE // 2
+        y, x = np.rint(row[seen]).astype(np.intp), np.rint(column[seen]).astype(np.intp)
+        fits = (
+            (y - ny - half >= 0)
+            & (y + ny + half < self.grid.ny)
+            & (x - nx - half >= 0)
+            & (x + nx + half < self.grid.nx)
+        )
+        seen, weight, y, x = seen[fits], weight[fits], y[fits], x[fits]
+        if not seen.size:
+            return
+        rows = y[:, None, None] + np.arange(-ny - half, ny + half + 1)[:, None]
+        columns = x[:, None, None] + np.arange(-nx - half, nx + half + 1)
+        patch = coherent[:, :, rows, columns].astype(np.complex128)  # polarization, subband, alarm, y, x
+        hh, hv, vv = patch[self._hh], patch[self._hv], patch[self._vv]
+        inner = (Ellipsis, slice(half, -half), slice(half, -half))
+        entropy, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _AVERAGE))
+        tau, psi = cameron(hh[inner], hv[inner], vv[inner])
+        for name, value in zip(POLARIMETRIC, (entropy, alpha, tau, psi), strict=True):
+            self._angle[name][seen] += weight * value.mean(axis=(-2, -1)).T
+        self._turn[seen] += weight * np.exp(2j * psi).mean(axis=(-2, -1)).T
+        self._angle["weight"][seen] += weight
+
+
+def _codes(patch: PatchShape) -> NDArray[np.int8]:
+    codes = np.where(patch.region(patch.guard), 0, OUTER)
+    return np.where(patch.region(patch.inner), INNER, codes).astype(np.int8)
+
+
+def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
+    """Mean over the windows of ``size`` pixels that lie wholly in (..., y, x, 3, 3)."""
+    ny, nx = matrix.shape[-4] - size + 1, matrix.shape[-3] - size + 1
+    down = np.sum([matrix[..., i : i + ny, :, :, :] for i in range(size)], axis=0)
+    across: NDArray[np.complex128] = np.sum([down[..., i : i + nx, :, :] for i in range(size)], axis=0)
+    return across / size**2

@@ -1,0 +1,158 @@
+"""Polarimetric decompositions: entropy/alpha (Cloude & Pottier 1997) and Cameron's symmetric part (Cameron 1990, 1996).
+
+Both look at ratios and phases between the polarizations, so that the images must share one calibration; a common factor
+drops out. Reciprocity is assumed: VH equals HV.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.kernels.hermitian import eigen_3x3
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def entropy_alpha(
+    hh: ArrayLike, hv: ArrayLike, vv: ArrayLike, window: tuple[int, int] = (5, 5)
+) -> tuple[FloatArray, FloatArray]:
+    """Entropy H and mean angle α of the coherency matrix (Wang et al. 2007, Eq. 10; Cloude & Pottier 1997).
+
+    ``k = [hh + vv, hh - vv, 2 hv]/√2``, ``T = <k kᴴ>`` over the window, ``p_i = λ_i/Σλ``; ``H = -Σ p_i log₃ p_i`` and
+    ``α = Σ p_i arccos|e_i(1)|``. Of equal eigenvalues the axes are taken as eigenvectors where T is diagonal.
+
+    Parameters
+    ----------
+    hh, hv, vv : (..., y, x) array_like of complex
+        Images on one calibration, or single numbers.
+    window : tuple of int
+        Pixels (y, x) of the average, odd; it shrinks at the border.
+
+    Returns
+    -------
+    entropy : (..., y, x) ndarray
+        H, 0 (one mechanism) to 1 (random); NaN where there is no signal.
+    alpha : (..., y, x) ndarray
+        α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a dihedral.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a value is not finite or the window is not odd.
+    """
+    channels, shape = _channels(hh, hv, vv)
+    if any(n < 1 or n % 2 == 0 for n in window):
+        raise ValueError(f"window must be odd numbers of pixels, got {window}")
+    matrix = coherency(*channels)
+    for axis, size in zip((-4, -3), window, strict=True):
+        matrix = _window_mean(matrix, size // 2, matrix.ndim + axis)
+    entropy, alpha = entropy_alpha_of(matrix)
+    return entropy.reshape(shape), alpha.reshape(shape)
+
+
+def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexArray:
+    """Coherency matrix k·kᴴ of every pixel, not averaged.
+
+    Parameters
+    ----------
+    hh, hv, vv : (...) ndarray of complex
+        Scattering matrix.
+
+    Returns
+    -------
+    (..., 3, 3) ndarray of complex128
+        Wang et al. 2007, Eq. 10 without the mean.
+    """
+    vector = np.stack([hh + vv, hh - vv, 2 * hv], axis=-1) / np.sqrt(2)
+    return np.asarray(vector[..., :, None] * vector[..., None, :].conj())
+
+
+def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Entropy and mean angle of averaged coherency matrices.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) ndarray of complex
+        Hermitian and positive semidefinite; negative eigenvalues from rounding count as zero.
+
+    Returns
+    -------
+    entropy, alpha : (...) ndarray
+        H and α (rad); NaN where the matrix is zero.
+    """
+    flat = np.ascontiguousarray(matrix.reshape(-1, 3, 3), dtype=np.complex128)
+    values, vectors = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3), np.complex128)
+    eigen_3x3(flat, values, vectors)
+    values = np.maximum(values, 0.0)
+    total = values.sum(axis=1, keepdims=True)
+    share = np.divide(values, total, out=np.full_like(values, np.nan), where=total > 0)
+    logarithm = np.log(share, out=np.zeros_like(share), where=share > 0)
+    size = np.abs(vectors)
+    angle = np.arctan2(np.hypot(size[:, 1], size[:, 2]), size[:, 0])  # arccos|e(1)|, exact near 0 too
+    entropy = np.maximum(-(share * logarithm).sum(axis=1) / np.log(3), 0.0)
+    return entropy.reshape(matrix.shape[:-2]), (share * angle).sum(axis=1).reshape(matrix.shape[:-2])
+
+
+def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Degree of scatterer symmetry τ and rotation angle ψ (Wang et al. 2007, Eq. 13-15; Cameron et al. 1996).
+
+    ψ is that of the eigenvector of the symmetric part whose eigenvalue is larger in modulus. It says nothing for a
+    sphere or a helix (0 is returned) and is known modulo 90° only where both eigenvalues are equally large.
+
+    Parameters
+    ----------
+    hh, hv, vv : (...) array_like of complex
+        Scattering matrix, on one calibration.
+
+    Returns
+    -------
+    tau : (...) ndarray
+        τ, rad: 0 for a symmetric scatterer to π/4 for a helix; NaN where there is no signal.
+    psi : (...) ndarray
+        ψ, rad, in (-π/2, π/2]; NaN where there is no signal.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or a value is not finite.
+    """
+    channels, shape = _channels(hh, hv, vv)
+    s_hh, s_hv, s_vv = channels
+    a, b, g = (s_hh + s_vv) / np.sqrt(2), (s_hh - s_vv) / np.sqrt(2), np.sqrt(2) * s_hv
+    across, along = 2 * (b * g.conj()).real, np.abs(b) ** 2 - np.abs(g) ** 2
+    power = np.abs(b) ** 2 + np.abs(g) ** 2
+    flat = np.hypot(across, along) <= 8 * np.finfo(np.float64).eps * power  # sphere and helix: any angle does
+    theta = np.where(flat, 0.0, np.arctan2(across, along) / 2)
+    e, rest = b * np.cos(theta) + g * np.sin(theta), g * np.cos(theta) - b * np.sin(theta)
+    tau = np.arctan2(np.abs(rest), np.hypot(np.abs(a), np.abs(e)))
+    psi = theta / 2 + np.where(np.abs(a - e) > np.abs(a + e), np.pi / 2, 0.0)
+    psi = np.where(psi > np.pi / 2, psi - np.pi, psi)
+    nothing = np.abs(a) ** 2 + power == 0
+    return tuple(np.where(nothing, np.nan, value).reshape(shape) for value in (tau, psi))  # type: ignore[return-value]
+
+
+def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:
+    channels = [np.asarray(array, dtype=np.complex128) for array in arrays]
+    shape = channels[0].shape
+    if any(channel.shape != shape for channel in channels):
+        raise ValueError(f"hh, hv and vv must have the same shape, got {[channel.shape for channel in channels]}")
+    if not all(np.isfinite(channel).all() for channel in channels):
+        raise ValueError("hh, hv and vv must be finite, got values that are not")
+    return [np.atleast_2d(channel) for channel in channels], shape
+
+
+def _window_mean(array: NDArray[Any], half: int, axis: int) -> NDArray[Any]:
+    """Mean over a window along an axis, by plain sums: differences of running sums would not be exact enough."""
+    array = np.moveaxis(array, axis, 0)
+    total, count = np.zeros_like(array), np.zeros(array.shape[0])
+    for shift in range(-half, half + 1):
+        to = slice(max(0, -shift), array.shape[0] - max(0, shift))
+        since = slice(max(0, shift), array.shape[0] - max(0, -shift))
+        if abs(shift) < array.shape[0]:
+            total[to] += array[since]
+            count[to] += 1
+    return np.moveaxis(total / count.reshape(-1, *([1] * (array.ndim - 1))), 0, axis)

@@ -1,0 +1,325 @@
+"""Named arrays in other people's files: HDF5, MATLAB v5 and v7.3, NPZ, NPY, CSV and Touchstone behind one interface."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.io.extras import MissingExtraError, optional
+from flgpr.io.matfile import read_mat
+from flgpr.io.textarrays import read_text_table
+
+LIMIT = 8 * 2**30
+"""Largest array that is read, bytes, unless told otherwise."""
+_PATIENCE = 120.0  # s
+
+
+@dataclass(frozen=True)
+class ArrayInfo:
+    """What is known of an array before it is read.
+
+    Attributes
+    ----------
+    name : str
+        Name inside the file; members of groups and structures as ``group/name`` or ``struct.name``.
+    shape : tuple of int
+        Its shape, as the program that wrote the file shows it.
+    dtype : str
+        Type of its values.
+    unit : str
+        Unit the file itself states, empty if none.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: str
+    unit: str = ""
+
+
+@dataclass
+class ArrayFile:
+    """An opened file of named arrays.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    kind : str
+        Its format in words.
+    arrays : dict
+        Name -> :class:`ArrayInfo`.
+    """
+
+    path: Path
+    kind: str
+    arrays: dict[str, ArrayInfo]
+    _read: Callable[[str], Any] = field(repr=False)
+    limit: int = LIMIT
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Read an array.
+
+        Parameters
+        ----------
+        name : str
+            One of ``arrays``.
+
+        Returns
+        -------
+        ndarray
+            Its values in the machine's byte order.
+
+        Raises
+        ------
+        ValueError
+            If there is no such array, it is too large, or the file is damaged.
+        """
+        if name not in self.arrays:
+            known = ", ".join(list(self.arrays)[:12]) or "no array"
+            raise ValueError(f"{self.path}: variable must be one of {known}, got {name!r}")
+        info = self.arrays[name]
+        size = int(np.prod([float(n) for n in info.shape])) * _width(info.dtype)
+        if size > self.limit:
+            raise ValueError(
+                f"{self.path}: {name} must hold at most {self.limit / 2**30:g} GiB, got shape {info.shape} of "
+                f"{info.dtype}, {size / 2**30:.3g} GiB"
+            )
+        with _Plainly(self.path, self.kind):
+            values = _as_complex(np.asarray(self._read(name)))
+        if values.dtype.kind not in "fciubUS":
+            raise ValueError(f"{self.path}: {name} must hold numbers or text, got {values.dtype}")
+        return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
+    """Open a file of named arrays and list what it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+        HDF5 (.h5, .hdf5), MATLAB (.mat), .npz, .npy, .csv, .txt or Touchstone (.s2p, .s4p, ...); HDF5 and MATLAB files
+        are known by their content, the others by their ending.
+    limit : int
+        Largest array to read, bytes.
+
+    Returns
+    -------
+    ArrayFile
+        Names, shapes and a way to read.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the format is not known or the file is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"file not found: {path}")
+    if path.stat().st_size > limit:
+        raise ValueError(
+            f"{path}: a file must hold at most {limit / 2**30:g} GiB, got {path.stat().st_size / 2**30:.3g} GiB"
+        )
+    opener = _opener(path)
+    kind = _KINDS[opener]
+    with _Plainly(path, kind):
+        infos, read = opener(path)
+    if not infos:
+        raise ValueError(f"{path}: this {kind} holds no array")
+    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit)
+
+
+class _Plainly:
+    """Turn whatever a parser raises on a damaged file into one ValueError that names the file."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.path, self.kind = path, kind
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, MissingExtraError) or not isinstance(error, Exception):
+            return
+        words = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{self.path}: cannot be read as a {self.kind}: it is damaged or of another kind ({words})")
+
+
+_Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
+
+
+def _opener(path: Path) -> Callable[[Path], _Opened]:
+    suffix = path.suffix.lower()
+    if h5py.is_hdf5(path):
+        return _open_hdf5
+    if suffix in (".h5", ".hdf5"):
+        raise ValueError(f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind")
+    if suffix == ".mat":
+        return _open_mat
+    if suffix in (".npz", ".npy"):
+        return _open_npz if suffix == ".npz" else _open_npy
+    if suffix in (".csv", ".txt", ".dat", ".tsv"):
+        return _open_text
+    if re.fullmatch(r"\.s\d+p|\.ts", suffix):
+        return _open_touchstone
+    raise ValueError(
+        f"{path}: the format must be HDF5, MATLAB, .npz, .npy, .csv, .txt or Touchstone (.s2p), got the ending "
+        f"{suffix!r}"
+    )
+
+
+_LOOK = """
+import sys, h5py
+def look(name, item):
+    if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
+        item[()]
+with h5py.File(sys.argv[1], "r") as file:
+    file.visititems(look)
+"""
+
+
+def _look_first(path: Path) -> None:
+    """Read a file in a child process: damaged ones can crash the HDF5 library or make it loop for ever."""
+    command = [sys.executable, "-P", "-c", _LOOK, str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)  # noqa: S603
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"the HDF5 library did not come to an end with it in {_PATIENCE:g} s") from None
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        raise ValueError(said[-1] if said and done.returncode > 0 else "the HDF5 library crashes on it")
+
+
+def _open_hdf5(path: Path) -> _Opened:
+    _look_first(path)
+    infos: list[ArrayInfo] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape is not None and not name.startswith("#"):
+            matlab = "MATLAB_class" in item.attrs
+            shape = item.shape[::-1] if matlab else item.shape
+            unit = next((item.attrs[key] for key in ("units", "unit", "UNITS") if key in item.attrs), "")
+            unit = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+            infos.append(ArrayInfo(name, tuple(map(int, shape)), str(item.dtype), unit))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+
+    def read(name: str) -> Any:
+        # MATLAB stores its column-major arrays with the order of the dimensions turned round.
+        with h5py.File(path, "r") as file:
+            item = file[name]
+            values = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+            return np.asarray(values).T if "MATLAB_class" in item.attrs else values
+
+    return infos, read
+
+
+def _open_mat(path: Path) -> _Opened:
+    arrays = read_mat(path, LIMIT)
+    return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
+
+
+def _open_npz(path: Path) -> _Opened:
+    infos = []
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if not member.filename.endswith(".npy"):
+                continue
+            with archive.open(member) as file:
+                shape, dtype, held = _npy_header(file)
+            if dtype.hasobject:
+                continue
+            if held + _bytes(shape, dtype) != member.file_size:
+                raise ValueError(
+                    f"{member.filename} holds {member.file_size} bytes, its header tells of {shape} {dtype}"
+                )
+            infos.append(ArrayInfo(member.filename.removesuffix(".npy"), shape, str(dtype)))
+
+    def read(name: str) -> Any:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return archive[name]
+
+    return infos, read
+
+
+def _open_npy(path: Path) -> _Opened:
+    with path.open("rb") as file:
+        shape, dtype, held = _npy_header(file)
+    if held + _bytes(shape, dtype) != path.stat().st_size:
+        raise ValueError(f"the file holds {path.stat().st_size} bytes, its header tells of {shape} {dtype}")
+
+    def read(name: str) -> Any:  # noqa: ARG001
+        with path.open("rb") as file:
+            return np.load(file, allow_pickle=False)
+
+    return [ArrayInfo("array", shape, str(dtype))], read
+
+
+def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    version = np.lib.format.read_magic(file)
+    reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = reader(file)
+    return shape, dtype, file.tell()
+
+
+def _open_text(path: Path) -> _Opened:
+    arrays = read_text_table(path)
+    return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
+
+
+def _open_touchstone(path: Path) -> _Opened:
+    network = optional("skrf", "vna").Network(str(path))
+    s, ports = np.asarray(network.s), network.nports
+    join = "" if ports < 10 else "_"
+    arrays = {"frequency": np.asarray(network.f, dtype=np.float64), "s": s}
+    arrays |= {f"s{a + 1}{join}{b + 1}": s[:, a, b] for a in range(ports) for b in range(ports)}
+    infos = [ArrayInfo(name, v.shape, str(v.dtype), "Hz" if name == "frequency" else "1") for name, v in arrays.items()]
+    return infos, arrays.__getitem__
+
+
+_KINDS: dict[Callable[[Path], _Opened], str] = {
+    _open_hdf5: "HDF5 file",
+    _open_mat: "MATLAB file",
+    _open_npz: "NumPy archive",
+    _open_npy: "NumPy array",
+    _open_text: "table of numbers",
+    _open_touchstone: "Touchstone file",
+}
+
+
+def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
+    names = values.dtype.names
+    if not names:
+        return values
+    low = {name.lower(): name for name in names}
+    for real, imaginary in (("real", "imag"), ("re", "im"), ("r", "i")):
+        if set(low) == {real, imaginary}:
+            first, second = values[low[real]], values[low[imaginary]]
+            return first + np.asarray(1j).astype(np.complex64 if first.dtype.itemsize == 4 else np.complex128) * second
+    raise ValueError(f"the array must be of numbers, got a record of {', '.join(names)}")
+
+
+def _bytes(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
+    total = dtype.itemsize
+    for count in shape:
+        total *= count
+    return total
+
+
+def _width(dtype: str) -> int:
+    try:
+        return np.dtype(dtype).itemsize or 1
+    except TypeError:
+        return 16

@@ -1,0 +1,382 @@
+"""What a file holds, in words, and a first draft of the mapping that imports it. Guesses end in a question mark."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.extras import optional
+from flgpr.model import POLARIZATIONS
+
+_SMALL = 2_000_000  # values; larger arrays are not read to explain them
+_SUFFIX_UNITS = {"hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "ms": "ms", "ns": "ns", "us": "us", "s": "s"}
+_SUFFIX_UNITS |= {"m": "m", "cm": "cm", "mm": "mm"}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a file holds.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    kind : str
+        Its format.
+    lines : list of str
+        What it holds, a line per array or fact.
+    mapping : str
+        Draft of a mapping; empty where none is needed or possible.
+    """
+
+    path: Path
+    kind: str
+    lines: list[str] = field(default_factory=list)
+    mapping: str = ""
+
+
+def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
+    """Tell what a file holds and draft the mapping that imports it.
+
+    Parameters
+    ----------
+    path : str or Path
+        HDF5, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
+    limit : int
+        Largest file and array, bytes.
+
+    Returns
+    -------
+    Explanation
+        Format, content and a draft.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the format is not known or the file is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"file not found: {path}")
+    with path.open("rb") as file:
+        head = file.read(64)
+    if head.startswith(b"CPHD/"):
+        return _explain_cphd(path)
+    if re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head):
+        return _explain_nmea(path)
+    opened = open_arrays(path, limit)
+    return Explanation(path, opened.kind, [_line(opened, info) for info in opened.arrays.values()], _propose(opened))
+
+
+def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
+    """Draft the mapping that imports a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file of named arrays.
+    limit : int
+        Largest file and array, bytes.
+
+    Returns
+    -------
+    str
+        TOML. What is a guess ends in a question mark, and an import refuses it until it is taken away.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is damaged, or is of a kind that needs no mapping.
+    """
+    told = explain_file(path, limit)
+    if not told.mapping:
+        raise ValueError(f"{path}: a {told.kind} is read without a mapping")
+    return told.mapping
+
+
+def _explain_cphd(path: Path) -> Explanation:
+    sarkit = optional("sarkit.cphd", "cphd")
+    try:
+        with path.open("rb") as file, sarkit.Reader(file) as reader:
+            tree = reader.metadata.xmltree
+        channels = tree.findall("{*}Data/{*}Channel")
+        first = channels[0]
+        band = [float(tree.findtext(f"{{*}}Global/{{*}}FxBand/{{*}}{name}")) / 1e9 for name in ("FxMin", "FxMax")]
+        polarizations = {
+            one.findtext("{*}Polarization/{*}TxPol") + one.findtext("{*}Polarization/{*}RcvPol")
+            for one in tree.findall("{*}Channel/{*}Parameters")
+        }
+        lines = [
+            f"{len(channels)} channels of {first.findtext('{*}NumVectors')} vectors x "
+            f"{first.findtext('{*}NumSamples')} samples, {tree.findtext('{*}Global/{*}DomainType')} domain",
+            f"{band[0]:.4g} to {band[1]:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
+            f"collected by {tree.findtext('{*}CollectionID/{*}CollectorName')}, read without a mapping"
+            + ("" if b"flgpr_tx_position" in _xml(tree) else "; an anchor is needed to place the lane"),
+        ]
+    except Exception as error:
+        raise ValueError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from None
+    return Explanation(path, "CPHD file", lines)
+
+
+def _xml(tree: Any) -> bytes:
+    return bytes(optional("lxml.etree", "cphd").tostring(tree))
+
+
+def _explain_nmea(path: Path) -> Explanation:
+    kinds: dict[str, int] = {}
+    for line in path.read_bytes().splitlines():
+        found = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+        if found:
+            name = found[1].decode()
+            kinds[name] = kinds.get(name, 0) + 1
+    counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
+    needs = "GGA gives positions, HDT headings; read as a track with an anchor"
+    return Explanation(path, "NMEA 0183 log", [counts, needs])
+
+
+def _line(opened: ArrayFile, info: ArrayInfo) -> str:
+    shape = " x ".join(map(str, info.shape)) or "one value"
+    text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
+    values = _values(opened, info)
+    if values is None or values.dtype.kind not in "fciu" or not values.size:
+        return text
+    size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
+    good = size[np.isfinite(size)]
+    bad = values.size - good.size
+    span = (
+        f", {'magnitude ' if np.iscomplexobj(values) else ''}{good.min():.6g} to {good.max():.6g}" if good.size else ""
+    )
+    return text + span + (f", {bad} not finite" if bad else "")
+
+
+def _values(opened: ArrayFile, info: ArrayInfo) -> Any:
+    return opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+
+
+@dataclass
+class _Draft:
+    opened: ArrayFile
+    used: set[str] = field(default_factory=set)
+
+    def rest(self) -> list[ArrayInfo]:
+        return [info for info in self.opened.arrays.values() if info.name not in self.used]
+
+
+def _propose(opened: ArrayFile) -> str:
+    draft = _Draft(opened)
+    signal, imaginary = _find_signal(opened)
+    if signal is None:
+        return ""
+    draft.used |= {signal.name, *([imaginary] if imaginary else [])}
+    sizes = list(signal.shape)
+    frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
+    samples = None if frequency else _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), sizes)
+    axis = frequency or samples
+    places = _find_positions(draft, signal)
+    track = _find_track(draft, places, sizes)
+    stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
+    labels = _labels(opened, sizes)
+    dims = _dims(sizes, axis, bool(frequency), places, stamp, labels)
+    lines = [
+        f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
+        f"title = {json.dumps(opened.path.stem)}",
+        f"polarization = {json.dumps(labels)}",
+        "",
+        "[files]",
+        f"data = {json.dumps(opened.path.name)}",
+        "",
+        "[signal]",
+        f"variable = {json.dumps(signal.name)}",
+        *([f"imaginary = {json.dumps(imaginary)}"] if imaginary else []),
+        f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, sizes))}",
+        "",
+    ]
+    lines += _axis_lines(opened, frequency, samples)
+    lines += _position_lines(opened, places)
+    if stamp is not None:
+        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
+    if track is not None:
+        return "\n".join([*lines, *_track_lines(opened, *track)]) + "\n"
+    if any(len(infos[0].shape) == 3 for infos in places.values()):
+        return "\n".join(lines).rstrip() + "\n"
+    lines += [
+        "[pose]  # the vehicle in the lane frame; a number or the name of a variable",
+        *(f'{name} = "?"' for name in ("x", "y", "z", "heading", "pitch", "roll")),
+        'unit = "m?"',
+        'angle_unit = "rad?"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
+    arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
+    complex_ones = [info for info in arrays if info.dtype.startswith("complex") or "r" in _fields(info.dtype)]
+    if complex_ones:
+        return max(complex_ones, key=lambda info: math.prod(info.shape)), None
+    for info in arrays:
+        for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
+            other = re.sub(real, imaginary, info.name, flags=re.IGNORECASE)
+            if other != info.name and other in opened.arrays and opened.arrays[other].shape == info.shape:
+                return info, other
+    large = [info for info in arrays if len(info.shape) >= 2 and info.shape[-1] > 3]
+    return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
+
+
+def _fields(dtype: str) -> str:
+    return "r" if re.search(r"\('r(eal)?'|\('re'", dtype) else ""
+
+
+def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> ArrayInfo | None:
+    for info in draft.rest():
+        count = math.prod(info.shape)
+        if count in sizes and max(info.shape, default=0) == count and count > 1:
+            name = info.name.lower().replace("/", ".").split(".")[-1]
+            if any(word in name for word in words) or ("freq" in words and name == "f"):
+                values = _values(draft.opened, info)
+                if (
+                    values is not None
+                    and values.dtype.kind in "fiu"
+                    and (np.diff(values.ravel().astype(float)) > 0).all()
+                ):
+                    draft.used.add(info.name)
+                    return info
+    return None
+
+
+def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
+    found: dict[str, list[ArrayInfo]] = {}
+    for info in draft.rest():
+        if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
+            name = info.name.lower()
+            side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
+            found.setdefault(side, []).append(info)
+    by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
+    if not found and all(by_axis.values()):
+        found["xyz"] = [info for info in by_axis.values() if info is not None]
+    return found
+
+
+def _find_track(
+    draft: _Draft, places: dict[str, list[ArrayInfo]], sizes: list[int]
+) -> tuple[ArrayInfo, ArrayInfo] | None:
+    """Take positions out of the antennas' that fit no axis of the signal but a clock of their own."""
+    for side, infos in list(places.items()):
+        info = infos[0]
+        if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
+            continue
+        clock = _find_axis(draft, ("time", "t_", "stamp"), [info.shape[0]])
+        if clock is not None:
+            del places[side]
+            return clock, info
+    return None
+
+
+def _track_lines(opened: ArrayFile, clock: ArrayInfo, place: ArrayInfo) -> list[str]:
+    return [
+        "[track]  # positions on a clock of their own",
+        f'time = {{variable = {json.dumps(clock.name)}, unit = "{_unit(opened, clock, "s")}"}}',
+        f'position = {{variable = {json.dumps(place.name)}, unit = "{_unit(opened, place, "m")}"}}',
+        *(f'{name} = "?"' for name in ("heading", "pitch", "roll")),
+        'angle_unit = "deg?"',
+        "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it",
+    ]
+
+
+def _labels(opened: ArrayFile, sizes: list[int]) -> list[str]:
+    for info in opened.arrays.values():
+        if math.prod(info.shape) in sizes:
+            values = _values(opened, info)
+            if values is not None and values.dtype.kind in "US":
+                labels = [one.decode() if isinstance(one, bytes) else str(one) for one in values.ravel()]
+                if labels and set(labels) <= set(POLARIZATIONS):
+                    return labels
+    return ["HH?"]
+
+
+def _sibling(name: str, other: str) -> str:
+    for mark in (".", "/"):
+        if mark in name:
+            return name.rsplit(mark, 1)[0] + mark + other
+    return other
+
+
+def _dims(
+    sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, places: dict[str, list[ArrayInfo]],
+    stamp: ArrayInfo | None, labels: list[str],
+) -> list[str]:  # fmt: skip
+    """Name the axes whose length tells what they are; the others get a question mark."""
+    names = ["?"] * len(sizes)
+
+    def put(count: int, name: str) -> None:
+        fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
+        if fits and name not in names:
+            names[fits[-1]] = name if len(fits) == 1 else f"{name}?"
+
+    if axis is not None:
+        put(math.prod(axis.shape), "frequency" if is_frequency else "sample")
+    if stamp is not None:
+        put(math.prod(stamp.shape), "scan")
+    if labels[0] != "HH?":
+        put(len(labels), "polarization")
+    both = "tx" in places and "rx" in places
+    for side, infos in places.items():
+        rows = infos[0].shape[-2] if side != "xyz" else math.prod(infos[0].shape)
+        if len(infos[0].shape) == 3:
+            put(infos[0].shape[0], "scan")
+        put(rows, side if both and side != "antenna" and places["tx"][0].shape != places["rx"][0].shape else "pair")
+    return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
+
+
+def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None) -> list[str]:
+    if frequency is not None:
+        unit = _unit(opened, frequency, "Hz")
+        return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
+    if samples is not None:
+        unit = _unit(opened, samples, "m" if "range" in samples.name.lower() else "ns")
+        meaning = "range?" if unit.rstrip("?") in ("m", "cm", "mm") else "delay?"
+        return [
+            "[samples]", f"variable = {json.dumps(samples.name)}", f'unit = "{unit}"',
+            f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
+            "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
+        ]  # fmt: skip
+    return ["[frequency]  # no variable looks like the tones", 'variable = "?"', 'unit = "Hz?"', ""]
+
+
+def _position_lines(opened: ArrayFile, places: dict[str, list[ArrayInfo]]) -> list[str]:
+    if "xyz" in places:
+        names = [f"{axis} = {json.dumps(info.name)}" for axis, info in zip("xyz", places["xyz"], strict=True)]
+        return ["[antenna_position]", *names, 'unit = "m?"', ""]
+    if not places:
+        return ["[antenna_position]  # no variable looks like positions", "values = []", 'unit = "m?"', ""]
+    lines = []
+    for side in ("tx", "rx") if "tx" in places and "rx" in places else list(places)[:1]:
+        info = places[side][0]
+        frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
+        unit = _unit(opened, info, "m")
+        lines += [f"[{side}_position]", f"variable = {json.dumps(info.name)}", f'unit = "{unit}"', *frame, ""]
+    return lines
+
+
+def _unit(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
+    """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
+    if info.unit in _SUFFIX_UNITS.values():
+        return info.unit
+    last = re.split(r"[_\W]", info.name.lower())[-1]
+    if last in _SUFFIX_UNITS and last != info.name.lower():
+        return _SUFFIX_UNITS[last]
+    if usual == "Hz":
+        values = _values(opened, info)
+        top = float(np.max(values)) if values is not None else 0.0
+        return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
+    return f"{usual}?"

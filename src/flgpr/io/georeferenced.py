@@ -1,0 +1,295 @@
+"""Alarms, truth and run-views on the Earth: GeoJSON, GeoPackage, KML, CSV and GeoTIFF.
+
+Alarms leave as evidence points: a place where the radar saw something, with its confidence and what processing it came
+from. They are never drawn as areas, and an empty place between them says nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.io.anchor import Anchor, transform_lonlat
+from flgpr.io.extras import optional
+from flgpr.io.files import write_whole
+
+STATEMENT = (
+    "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
+    "not thereby free of hazards."
+)
+_KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
+_KML = "http://www.opengis.net/kml/2.2"
+
+
+def georeference(
+    table: pd.DataFrame, anchor: Anchor, kind: str, processing_id: str, time: str | None = None
+) -> pd.DataFrame:
+    """Put a table with x and y on the Earth.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Alarms, truth or objects, lane frame.
+    anchor : Anchor
+        Where the lane lies.
+    kind : {"alarms", "truth", "objects"}
+        What the table holds.
+    processing_id : str
+        What the rows came from, such as the digest of a result's manifest.
+    time : str, optional
+        When, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    DataFrame
+        The table with ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m; NaN where the anchor
+        has none), ``anchor_sigma`` (m, one standard deviation in the worst direction by the anchor alone), ``crs``,
+        ``time``, ``processing_id`` and ``nature``; x and y stay, as ``lane_x`` and ``lane_y``.
+
+    Raises
+    ------
+    ValueError
+        If the table has no x and y, the kind is not known, or the time is not ISO 8601 with a zone.
+    """
+    if kind not in _KEYS:
+        raise ValueError(f"kind must be one of {', '.join(_KEYS)}, got {kind!r}")
+    missing = [name for name in ("x", "y") if name not in table.columns]
+    if missing:
+        raise ValueError(f"{kind} must have x and y, got {', '.join(map(str, table.columns))}")
+    if not processing_id:
+        raise ValueError("processing_id must say what the rows came from, got nothing")
+    stamp = "" if time is None else _stamp(time)
+    x, y = table["x"].to_numpy(dtype=np.float64), table["y"].to_numpy(dtype=np.float64)
+    places = anchor.to_geodetic(np.stack([x, y, np.zeros_like(x)], axis=-1)).reshape(-1, 3)
+    out = table.rename(columns={"x": "lane_x", "y": "lane_y"}).reset_index(drop=True)
+    out["longitude"], out["latitude"] = places[:, 0], places[:, 1]
+    out["height"] = places[:, 2] if anchor.heights_known else np.nan
+    out["anchor_sigma"] = anchor.uncertainty(x, y)
+    out["crs"], out["time"], out["processing_id"] = "EPSG:4326", stamp, processing_id
+    out["nature"] = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}[kind]
+    return out
+
+
+def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
+    """Write georeferenced points as GeoJSON (RFC 7946: longitude and latitude, WGS 84).
+
+    Parameters
+    ----------
+    points : DataFrame
+        From :func:`georeference`.
+    path : str or Path
+        File to write; it is whole or absent.
+    about : mapping, optional
+        Put into the collection's member ``flgpr``.
+    """
+    features = []
+    for row in points.to_dict("records"):
+        place = [round(row["longitude"], 9), round(row["latitude"], 9)]
+        if np.isfinite(row["height"]):
+            place.append(round(row["height"], 4))
+        rest = {str(k): _plain(v) for k, v in row.items() if k not in ("longitude", "latitude", "height")}
+        features.append({"type": "Feature", "geometry": {"type": "Point", "coordinates": place}, "properties": rest})
+    collection = {
+        "type": "FeatureCollection",
+        "flgpr": {"statement": STATEMENT, **dict(about or {})},
+        "features": features,
+    }
+    write_whole(Path(path), json.dumps(collection, indent=1, allow_nan=False) + "\n")
+
+
+def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
+    """Write georeferenced points as CSV.
+
+    Parameters
+    ----------
+    points : DataFrame
+        From :func:`georeference`.
+    path : str or Path
+        File to write; it is whole or absent.
+    """
+    write_whole(Path(path), points.to_csv(index=False, lineterminator="\n"))
+
+
+def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
+    """Write georeferenced points as KML 2.2 placemarks.
+
+    Parameters
+    ----------
+    points : DataFrame
+        From :func:`georeference`.
+    path : str or Path
+        File to write; it is whole or absent.
+    title : str
+        Name of the document.
+    """
+    ElementTree.register_namespace("", _KML)
+    root = ElementTree.Element(f"{{{_KML}}}kml")
+    document = ElementTree.SubElement(root, f"{{{_KML}}}Document")
+    ElementTree.SubElement(document, f"{{{_KML}}}name").text = _printable(title)
+    ElementTree.SubElement(document, f"{{{_KML}}}description").text = STATEMENT
+    for number, row in enumerate(points.to_dict("records")):
+        mark = ElementTree.SubElement(document, f"{{{_KML}}}Placemark")
+        label = next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}")
+        ElementTree.SubElement(mark, f"{{{_KML}}}name").text = _printable(str(label))
+        if row["time"]:
+            moment = ElementTree.SubElement(mark, f"{{{_KML}}}TimeStamp")
+            ElementTree.SubElement(moment, f"{{{_KML}}}when").text = row["time"]
+        data = ElementTree.SubElement(mark, f"{{{_KML}}}ExtendedData")
+        for key, value in row.items():
+            held = ElementTree.SubElement(data, f"{{{_KML}}}Data", name=str(key))
+            text = _plain(value)
+            ElementTree.SubElement(held, f"{{{_KML}}}value").text = "" if text is None else _printable(str(text))
+        point = ElementTree.SubElement(mark, f"{{{_KML}}}Point")
+        # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground instead.
+        place = f"{row['longitude']:.9f},{row['latitude']:.9f}"
+        ElementTree.SubElement(point, f"{{{_KML}}}coordinates").text = place
+    write_whole(Path(path), ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+
+
+def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
+    """Write georeferenced points as a GeoPackage of one layer.
+
+    Parameters
+    ----------
+    points : DataFrame
+        From :func:`georeference`.
+    path : str or Path
+        File to write; it is whole or absent.
+    layer : str
+        Name of the layer.
+
+    Raises
+    ------
+    MissingExtraError
+        If geopandas or pyogrio is not installed.
+    """
+    geopandas = optional("geopandas", "gis")
+    optional("pyogrio", "gis")
+    path = Path(path)
+    frame = geopandas.GeoDataFrame(
+        points.drop(columns=["longitude", "latitude"]),
+        geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
+        crs="EPSG:4326",
+    )
+    partial = path.with_name(f".partial-{path.stem}.gpkg")
+    partial.unlink(missing_ok=True)
+    try:
+        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_geotiff(
+    view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
+) -> float:
+    """Write a run-view as GeoTIFF: one band of magnitudes per polarization and sub-band.
+
+    The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled.
+
+    Parameters
+    ----------
+    view : xarray.DataArray
+        Run-view (..., y, x) in the lane frame.
+    path : str or Path
+        File to write; it is whole or absent.
+    anchor : Anchor
+        Where the lane lies.
+    processing_id : str
+        Kept as a tag.
+    crs : str, optional
+        Projected reference system. Default: the UTM zone.
+
+    Returns
+    -------
+    float
+        Largest misfit of the geotransform, m: a map is not quite a turned lane.
+
+    Raises
+    ------
+    MissingExtraError
+        If rasterio is not installed.
+    ValueError
+        If the view has no uniform x and y of at least two pixels.
+    """
+    rasterio = optional("rasterio", "gis")
+    path = Path(path)
+    x, y = _axis(view, "x"), _axis(view, "y")
+    crs = crs or anchor.utm()
+    bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
+    transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
+    names = ["run-view"] * len(bands)
+    if view.ndim == 4:
+        first, second = (view[name].values for name in view.dims[:2])
+        names = [f"{a} {b}" for a in first for b in second]
+    middle = float(x.mean()), float(y.mean())
+    tags = {
+        "flgpr_processing_id": processing_id,
+        "flgpr_quantity": "magnitude over the gain background, no unit; no-data where no scan looked",
+        "flgpr_anchor_sigma_m": f"{float(anchor.uncertainty(*middle)):.4g}",
+        "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
+        "flgpr_statement": STATEMENT,
+    }
+    partial = path.with_name(f".partial-{path.name}")
+    try:
+        with rasterio.open(
+            partial, "w", driver="GTiff", width=x.size, height=y.size, count=len(bands), dtype="float32", crs=crs,
+            transform=transform, nodata=float("nan"), compress="deflate",
+        ) as file:  # fmt: skip
+            file.write(bands)
+            file.update_tags(**tags)
+            for number, name in enumerate(names):
+                file.set_band_description(number + 1, name)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return misfit
+
+
+def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:
+    columns, rows = np.meshgrid(np.linspace(0, x.size, 5), np.linspace(0, y.size, 5))
+    dx, dy = x[1] - x[0], y[1] - y[0]
+    lane = np.stack([x[0] + (columns - 0.5) * dx, y[-1] - (rows - 0.5) * dy, np.zeros_like(rows)], axis=-1)
+    target = transform_lonlat(anchor.to_geodetic(lane)[..., :2], crs).reshape(-1, 2)
+    middle = target.mean(axis=0)
+    design = np.stack([columns.ravel(), rows.ravel(), np.ones(columns.size)], axis=1)
+    found, *_ = np.linalg.lstsq(design, target - middle, rcond=None)
+    misfit = float(np.linalg.norm(design @ found - (target - middle), axis=1).max())
+    (a, d), (b, e), (c, f) = found
+    return rasterio.Affine(a, b, c + middle[0], d, e, f + middle[1]), misfit
+
+
+def _axis(view: xr.DataArray, name: str) -> Any:
+    values = np.asarray(view[name].values, dtype=np.float64)
+    step = np.diff(values)
+    if view.dims[-2:] != ("y", "x") or values.size < 2 or step.min() <= 0 or np.ptp(step) > 1e-6 * step.mean():
+        raise ValueError(f"view must have the dimensions (..., y, x), both uniform and rising; {name} is not")
+    return values
+
+
+def _stamp(time: str) -> str:
+    try:
+        moment = datetime.fromisoformat(time)
+    except ValueError:
+        raise ValueError(f"time must be ISO 8601 such as 2026-11-21T12:00:00Z, got {time!r}") from None
+    if moment.tzinfo is None:
+        raise ValueError(f"time must have a time zone, got {time!r}")
+    return moment.isoformat()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c in "\t\n" or c >= " " else "?" for c in text)

@@ -1,0 +1,372 @@
+"""The mapping: a small TOML that says which variable of a file is what, and in which unit. Nothing is guessed."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+UNITS: dict[str, dict[str, float]] = {
+    "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12},
+    "angle": {"rad": 1.0, "deg": 0.017453292519943295},
+}
+DIMS = ("scan", "polarization", "pair", "tx", "rx", "frequency", "sample", "single")
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Index(_Table):
+    """Which entry of a list each pair uses, such as the two columns of a table of channels.
+
+    Attributes
+    ----------
+    file, variable : str
+        Where the numbers lie.
+    column : int
+        Column of a two-dimensional variable, from 0.
+    first : int
+        Number of the first entry: 1 in MATLAB's counting, 0 in C's.
+    """
+
+    file: str = "data"
+    variable: str = "table"
+    column: int | None = None
+    first: Literal[0, 1]
+
+
+class Quantity(_Table):
+    """A variable, or values written here, with a unit.
+
+    Attributes
+    ----------
+    file, variable : str
+        Where the values lie; ``values`` instead gives them here.
+    column : int
+        Column of a two-dimensional variable, from 0.
+    unit : str
+        Unit; there is no default.
+    zero_first : bool
+        Whether the first value is subtracted, for clocks with an arbitrary start.
+    """
+
+    file: str = "data"
+    variable: str | None = None
+    values: float | list[float] | list[list[float]] | None = None
+    column: int | None = None
+    unit: str
+    zero_first: bool = False
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Quantity:
+        if (self.variable is None) == (self.values is None):
+            raise ValueError("give either variable or values")
+        return self
+
+
+class Positions(_Table):
+    """Antenna positions: one variable (..., 3) or one per axis, or values written here.
+
+    Attributes
+    ----------
+    variable, x, y, z : str
+        Where they lie.
+    values : list
+        Positions written here.
+    unit : str
+        Unit of length.
+    index : Index
+        If the positions list antennas: which of them each pair uses.
+    frame : {"vehicle", "lane"}
+        "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array that keeps its form
+        and heading; poses follow from them.
+    """
+
+    file: str = "data"
+    variable: str | None = None
+    x: str | None = None
+    y: str | None = None
+    z: str | None = None
+    values: list[list[float]] | None = None
+    unit: str
+    index: Index | None = None
+    frame: Literal["vehicle", "lane"] = "vehicle"
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Positions:
+        axes = [axis is not None for axis in (self.x, self.y, self.z)]
+        if sum((self.variable is not None, self.values is not None, all(axes))) != 1 or any(axes) != all(axes):
+            raise ValueError("give one of: variable, values, or all of x, y and z")
+        return self
+
+
+class Signal(_Table):
+    """The measured field.
+
+    Attributes
+    ----------
+    variable, imaginary : str
+        The array, and the one with its imaginary part if that is apart.
+    dims : list of str
+        What each of its axes is: scan, polarization, pair (or tx and rx), frequency (or sample for impulse data);
+        "single" for an axis of length one that is nothing.
+    conjugate : bool
+        True where the recorder's phase is exp(+j2πfL/c).
+    """
+
+    file: str = "data"
+    variable: str
+    imaginary: str | None = None
+    dims: list[str]
+    conjugate: bool = False
+
+    @model_validator(mode="after")
+    def _known_dims(self) -> Signal:
+        unknown = [name for name in self.dims if name not in DIMS]
+        plain = [name for name in self.dims if name != "single"]
+        if unknown or len(set(plain)) != len(plain):
+            raise ValueError(f"dims must be different ones of {', '.join(DIMS)}, got {self.dims}")
+        if ("frequency" in self.dims) == ("sample" in self.dims):
+            raise ValueError(f"dims must hold either frequency or sample, got {self.dims}")
+        if ("tx" in self.dims) != ("rx" in self.dims) or ("tx" in self.dims and "pair" in self.dims):
+            raise ValueError(f"dims must hold pair, or tx and rx together, got {self.dims}")
+        return self
+
+
+class Samples(Quantity):
+    """The axis of impulse data.
+
+    Attributes
+    ----------
+    meaning : {"delay", "range", "path"}
+        Two-way delay (unit of time), one-way range or total path (unit of length).
+    band : tuple of float
+        Frequencies to keep.
+    band_unit : str
+        Their unit.
+    pad : int
+        See :func:`flgpr.io.signals.impulse_to_frequency`.
+    """
+
+    meaning: Literal["delay", "range", "path"]
+    band: tuple[float, float]
+    band_unit: str
+    pad: Annotated[int, Field(ge=1, le=16)] = 1
+
+
+class PathOffset(Quantity):
+    """What was subtracted from every path by the recorder, such as the distance of a scene centre.
+
+    Attributes
+    ----------
+    meaning : {"range", "path"}
+        One-way range (doubled) or total path.
+    along : {"scan", "pair"}
+        What several values belong to.
+    """
+
+    meaning: Literal["range", "path"]
+    along: Literal["scan", "pair"] = "pair"
+
+
+class Poses(_Table):
+    """Pose of every scan: each component a number or the name of a variable, all six required.
+
+    Attributes
+    ----------
+    unit, angle_unit : str
+        Units of x, y, z and of heading, pitch, roll.
+    """
+
+    file: str = "data"
+    x: float | str
+    y: float | str
+    z: float | str
+    heading: float | str
+    pitch: float | str
+    roll: float | str
+    unit: str
+    angle_unit: str
+
+
+class TrackTable(_Table):
+    """Positions on another clock than the radar's.
+
+    Attributes
+    ----------
+    time : Quantity
+        Time of each fix.
+    position : Positions
+        Positions (fix, 3) in the lane frame.
+    heading, pitch, roll : float or str
+        Number or variable, or "course" for a heading along the way.
+    clock_offset, clock_rate : float
+        Time on the track's clock is ``clock_offset + clock_rate·(radar's time)``; see :mod:`flgpr.calibrate`.
+    lever_arm : tuple of float
+        The positioning antenna in the vehicle frame, m.
+    latency : float
+        How late the time stamps are, s.
+    max_gap : float
+        Longest gap between fixes to interpolate over, s.
+    """
+
+    time: Quantity
+    position: Positions
+    heading: float | str
+    pitch: float | str
+    roll: float | str
+    angle_unit: str
+    clock_offset: float
+    clock_rate: float = 1.0
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    latency: float = 0.0
+    max_gap: Annotated[float, Field(gt=0)] = 1.0
+
+
+class Mapping(_Table):
+    """A whole mapping.
+
+    Attributes
+    ----------
+    title, source : str
+        Kept with the run.
+    files : dict
+        Name -> path relative to the mapping's folder; ``data`` is what the command line names, if it names files.
+        A list or a pattern is read file by file and joined.
+    join : str
+        Dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan" where each file
+        is one of them.
+    polarization : list of str
+        Labels in the order of the data.
+    """
+
+    title: str
+    source: str = ""
+    files: dict[str, str | list[str]] = {}
+    join: Literal["scan", "pair", "new scan", "new pair"] = "scan"
+    polarization: list[str]
+    signal: Signal
+    frequency: Quantity | None = None
+    samples: Samples | None = None
+    antenna_position: Positions | None = None
+    tx_position: Positions | None = None
+    rx_position: Positions | None = None
+    path_offset: PathOffset | None = None
+    pose: Poses | None = None
+    track: TrackTable | None = None
+    time: Quantity | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Mapping:
+        both = self.tx_position is not None and self.rx_position is not None
+        if (self.antenna_position is not None) == both or (self.tx_position is None) != (self.rx_position is None):
+            raise ValueError(
+                "the geometry is missing or double: give antenna_position (one antenna sends and receives), or "
+                "tx_position and rx_position"
+            )
+        wanted, other = ("frequency", "samples") if "frequency" in self.signal.dims else ("samples", "frequency")
+        if getattr(self, wanted) is None or getattr(self, other) is not None:
+            raise ValueError(f"signal.dims asks for the table {wanted} and no table {other}")
+        lane = [p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)]
+        if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
+            raise ValueError(
+                "where the vehicle was is told twice: give one of pose, track, or positions with frame = 'lane'"
+            )
+        if self.track is not None and self.time is None:
+            raise ValueError("track asks for the table time, the radar's time of every scan")
+        return self
+
+
+def factor(unit: str, kind: str, where: str) -> float:
+    """Look a unit up.
+
+    Parameters
+    ----------
+    unit : str
+        As written in the mapping.
+    kind : {"frequency", "length", "time", "angle"}
+        What it must measure.
+    where : str
+        Entry of the mapping, for the message.
+
+    Returns
+    -------
+    float
+        What to multiply by for SI units.
+
+    Raises
+    ------
+    ValueError
+        If the unit is not known, or is still a guess that ends in a question mark.
+    """
+    if unit.endswith("?"):
+        raise ValueError(f"{where} is still a guess, got {unit!r}: check it and take the question mark away")
+    if unit not in UNITS[kind]:
+        raise ValueError(f"{where} must be one of {', '.join(UNITS[kind])}, got {unit!r}")
+    return UNITS[kind][unit]
+
+
+def parse_mapping(text: str, name: str = "mapping") -> Mapping:
+    """Parse a mapping.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    name : str
+        What to call it in messages.
+
+    Returns
+    -------
+    Mapping
+        The mapping.
+
+    Raises
+    ------
+    ValueError
+        If it is not TOML, an entry is missing or unknown, or breaks a rule; the message names the entry.
+    """
+    try:
+        return Mapping.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{name}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        said = first["msg"].removeprefix("Value error, ")
+        raise ValueError(f"{name}: {where + ': ' if where else ''}{said}") from None
+
+
+def read_mapping(path: str | Path) -> Mapping:
+    """Read a mapping from a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file.
+
+    Returns
+    -------
+    Mapping
+        The mapping.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        As :func:`parse_mapping`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"mapping not found: {path}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: must be UTF-8 text ({error})") from None
+    return parse_mapping(text, str(path))

@@ -1,0 +1,226 @@
+"""Poses from other instruments: tracks as CSV or NMEA, surveyed points per scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.io.anchor import Anchor
+from flgpr.io.extras import optional
+from flgpr.io.textarrays import read_text_table
+from flgpr.model.track import course, make_track
+
+_DAY = 86400.0
+FIXED = (4,)
+"""GGA quality of a fixed carrier-phase solution."""
+
+
+def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
+    """Read a track from CSV with the columns ``time_s``, ``x_m``, ``y_m``, ``z_m`` in the lane frame.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file. Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad.
+    heading : {"column", "course"}
+        "column": all three angles must be there. "course": the heading is the direction of the way, pitch and roll are
+        taken from columns if there are any and else are zero.
+
+    Returns
+    -------
+    DataFrame
+        A track.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If a column is missing or holds a value that is not finite, or the time does not increase.
+    """
+    path = Path(path)
+    columns = _columns(path)
+    if heading not in ("column", "course"):
+        raise ValueError(f"heading must be 'column' or 'course', got {heading!r}")
+    try:
+        time = _needed(columns, "time_s")
+        place = np.stack([_needed(columns, f"{axis}_m") for axis in "xyz"], axis=1)
+        if heading == "course":
+            angles = [course(place), *(_angle(columns, name, 0.0 * time) for name in ("pitch", "roll"))]
+        else:
+            angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
+        return make_track(time, place, *angles)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def read_survey(path: str | Path) -> NDArray[np.float64]:
+    """Read the poses of stop-and-go scans from points surveyed in the lane, one line per scan in order.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file with either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``,
+        ``pitch_deg``, ``roll_deg`` (or rad), or the places of two marks on the array, ``left_x_m`` ... ``right_z_m``:
+        then the reference point is midway, heading and roll follow from the line between them, and the pitch must be
+        given.
+
+    Returns
+    -------
+    (scan, 6) ndarray
+        x, y, z (m), heading, pitch, roll (rad).
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If a column is missing, a value is not finite, or the two marks coincide.
+    """
+    path = Path(path)
+    columns = _columns(path)
+    try:
+        if "left_x_m" in columns:
+            left, right = (
+                np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1) for side in ("left", "right")
+            )
+            apart = right - left
+            level = np.hypot(apart[:, 0], apart[:, 1])
+            if not (level > 1e-3).all():
+                raise ValueError(f"left and right marks must lie apart, they coincide at scan {int(level.argmin())}")
+            pitch = _angle(columns, "pitch")
+            # Rx(pitch)·Ry(roll) takes the line to the right mark to (cos r, sin p·sin r, -cos p·sin r).
+            roll = -np.arcsin(np.clip(apart[:, 2] / (np.linalg.norm(apart, axis=1) * np.cos(pitch)), -1, 1))
+            aside = np.arctan2(np.sin(pitch) * np.sin(roll), np.cos(roll))
+            heading = np.angle(np.exp(1j * (aside - np.arctan2(apart[:, 1], apart[:, 0]))))
+            pose = np.column_stack([(left + right) / 2, heading, pitch, roll])
+        else:
+            place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
+            pose = np.column_stack([*place, *(_angle(columns, name) for name in ("heading", "pitch", "roll"))])
+        bad = ~np.isfinite(pose).all(axis=1)
+        if bad.any():
+            raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return pose
+
+
+def read_nmea(
+    path: str | Path, anchor: Anchor, quality: tuple[int, ...] = FIXED, height: float | None = None
+) -> pd.DataFrame:
+    """Read a track of a satellite receiver's antenna from NMEA 0183 sentences.
+
+    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the way. Time is in
+    seconds of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard sentence for them.
+
+    Parameters
+    ----------
+    path : str or Path
+        The receiver's log; other sentences are passed over.
+    anchor : Anchor
+        Where the lane lies.
+    quality : tuple of int
+        GGA qualities to take; others are left out and leave gaps.
+    height : float, optional
+        Height of the antenna over the lane's ground, m. Needed where the anchor has no heights.
+
+    Returns
+    -------
+    DataFrame
+        Track of the antenna; see :func:`flgpr.model.track.reference_track` for lever arm and latency.
+
+    Raises
+    ------
+    MissingExtraError
+        If pynmeagps is not installed.
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If a sentence is damaged, fewer than two fixes have the quality, or the height is not known.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"file not found: {path}")
+    nmea = optional("pynmeagps", "gnss")
+    if height is None and not anchor.heights_known:
+        raise ValueError("height must be given, the anchor's points have none")
+    fixes: list[tuple[float, float, float, float]] = []
+    headings: list[tuple[float, float]] = []
+    seen: dict[int, int] = {}
+    now = -math.inf
+    for number, line in enumerate(path.read_bytes().splitlines()):
+        if not line.strip():
+            continue
+        try:
+            message = nmea.NMEAReader.parse(line.strip() + b"\r\n")
+            if message.msgID == "GGA":
+                seen[message.quality] = seen.get(message.quality, 0) + 1
+                if message.quality in quality:
+                    now = _later(message.time, now)
+                    fixes.append((now, message.lon, message.lat, float(message.alt) + float(message.sep)))
+            elif message.msgID == "HDT" and math.isfinite(now):
+                headings.append((now, math.radians(float(message.headingT))))
+        except Exception as error:
+            words = " ".join(str(error).split())[:120]
+            raise ValueError(f"{path}: line {number + 1} is no valid NMEA sentence: {words}") from None
+    if len(fixes) < 2:
+        raise ValueError(f"{path}: two fixes of quality {quality} or more are needed, got {len(fixes)} (all: {seen})")
+    table = np.array(fixes)
+    keep = np.append(True, np.diff(table[:, 0]) > 0)
+    time, place = table[keep, 0], anchor.from_geodetic(table[keep, 1:])
+    if height is not None:
+        place[:, 2] = height
+    return make_track(time, place, _headings(time, place, headings, anchor.azimuth))
+
+
+def _headings(
+    time: NDArray[np.float64], place: NDArray[np.float64], headings: list[tuple[float, float]], azimuth: float
+) -> NDArray[np.float64]:
+    if not headings:
+        return course(place)
+    stamp, angle = np.array(headings).T
+    found = np.interp(time, stamp, np.unwrap(angle)) - azimuth
+    return np.asarray(np.angle(np.exp(1j * found)), dtype=np.float64)
+
+
+def _later(clock: Any, last: float) -> float:
+    now = clock.hour * 3600 + clock.minute * 60 + clock.second + clock.microsecond * 1e-6
+    if math.isfinite(last):
+        now += _DAY * math.floor(last / _DAY)
+        if now < last - _DAY / 2:
+            now += _DAY
+    return float(now)
+
+
+def _columns(path: Path) -> dict[str, NDArray[Any]]:
+    if not path.is_file():
+        raise FileNotFoundError(f"file not found: {path}")
+    try:
+        return read_text_table(path)
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.float64]:
+    if name not in columns or np.iscomplexobj(columns[name]):
+        known = ", ".join(key for key in columns if key != "table") or "no header line"
+        raise ValueError(f"the column {name} is missing; got {known}")
+    return np.asarray(columns[name], dtype=np.float64)
+
+
+def _angle(
+    columns: Mapping[str, NDArray[Any]], name: str, default: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    if f"{name}_rad" in columns:
+        return _needed(columns, f"{name}_rad")
+    if f"{name}_deg" in columns:
+        return np.asarray(np.radians(_needed(columns, f"{name}_deg")), dtype=np.float64)
+    if default is None:
+        raise ValueError(f"the column {name}_deg or {name}_rad is missing")
+    return default

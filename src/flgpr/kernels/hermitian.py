@@ -1,0 +1,66 @@
+"""Eigenvalues and eigenvectors of many 3 x 3 Hermitian matrices, by cyclic Jacobi rotations.
+
+Jacobi leaves a diagonal matrix as it is, so that equal eigenvalues keep the axes as their eigenvectors, and finds small
+eigenvectors' components to full relative accuracy; both matter to polarimetry.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+_SWEEPS = 12  # six reach machine precision; quadratic convergence
+
+
+@njit(cache=True)
+def _rotate(a: Any, v: Any, p: int, q: int) -> None:
+    """Make ``a[p, q]`` zero by a unitary rotation and gather it in ``v``."""
+    size = abs(a[p, q])
+    if size == 0.0:
+        return
+    phase = a[p, q] / size
+    tau = (a[q, q].real - a[p, p].real) / (2 * size)
+    t = 1.0 / (abs(tau) + np.sqrt(1 + tau * tau))
+    if tau < 0:
+        t = -t
+    c = 1.0 / np.sqrt(1 + t * t)
+    s = t * c
+    for k in range(3):
+        x, y = a[k, p], a[k, q]
+        a[k, p], a[k, q] = c * x - s * np.conj(phase) * y, s * phase * x + c * y
+        x, y = v[k, p], v[k, q]
+        v[k, p], v[k, q] = c * x - s * np.conj(phase) * y, s * phase * x + c * y
+    for k in range(3):
+        x, y = a[p, k], a[q, k]
+        a[p, k], a[q, k] = c * x - s * phase * y, s * np.conj(phase) * x + c * y
+    a[p, q] = 0.0
+    a[q, p] = 0.0
+
+
+@njit(cache=True)
+def _solve(a: Any, v: Any) -> None:
+    for _ in range(_SWEEPS):
+        off = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
+        scale = abs(a[0, 0].real) + abs(a[1, 1].real) + abs(a[2, 2].real)
+        if off <= 1e-17 * scale:
+            break
+        _rotate(a, v, 0, 1)
+        _rotate(a, v, 0, 2)
+        _rotate(a, v, 1, 2)
+
+
+@njit(parallel=True, cache=True)
+def eigen_3x3(matrices, values, vectors):  # type: ignore[no-untyped-def]
+    """Decompose ``matrices`` (n, 3, 3); column i of ``vectors[n]`` belongs to ``values[n, i]``, in no order."""
+    for n in prange(matrices.shape[0]):
+        a = matrices[n].copy()
+        v = np.zeros((3, 3), np.complex128)
+        for i in range(3):
+            v[i, i] = 1.0
+        _solve(a, v)
+        for i in range(3):
+            values[n, i] = a[i, i].real
+            for k in range(3):
+                vectors[n, k, i] = v[k, i]

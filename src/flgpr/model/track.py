@@ -1,0 +1,232 @@
+"""Tracks: where the vehicle was at what time, from another instrument than the radar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.model.frames import attitude_matrix, heading_matrix
+from flgpr.model.run import POSE_COMPONENTS
+from flgpr.model.tables import Column
+
+TRACK_COLUMNS = (
+    Column("time", "number", "s", "time on the clock of the positions", required=True, missing=""),
+    Column("x", "number", "m", "cross-track position in the lane frame", required=True, missing=""),
+    Column("y", "number", "m", "down-track position in the lane frame", required=True, missing=""),
+    Column("z", "number", "m", "height over the mean ground", required=True, missing=""),
+    Column("heading", "number", "rad", "clockwise from +y seen from above", required=True, missing=""),
+    Column("pitch", "number", "rad", "see the vehicle frame", required=True, missing=""),
+    Column("roll", "number", "rad", "see the vehicle frame", required=True, missing=""),
+)
+
+
+def make_track(
+    time: ArrayLike,
+    position: ArrayLike,
+    heading: ArrayLike = 0.0,
+    pitch: ArrayLike = 0.0,
+    roll: ArrayLike = 0.0,
+) -> pd.DataFrame:
+    """Assemble and validate a track.
+
+    Parameters
+    ----------
+    time : (fix,) array_like
+        Time of each fix on the clock of the positions, s, strictly increasing.
+    position : (fix, 3) array_like
+        x, y, z in the lane frame, m.
+    heading, pitch, roll : (fix,) array_like or float
+        Attitude, rad.
+
+    Returns
+    -------
+    DataFrame
+        Columns as in ``TRACK_COLUMNS``.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit, a value is not finite or the time does not increase.
+    """
+    times, points = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
+        raise ValueError(
+            f"a track must have at least two fixes with time (fix,) and position (fix, 3), got {times.shape} and "
+            f"{points.shape}"
+        )
+    angles = [np.broadcast_to(np.asarray(v, dtype=np.float64), times.shape) for v in (heading, pitch, roll)]
+    track = pd.DataFrame(dict(zip(("time", *POSE_COMPONENTS), [times, *points.T, *angles], strict=True)))
+    return check_track(track)
+
+
+def check_track(track: pd.DataFrame) -> pd.DataFrame:
+    """Validate a track.
+
+    Parameters
+    ----------
+    track : DataFrame
+        Columns as in ``TRACK_COLUMNS``.
+
+    Returns
+    -------
+    DataFrame
+        The same table.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, a value is not finite, or the time does not increase strictly.
+    """
+    names = [column.name for column in TRACK_COLUMNS]
+    missing = [name for name in names if name not in track.columns]
+    if missing:
+        raise ValueError(f"track must have the columns {', '.join(names)}; missing: {', '.join(missing)}")
+    values = track[names].to_numpy(dtype=np.float64)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise ValueError(f"track.{names[column]} must be finite, got {values[row, column]} at fix {row}")
+    if (np.diff(values[:, 0]) <= 0).any():
+        first = int(np.argmax(np.diff(values[:, 0]) <= 0))
+        raise ValueError(f"track.time must increase strictly, got {values[first, 0]:g} s, {values[first + 1, 0]:g} s")
+    return track
+
+
+def poses_at(
+    track: pd.DataFrame,
+    time: ArrayLike,
+    clock_offset: float = 0.0,
+    clock_rate: float = 1.0,
+    max_gap: float = np.inf,
+) -> NDArray[np.float64]:
+    """Interpolate a track at the radar's times.
+
+    Parameters
+    ----------
+    track : DataFrame
+        A track.
+    time : (scan,) array_like
+        Times on the radar's clock, s.
+    clock_offset, clock_rate : float
+        Time on the track's clock is ``clock_offset + clock_rate·time``, s and 1.
+    max_gap : float
+        Longest time between the two fixes a pose may be interpolated from, s.
+
+    Returns
+    -------
+    (scan, 6) ndarray
+        x, y, z (m), heading within ±π, pitch, roll (rad), linear between fixes.
+
+    Raises
+    ------
+    ValueError
+        If a time is not finite, lies outside the track, or falls into a gap.
+    """
+    check_track(track)
+    stamp = track["time"].to_numpy()
+    when = clock_offset + clock_rate * np.asarray(time, dtype=np.float64)
+    if not np.isfinite(when).all():
+        raise ValueError("time must be finite for every scan to take poses from a track, got a missing time")
+    slack = 1e-9 * max(1.0, float(np.abs(stamp).max()))
+    if when.min() < stamp[0] - slack or when.max() > stamp[-1] + slack:
+        raise ValueError(
+            f"scan times must lie within the track, {stamp[0]:g} to {stamp[-1]:g} s, got {when.min():g} to "
+            f"{when.max():g} s: is the clock offset right?"
+        )
+    right = np.clip(np.searchsorted(stamp, when), 1, stamp.size - 1)
+    gap = stamp[right] - stamp[right - 1]
+    if gap.max() > max_gap:
+        worst = int(gap.argmax())
+        raise ValueError(f"the track must have no gap over {max_gap:g} s, got {gap[worst]:g} s at scan {worst}")
+    pose = np.empty((when.size, 6))
+    for column, name in enumerate(POSE_COMPONENTS):
+        values = track[name].to_numpy(dtype=np.float64)
+        pose[:, column] = np.interp(when, stamp, np.unwrap(values) if name == "heading" else values)
+    pose[:, 3] = np.angle(np.exp(1j * pose[:, 3]))
+    return pose
+
+
+def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0), latency: float = 0.0) -> pd.DataFrame:
+    """Take a track of a positioning antenna to the array's reference point.
+
+    Parameters
+    ----------
+    track : DataFrame
+        Track of the positioning antenna.
+    lever_arm : (3,) array_like
+        Positioning antenna in the vehicle frame, m.
+    latency : float
+        How late the time stamps are, s.
+
+    Returns
+    -------
+    DataFrame
+        Track of the reference point: ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``.
+
+    Raises
+    ------
+    ValueError
+        If the track or the lever arm is not valid.
+    """
+    check_track(track)
+    lever = np.asarray(lever_arm, dtype=np.float64)
+    if lever.shape != (3,) or not np.isfinite(lever).all() or not np.isfinite(latency):
+        raise ValueError(f"lever_arm must be three finite lengths and latency finite, got {lever.tolist()}, {latency}")
+    moved = track.copy()
+    moved["time"] = track["time"] - latency
+    moved[["x", "y", "z"]] = track[["x", "y", "z"]].to_numpy() - attitudes(track) @ lever
+    return moved
+
+
+def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
+    """Rotation from the vehicle frame to lane axes at every fix.
+
+    Parameters
+    ----------
+    track : DataFrame
+        A track.
+
+    Returns
+    -------
+    (fix, 3, 3) ndarray
+        ``Rz(-heading)·Rx(pitch)·Ry(roll)``.
+    """
+    heading, pitch, roll = (track[name].to_numpy(dtype=np.float64) for name in ("heading", "pitch", "roll"))
+    return np.stack([heading_matrix(h) @ attitude_matrix(p, r) for h, p, r in zip(heading, pitch, roll, strict=True)])
+
+
+def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
+    """Heading of a track from the direction it moves in.
+
+    Parameters
+    ----------
+    position : (fix, 2 or 3) array_like
+        Positions in the lane frame, m.
+    least : float
+        Length a fix must be from its neighbours for a direction to be taken, m; others take the nearest one's.
+
+    Returns
+    -------
+    (fix,) ndarray
+        Heading clockwise from +y, rad.
+
+    Raises
+    ------
+    ValueError
+        If the track never moves.
+    """
+    points = np.asarray(position, dtype=np.float64)[:, :2]
+    rows = np.arange(len(points))
+    before, after = rows.copy(), rows.copy()
+    for k in rows:
+        away = np.hypot(*(points - points[k]).T) >= least
+        later, earlier = np.flatnonzero(away[k:]), np.flatnonzero(away[: k + 1])
+        after[k] = k + later[0] if later.size else k
+        before[k] = earlier[-1] if earlier.size else k
+    step = points[after] - points[before]
+    known = np.flatnonzero(np.hypot(*step.T) >= least)
+    if not known.size:
+        raise ValueError(f"the track must move by at least {least:g} m to tell a heading, it does not")
+    heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
+    return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)

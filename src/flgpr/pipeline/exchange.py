@@ -1,0 +1,347 @@
+"""Import and export as functions: files in, files out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from flgpr.io import open_run, read_table, save_run, sha256, write_table, write_whole
+from flgpr.io.anchor import Anchor, read_anchor
+from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.explain import Explanation
+from flgpr.io.explain import explain_file as explain
+from flgpr.io.georeferenced import (
+    georeference,
+    write_earth_csv,
+    write_earth_geojson,
+    write_geopackage,
+    write_geotiff,
+    write_kml,
+)
+from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.model.track import reference_track
+from flgpr.pipeline.result import read_result
+
+PathLike = str | Path
+TABLE_FORMATS = {"geojson": ".geojson", "gpkg": ".gpkg", "kml": ".kml", "csv": ".csv"}
+FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
+
+
+def explain_file(path: PathLike) -> Explanation:
+    """Tell what a file that is no run holds, and draft the mapping that imports it.
+
+    Parameters
+    ----------
+    path : path
+        HDF5, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
+
+    Returns
+    -------
+    Explanation
+        ``kind``, ``lines`` in words and ``mapping``, a draft in TOML (empty where none is needed).
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the file cannot be read.
+    """
+    return explain(path)
+
+
+def propose_mapping(path: PathLike, output: PathLike | None = None) -> str:
+    """Draft the mapping that imports a file.
+
+    Parameters
+    ----------
+    path : path
+        A file of named arrays.
+    output : path, optional
+        TOML file to write.
+
+    Returns
+    -------
+    str
+        The draft; guesses end in a question mark.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If the file cannot be read, needs no mapping, or the output exists.
+    """
+    text = explain(path).mapping
+    if not text:
+        raise ValueError(
+            f"{path}: no mapping can be drafted: it is read without one, or no array in it looks like data"
+        )
+    if output is not None:
+        _fresh(Path(output))
+        write_whole(Path(output), text)
+    return text
+
+
+def import_with_mapping(
+    mapping: PathLike,
+    output: PathLike,
+    data: list[PathLike] | None = None,
+    survey: PathLike | None = None,
+    track: PathLike | None = None,
+    anchor: PathLike | None = None,
+    clock_offset: float = 0.0,
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    latency: float = 0.0,
+) -> Imported:
+    """Import data files by a mapping and store the run.
+
+    Parameters
+    ----------
+    mapping : path
+        TOML.
+    output : path
+        Run store to make.
+    data : list of path, optional
+        Data files in place of the mapping's own.
+    survey : path, optional
+        CSV of surveyed poses, a line per scan; see :func:`flgpr.io.tracks.read_survey`.
+    track : path, optional
+        CSV track; any other ending is read as an NMEA log, which needs the anchor.
+    anchor : path, optional
+        TOML that ties the lane to the Earth.
+    clock_offset : float
+        The track's clock less the radar's, s.
+    lever_arm : tuple of float
+        Positioning antenna in the vehicle frame, m.
+    latency : float
+        How late the track's time stamps are, s.
+
+    Returns
+    -------
+    Imported
+        Run, track and notes; a track is also written beside the run as ``NAME-track.csv``.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the store exists; nothing is written then.
+    """
+    _fresh(Path(output))
+    pose = read_survey(survey) if survey is not None else None
+    moved = None
+    if track is not None:
+        moved = reference_track(_track(Path(track), anchor), lever_arm, latency)
+    arrived = import_mapped(
+        mapping, [Path(one) for one in data] if data else None, pose=pose, track=moved, clock_offset=clock_offset
+    )
+    store = save_run(arrived.run, output)
+    if arrived.track is not None:
+        write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
+    return arrived
+
+
+def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
+    """Import a CPHD file and store the run.
+
+    Parameters
+    ----------
+    path : path
+        CPHD file.
+    output : path
+        Run store to make.
+    anchor : path, optional
+        TOML that ties the lane to the Earth; needed for files of other makers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the store exists.
+    """
+    _fresh(Path(output))
+    run = read_cphd(path, _anchor(anchor))
+    save_run(run, output)
+    return run
+
+
+def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
+    """Export a stored run as CPHD.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path
+        CPHD file to write.
+    anchor : path
+        TOML that ties the lane to the Earth.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    _fresh(Path(output))
+    return write_cphd(open_run(run), output, read_anchor(anchor))
+
+
+def export_table(
+    table: PathLike, output: PathLike, to: str, anchor: PathLike, kind: str = "truth", time: str | None = None
+) -> Path:
+    """Export a table of alarms, truth or objects to the Earth.
+
+    Parameters
+    ----------
+    table : path
+        CSV.
+    output : path
+        File to write.
+    to : {"geojson", "gpkg", "kml", "csv"}
+        Format.
+    anchor : path
+        TOML that ties the lane to the Earth.
+    kind : {"alarms", "truth", "objects"}
+        What the table holds.
+    time : str, optional
+        When, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    rows = read_table(table, kind)
+    digest = sha256(Path(table).read_bytes())
+    return _write_points(rows, Path(output), to, read_anchor(anchor), kind, f"sha256:{digest}", time)
+
+
+def export_result(
+    result: PathLike, output: PathLike, to: str, anchor: PathLike, detection: str = "main", time: str | None = None
+) -> Path:
+    """Export the alarms or the run-view of a result to the Earth.
+
+    Parameters
+    ----------
+    result : path
+        Result folder.
+    output : path
+        File to write.
+    to : {"geojson", "gpkg", "kml", "csv", "geotiff"}
+        Format; "geotiff" writes the run-view, the others the alarms as evidence points.
+    anchor : path
+        TOML that ties the lane to the Earth.
+    detection : str
+        "main" or the name of a variant.
+    time : str, optional
+        When the data were taken, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    if to not in (*TABLE_FORMATS, "geotiff"):
+        raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
+    held = read_result(result)
+    chosen = [one for one in held.detections if one.name == detection]
+    if not chosen:
+        known = ", ".join(one.name for one in held.detections)
+        raise ValueError(f"detection must be one of {known}, got {detection!r}")
+    identity = f"{held.manifest['recipe_sha256'][:16]}-{sha256((held.folder / 'manifest.json').read_bytes())[:16]}"
+    target, tie = Path(output), read_anchor(anchor)
+    if to == "geotiff":
+        _fresh(target)
+        write_geotiff(chosen[0].view, target, tie, identity)
+        return target
+    return _write_points(chosen[0].alarms, target, to, tie, "alarms", identity, time)
+
+
+def anchor_report(anchor: PathLike) -> dict[str, Any]:
+    """Tell how an anchor fits its points.
+
+    Parameters
+    ----------
+    anchor : path
+        TOML that ties the lane to the Earth.
+
+    Returns
+    -------
+    dict
+        Longitude, latitude and azimuth (degrees), misfits and standard deviation (m), and the reference system.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the anchor is not valid.
+    """
+    tie = read_anchor(anchor)
+    place = tie.to_geodetic([0.0, 0.0, 0.0])
+    return {
+        "longitude": float(place[0]),
+        "latitude": float(place[1]),
+        "azimuth_deg": float(tie.azimuth * 57.29577951308232),
+        "residuals_m": list(tie.residuals),
+        "sigma_m": tie.sigma,
+        "crs": tie.crs,
+        "crs_accuracy_m": None if tie.crs_accuracy != tie.crs_accuracy else tie.crs_accuracy,
+        "heights_known": tie.heights_known,
+    }
+
+
+def _write_points(
+    rows: pd.DataFrame, output: Path, to: str, anchor: Anchor, kind: str, identity: str, time: str | None
+) -> Path:
+    if to not in TABLE_FORMATS:
+        raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
+    _fresh(output)
+    points = georeference(rows, anchor, kind, identity, time)
+    if to == "geojson":
+        about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": anchor.sigma, "processing_id": identity}
+        write_earth_geojson(points, output, about)
+    elif to == "gpkg":
+        write_geopackage(points, output, kind)
+    elif to == "kml":
+        write_kml(points, output, f"{kind} {identity}")
+    else:
+        write_earth_csv(points, output)
+    return output
+
+
+def _track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
+    if path.suffix.lower() == ".csv":
+        return read_track(path)
+    tie = _anchor(anchor)
+    if tie is None:
+        raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
+    return read_nmea(path, tie)
+
+
+def _anchor(anchor: PathLike | None) -> Anchor | None:
+    return None if anchor is None else read_anchor(anchor)
+
+
+def _fresh(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(f"output must not exist yet, got {path}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"the folder of the output must exist, got {path.parent}")

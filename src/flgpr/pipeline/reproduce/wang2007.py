@@ -1,0 +1,162 @@
+"""Reproduce Wang et al. 2007 on simulated lanes: three calibration and four blind ones, one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.clutter import Background
+from flgpr.imaging import ScanImager
+from flgpr.io import open_run, read_manifest, sha256, write_whole
+from flgpr.model import Lane
+from flgpr.pipeline.detect import detection_of
+from flgpr.pipeline.progress import Track, silent
+from flgpr.pipeline.recipe import Recipe, parse_recipe, recipe_text
+from flgpr.pipeline.reproduce.wang2007_analysis import LaneResult
+from flgpr.pipeline.reproduce.wang2007_examples import save_examples
+from flgpr.pipeline.reproduce.wang2007_lanes import blind_scenes, calibration_scenes, quick_scenes, sensor, store_lane
+from flgpr.pipeline.reproduce.wang2007_page import page_html
+from flgpr.pipeline.result import ResultError, describe_run, read_result, write_result
+from flgpr.pipeline.wang2007 import CleanedRun, detect_with_features
+from flgpr.screen import RunViewSums, view_array
+from flgpr.simulate import Scene, Sensor
+
+PAGE = "wang2007.html"
+
+
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Simulate the lanes, run the chain on them, and write the page.
+
+    What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
+    sensor and recipe; so a run that was stopped goes on where it was, lane by lane. The page is written after the
+    calibration lanes and again after the blind ones.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in and to write ``wang2007.html`` to.
+    quick : bool
+        Small lanes that only show that everything runs; the page says so on every figure.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    calibration, blind = quick_scenes() if quick else (calibration_scenes(), blind_scenes())
+    text, radar = recipe_text("wang2007"), sensor()
+    page = folder / PAGE
+    results = [
+        lane_result(folder, scene, seed, radar, text, track, examples=name == "c1")
+        for name, (scene, seed) in calibration.items()
+    ]
+    if not quick:
+        write_whole(page, page_html(folder, results, [], parse_recipe(text), radar, quick, track))
+    others = [lane_result(folder, scene, seed, radar, text, track) for scene, seed in blind.values()]
+    write_whole(page, page_html(folder, results, others, parse_recipe(text), radar, quick, track))
+    return page
+
+
+def lane_result(
+    folder: Path, scene: Scene, seed: int, radar: Sensor, text: str, track: Track, examples: bool = False
+) -> LaneResult:
+    """Simulate a lane and run the chain on it, or take what is there.
+
+    Parameters
+    ----------
+    folder : Path
+        Where lanes and results lie.
+    scene : Scene
+        The lane.
+    seed : int
+        Its seed.
+    radar : Sensor
+        What looks at it.
+    text : str
+        The recipe.
+    track : Track
+        Shows progress.
+    examples : bool
+        Whether images for the figures are wanted of this lane.
+
+    Returns
+    -------
+    LaneResult
+        What was found and what is there.
+    """
+    home, recipe = folder / "results" / scene.name, parse_recipe(text)
+    store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
+    extras = folder / "results" / f"{scene.name}-wide.npz"
+    pictures = folder / "results" / "examples.npz"
+    if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
+        run = open_run(store)
+        cleaned = CleanedRun(run, recipe, track)
+        found = detect_with_features(run, recipe, lane, track, cleaned=cleaned)
+        extras.parent.mkdir(parents=True, exist_ok=True)
+        if examples:
+            save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
+        wide = wide_view(cleaned, run, recipe, lane, track)
+        np.savez(extras, view=wide.values, looks=wide["looks"].values)
+        write_result(home, [detection_of(found, recipe)], text, lane, describe_run(run, store))
+    result = read_result(home)
+    main = result.detections[0]
+    features = main.features if main.features is not None else pd.DataFrame()
+    with np.load(extras, allow_pickle=False) as arrays:
+        wide = view_array(arrays["view"], arrays["looks"], recipe.run_view.grid(lane), {})
+    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, wide)
+
+
+def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
+    """Run-view of the prescreener's channel over the full range of the images.
+
+    Parameters
+    ----------
+    cleaned : CleanedRun
+        The lane's cleaned images.
+    run : xarray.Dataset
+        The lane's run.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    xarray.DataArray
+        Run-view (y, x).
+    """
+    screen, table = recipe.prescreen, recipe.image
+    p = [str(label) for label in run["polarization"].values].index(screen.polarization)
+    b = list(table.subbands).index(screen.subband)
+    whole, place = cleaned.whole_background, (slice(p, p + 1), slice(b, b + 1))
+    parts = whole.signature[place], whole.gain[place], whole.shared_signature[place], whole.shared_gain[b : b + 1]
+    one = Background(*(np.ascontiguousarray(part) for part in parts))  # type: ignore[arg-type]
+    band = {screen.subband: table.subbands[screen.subband]}
+    # Which scans are whole depends on all polarizations, so that the choice is made before one is taken.
+    chosen = run.isel(scan=cleaned.imager.scans, polarization=[p])
+    imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
+    grid = recipe.run_view.grid(lane)
+    sums = RunViewSums(grid, table.y[1])
+    for image, gain in zip(track(imager, "full range", len(imager)), cleaned.gains, strict=True):
+        magnitude = one.magnitude(image.values, np.ascontiguousarray(gain[place]))
+        sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
+    return view_array(*sums.result(), grid, {})
+
+
+def _is_done(home: Path, store: Path, text: str) -> bool:
+    try:
+        manifest: dict[str, Any] = read_result(home).manifest
+    except ResultError:
+        return False
+    same = manifest["run"].get("store_sha256") == read_manifest(store)["sha256"]
+    return bool(same and manifest["recipe_sha256"] == sha256(text.encode()))

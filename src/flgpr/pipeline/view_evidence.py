@@ -1,0 +1,261 @@
+"""What explains an alarm: its patches by scan and channel, range cut, A-scan and polarimetric point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.features import PatchShape
+from flgpr.kernels.sampling import bilinear
+from flgpr.kernels.windows import WINDOWS, band_weights
+from flgpr.model import SPEED_OF_LIGHT, lane_to_scan, vehicle_to_scan
+from flgpr.screen import sample_scan
+
+MOST_SCANS = 4  # the nearest, where resolution is best
+MOST_ALARMS = 1000
+_CUT = np.round(np.arange(-40, 41) * 0.05, 3)
+_TRACE = np.round(np.arange(-80, 81) * 0.025, 4)
+_FLOOR = 1e-6
+
+Tracer = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What explains the alarms of a detection, in the order of its table, at most ``MOST_ALARMS`` of them.
+
+    Attributes
+    ----------
+    polarization, subband : list of str
+        Channels.
+    patch : PatchShape
+        Shape of the patches.
+    cut, trace : ndarray
+        Range offsets of the cuts and of the A-scans about the alarm, m; ``trace`` is empty without raw data.
+    scans : list of list of dict
+        Per alarm, nearest scan first: ``scan``, ``distance`` (m, ground range from the array).
+    blocks : list of ndarray
+        Per alarm float16 (scan, value), dB: patches (polarization, subband, y, x), cuts (polarization, subband, cut),
+        A-scans (polarization, trace), one after the other; NaN outside the image.
+    polarimetric : DataFrame
+        ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing.
+    """
+
+    polarization: list[str]
+    subband: list[str]
+    patch: PatchShape
+    cut: NDArray[np.float64]
+    trace: NDArray[np.float64]
+    scans: list[list[dict[str, Any]]]
+    blocks: list[NDArray[np.float16]]
+    polarimetric: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class _Look:
+    scan: int
+    distance: float
+    values: NDArray[np.float16]
+
+
+def decibels(magnitude: ArrayLike) -> NDArray[np.float16]:
+    """Take magnitudes to dB in half precision, good to 1/32 dB below 64 dB.
+
+    Parameters
+    ----------
+    magnitude : array_like
+        Magnitudes.
+
+    Returns
+    -------
+    ndarray of float16
+        ``20·log10``, not below -120 dB; NaN stays.
+    """
+    return np.asarray(20 * np.log10(np.maximum(magnitude, _FLOOR)), dtype=np.float16)
+
+
+def collect_evidence(
+    images: Iterable[xr.DataArray],
+    alarms: pd.DataFrame,
+    patch: PatchShape,
+    y_max: float,
+    run: xr.Dataset | None = None,
+    subband: str | None = None,
+) -> Evidence:
+    """Gather what explains alarms, in one pass over the images.
+
+    Parameters
+    ----------
+    images : iterable of xarray.DataArray
+        Cleaned scan images (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
+    alarms : DataFrame
+        x, y in the lane frame (m), the most mine-like first.
+    patch : PatchShape
+        Patch to cut out.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    run : xarray.Dataset, optional
+        The run, for A-scans.
+    subband : str, optional
+        Sub-band of the polarimetric point; default the first.
+
+    Returns
+    -------
+    Evidence
+        For the first ``MOST_ALARMS`` alarms, from the ``MOST_SCANS`` nearest scans that see each.
+    """
+    points = np.zeros((min(len(alarms), MOST_ALARMS), 3))
+    points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
+    looks: list[list[_Look]] = [[] for _ in points]
+    coherency = np.zeros((len(points), 3, 3), np.complex128)
+    channels: tuple[list[str], list[str]] = ([], [])
+    for image in images:
+        channels = tuple([str(label) for label in image[name].values] for name in ("polarization", "subband"))  # type: ignore[assignment]
+        scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
+        local = lane_to_scan(points, pose)
+        tracer = None if run is None else _tracer(run, scan, pose)
+        for number in _in_sight(image, local, y_max):
+            values = _explain(image, local[number], patch, tracer)
+            looks[number].append(_Look(scan, float(np.hypot(*local[number, :2])), values))
+            looks[number] = sorted(looks[number], key=lambda look: (look.distance, look.scan))[:MOST_SCANS]
+            coherency[number] += _coherency(image.sel(subband=subband or channels[1][0]), local[number])
+    return Evidence(
+        *channels,
+        patch,
+        _CUT,
+        _TRACE if run is not None else np.zeros(0),
+        [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in looks],
+        [
+            np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1 if one else 0)
+            for one in looks
+        ],
+        entropy_alpha_points(coherency),
+    )
+
+
+def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> NDArray[np.intp]:
+    x, y = image["x"].values, image["y"].values
+    inside = (local[:, 0] >= x[0]) & (local[:, 0] <= x[-1]) & (local[:, 1] >= y[0]) & (local[:, 1] <= y[-1])
+    return np.flatnonzero(inside & (local[:, 1] <= y_max))
+
+
+def _explain(
+    image: xr.DataArray, place: NDArray[np.float64], patch: PatchShape, tracer: Tracer | None
+) -> NDArray[np.float16]:
+    around = place[:2] + patch.offsets()
+    away = place[:2] / max(float(np.hypot(*place[:2])), np.finfo(float).tiny)
+    along = place[:2] + _CUT[:, None] * away
+    parts = [decibels(sample_scan(image, points)).ravel() for points in (around, along)]
+    if tracer is not None:
+        parts.append(decibels(tracer(place)).ravel())
+    return np.concatenate(parts)
+
+
+def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
+    signal = np.asarray(run["signal"].isel(scan=scan).values)
+    frequency = np.asarray(run["frequency"].values)
+    tx, rx = (vehicle_to_scan(run[name].values, pose) for name in ("tx_position", "rx_position"))
+    kernel = range_kernel(frequency, _TRACE)
+    return lambda place: focused_trace(signal, frequency, tx, rx, place, kernel)
+
+
+def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Make the matrix that takes focused tones to range: ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one.
+
+    Parameters
+    ----------
+    frequency : (frequency,) ndarray
+        Tones, Hz.
+    offsets : (offset,) ndarray
+        Range r, m.
+
+    Returns
+    -------
+    (frequency, offset) ndarray of complex128
+        The kernel.
+    """
+    weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
+    scale = weight / max(float(weight.sum()), np.finfo(float).tiny)
+    phase = 4 * np.pi * frequency[:, None] * offsets / SPEED_OF_LIGHT
+    return np.asarray(scale[:, None] * np.exp(1j * phase), dtype=np.complex128)
+
+
+def focused_trace(
+    signal: NDArray[np.complex64],
+    frequency: NDArray[np.float64],
+    tx: NDArray[np.float64],
+    rx: NDArray[np.float64],
+    point: NDArray[np.float64],
+    kernel: NDArray[np.complex128],
+) -> NDArray[np.float64]:
+    """A-scan of the whole array focused on one point: delays steered to it, then range along the focused beam.
+
+    ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann window w of mean one.
+
+    Parameters
+    ----------
+    signal : (polarization, pair, frequency) ndarray
+        Received field of one scan.
+    frequency : (frequency,) ndarray
+        Tones, Hz.
+    tx, rx : (pair, 3) ndarray
+        Antennas in the scan frame, m.
+    point : (3,) ndarray
+        The point in the scan frame, m.
+    kernel : (frequency, offset) ndarray
+        From :func:`range_kernel` for the ranges r about the point.
+
+    Returns
+    -------
+    (polarization, offset) ndarray
+        Magnitude, in the unit of the signal; a unit scatterer at the point alone gives 1 at r = 0.
+    """
+    path = np.linalg.norm(tx - point, axis=-1) + np.linalg.norm(rx - point, axis=-1)
+    steering = np.exp(2j * np.pi * path[:, None] * frequency / SPEED_OF_LIGHT)
+    beam = np.einsum("zpf,pf->zf", signal, steering) / len(path)
+    return np.asarray(np.abs(np.einsum("zf,fr->zr", beam, kernel)))  # too small for the threads of a matrix product
+
+
+def _coherency(image: xr.DataArray, place: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Sum of k·k^H over 5 x 5 pixels, k the Pauli vector; zero where a polarization is missing."""
+    labels = [str(label) for label in image["polarization"].values]
+    cross = [label for label in ("HV", "VH") if label in labels]
+    if not ({"HH", "VV"} <= set(labels) and cross):
+        return np.zeros((3, 3), np.complex128)
+    x, y = image["x"].values, image["y"].values
+    row, column = (place[1] - y[0]) / (y[1] - y[0]), (place[0] - x[0]) / (x[1] - x[0])
+    offset = np.arange(-2.0, 3.0)
+    pixels = np.meshgrid(row + offset, column + offset, indexing="ij")
+    hh, vv = (bilinear(image.sel(polarization=name).values, *pixels) for name in ("HH", "VV"))
+    hv = np.mean([bilinear(image.sel(polarization=name).values, *pixels) for name in cross], axis=0)
+    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv]).reshape(3, -1)) / np.sqrt(2)
+    return np.asarray(vector @ vector.conj().T, dtype=np.complex128)
+
+
+def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
+    """Entropy and mean alpha angle of coherency matrices (Cloude and Pottier 1997).
+
+    Parameters
+    ----------
+    coherency : (alarm, 3, 3) ndarray
+        Coherency matrices in the Pauli basis.
+
+    Returns
+    -------
+    DataFrame
+        ``entropy`` (0 to 1, logarithm to base 3) and ``alpha`` (rad); NaN for a zero matrix.
+    """
+    values, vectors = np.linalg.eigh(coherency)
+    values = np.maximum(values, 0.0)
+    total = values.sum(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(total > 0, values / total, np.nan)
+    entropy = -np.sum(share * np.log(np.maximum(share, np.finfo(float).tiny)), axis=-1) / np.log(3)
+    alpha = np.sum(share * np.arccos(np.clip(np.abs(vectors[:, 0, :]), 0, 1)), axis=-1)
+    return pd.DataFrame({"entropy": np.abs(entropy), "alpha": alpha})

@@ -1,0 +1,318 @@
+"""flsar2004's prescreeners: amplitude with clustering, standard deviation, energy within an ellipse (Sec. 3.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+FloatArray = NDArray[np.float64]
+Rule = Literal["and", "or", "and-or"]
+RULES = ("and", "or", "and-or")
+CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Template of the energy ratio (Fig. 2): an ellipse, and a rectangle twice as long and wide around it.
+
+    Attributes
+    ----------
+    half_x, half_y : float
+        Half-axes cross-track and down-track, m.
+    """
+
+    half_x: float
+    half_y: float
+
+    def __post_init__(self) -> None:
+        if not (self.half_x > 0 and self.half_y > 0):
+            raise ValueError(f"ellipse half-axes must be positive, got {self.half_x} and {self.half_y}")
+
+
+@dataclass(frozen=True)
+class ClusterThresholds:
+    """Thresholds of the three prescreeners for one polarization and range.
+
+    Attributes
+    ----------
+    amplitude : float
+        Pixels above it are marked, in units of the image.
+    size : float
+        Least marked area of a cluster, m².
+    std : float
+        Largest standard deviation of the amplitude in a cluster, in units of the image.
+    energy_ratio : float
+        Largest E_out/E_in.
+    """
+
+    amplitude: float
+    size: float
+    std: float
+    energy_ratio: float
+
+
+def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) -> pd.DataFrame:
+    """Mark the pixels above a threshold and gather them into clusters (Sec. 3.1.1).
+
+    The paper names a clustering method without its parameters; here the strongest marked pixel that is still free
+    gathers all free marked pixels within ``radius``, and so on.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Magnitude (y, x) on a uniform grid; NaN is never marked.
+    threshold : float
+        Amplitude.
+    radius : float
+        Radius of a cluster, m; the paper's is 20 cm.
+
+    Returns
+    -------
+    DataFrame
+        x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes; from strong
+        to weak.
+
+    Raises
+    ------
+    ValueError
+        If the image is not two-dimensional or the radius not positive.
+    """
+    if image.dims != ("y", "x"):
+        raise ValueError(f"image must have the dimensions (y, x), got {image.dims}")
+    if not radius > 0:
+        raise ValueError(f"radius must be positive, got {radius}")
+    values = np.asarray(image.values, dtype=np.float64)
+    x, y = image["x"].values, image["y"].values
+    rows, columns = np.nonzero(values > threshold)
+    order = np.argsort(-values[rows, columns], kind="stable")
+    rows, columns = rows[order], columns[order]
+    amplitude = values[rows, columns]
+    place = np.column_stack([x[columns], y[rows]])
+    pixel = float((x[1] - x[0]) * (y[1] - y[0]))
+    found = []
+    for members in _leaders(place, radius):
+        inside = amplitude[members]
+        found.append((*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std()))
+    return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
+
+
+def _leaders(place: FloatArray, radius: float) -> list[NDArray[np.intp]]:
+    """Group points, each group about the first free one in the given order."""
+    if not len(place):
+        return []
+    tree = cKDTree(place)
+    free = np.ones(len(place), np.bool_)
+    groups = []
+    for i in range(len(place)):
+        if free[i]:
+            near = np.sort(np.asarray(tree.query_ball_point(place[i], radius * (1 + 1e-9)), dtype=np.intp))
+            members = near[free[near]]
+            free[members] = False
+            groups.append(members)
+    return groups
+
+
+def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
+    """Energy outside the elliptical template over the energy inside (Sec. 3.1.3).
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Magnitude (y, x) on a uniform grid.
+    places : (n, 2) array_like
+        x, y of the templates' centres, m.
+    ellipse : Ellipse
+        The template; what reaches beyond the image is left out.
+
+    Returns
+    -------
+    (n,) ndarray
+        E_out/E_in; inf where no energy is inside.
+    """
+    power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
+    x, y = image["x"].values, image["y"].values
+    ratio = np.empty(len(np.reshape(places, (-1, 2))))
+    for i, (u, v) in enumerate(np.reshape(np.asarray(places, dtype=np.float64), (-1, 2))):
+        rows = np.flatnonzero(np.abs(y - v) <= 2 * ellipse.half_y)
+        columns = np.flatnonzero(np.abs(x - u) <= 2 * ellipse.half_x)
+        inside = ((x[columns] - u) / ellipse.half_x) ** 2 + ((y[rows, None] - v) / ellipse.half_y) ** 2 <= 1
+        part = power[np.ix_(rows, columns)]
+        e_in = float(part[inside].sum())
+        ratio[i] = (float(part.sum()) - e_in) / e_in if e_in > 0 else math.inf
+    return ratio
+
+
+def prescreen_clusters(
+    image: xr.DataArray, thresholds: ClusterThresholds, ellipse: Ellipse, radius: float = 0.2
+) -> pd.DataFrame:
+    """Apply the three prescreeners in sequence to one image (Sec. 3.1).
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Magnitude (y, x) on a uniform grid.
+    thresholds : ClusterThresholds
+        Limits.
+    ellipse : Ellipse
+        Template of the energy ratio.
+    radius : float
+        Radius of a cluster, m.
+
+    Returns
+    -------
+    DataFrame
+        ``CLUSTER_COLUMNS`` of the clusters that pass all three.
+    """
+    table = find_clusters(image, thresholds.amplitude, radius)
+    table = table[(table["size"] >= thresholds.size) & (table["std"] <= thresholds.std)]
+    ratio = energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse)
+    table = table.assign(energy_ratio=ratio)
+    return table[table["energy_ratio"] <= thresholds.energy_ratio].reset_index(drop=True)
+
+
+def learn_thresholds(
+    image: xr.DataArray, places: ArrayLike, ellipse: Ellipse, radius: float = 0.2, reach: float = 0.5,
+    pass_share: float = 0.9,
+) -> ClusterThresholds:  # fmt: skip
+    """Set the thresholds so that a share of given mines passes each prescreener on its own.
+
+    A mine's peak is the largest pixel within ``reach``. The amplitude threshold is half the peak that the share of the
+    mines exceeds, so that a cluster is what lies within 6 dB of a weak mine's peak; the other limits are quantiles over
+    the clusters about the peaks.
+
+    Parameters
+    ----------
+    image : xarray.DataArray
+        Magnitude (y, x) on a uniform grid.
+    places : (n, 2) array_like
+        x, y of the mines, m; from a subset that is not used again.
+    ellipse : Ellipse
+        Template of the energy ratio.
+    radius, reach : float
+        Radius of a cluster, and how far a peak may lie from its mine, m.
+    pass_share : float
+        Share of the mines.
+
+    Returns
+    -------
+    ClusterThresholds
+        Limits.
+
+    Raises
+    ------
+    ValueError
+        If there is no mine in the image, or the share is not in (0, 1].
+    """
+    if not 0 < pass_share <= 1:
+        raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
+    values = np.nan_to_num(np.asarray(image.values, dtype=np.float64))
+    x, y = np.meshgrid(image["x"].values, image["y"].values)
+    peaks = []
+    for u, v in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
+        near = np.flatnonzero(((x - u) ** 2 + (y - v) ** 2 <= reach**2).ravel())
+        if near.size:
+            peaks.append(near[values.ravel()[near].argmax()])
+    if not peaks:
+        raise ValueError("places must hold at least one mine inside the image, got none")
+    amplitude = 0.5 * float(np.quantile(values.ravel()[peaks], 1 - pass_share))
+    pixel = float((image["x"].values[1] - image["x"].values[0]) * (image["y"].values[1] - image["y"].values[0]))
+    sizes, spreads = [], []
+    for peak in peaks:
+        disc = (x - x.ravel()[peak]) ** 2 + (y - y.ravel()[peak]) ** 2 <= radius**2 * (1 + 1e-9)
+        marked = values[disc & (values > amplitude)]
+        sizes.append(marked.size * pixel)
+        spreads.append(marked.std() if marked.size else 0.0)
+    ratio = energy_ratio(image, np.column_stack([x.ravel()[peaks], y.ravel()[peaks]]), ellipse)
+    return ClusterThresholds(
+        amplitude,
+        float(np.quantile(sizes, 1 - pass_share)),
+        float(np.quantile(spreads, pass_share)),
+        float(np.quantile(ratio, pass_share)),
+    )
+
+
+def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
+    """Match the ellipse to a mean signature: semi-axes where an even ellipse has the signature's second moments.
+
+    Parameters
+    ----------
+    template : (y, x) array_like
+        Mean signature, magnitude.
+    spacing : tuple of float
+        Pixel spacing x, y, m.
+
+    Returns
+    -------
+    Ellipse
+        Its half-axes, twice the rms width of the signature's energy above its median.
+    """
+    power = np.asarray(template, dtype=np.float64) ** 2
+    power = np.maximum(power - np.median(power), 0)
+    half = []
+    for axis, step in ((1, spacing[0]), (0, spacing[1])):
+        profile = power.sum(axis=1 - axis)
+        place = np.arange(profile.size) * step
+        centre = (place * profile).sum() / profile.sum()
+        half.append(2 * math.sqrt(max(((place - centre) ** 2 * profile).sum() / profile.sum(), (step / 2) ** 2)))
+    return Ellipse(half[0], half[1])
+
+
+def fuse_clusters(
+    tables: Mapping[tuple[str, float], pd.DataFrame], radius: float = 0.4, rule: Rule = "and"
+) -> pd.DataFrame:
+    """Bring together the clusters of all polarizations and ranges into regions (par. 18 and 44).
+
+    Parameters
+    ----------
+    tables : mapping of (polarization, range) to DataFrame
+        Clusters that passed, with x, y, peak.
+    radius : float
+        Clusters within it of the strongest make one region, m.
+    rule : {"and", "or", "and-or"}
+        Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some polarization (par. 44).
+
+    Returns
+    -------
+    DataFrame
+        x, y (m), mean over the images' strongest clusters; ``images``, how many saw it; ``strength``, its peak over the
+        image's mean peak.
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown or there is no image.
+    """
+    if rule not in RULES:
+        raise ValueError(f"rule must be one of {', '.join(RULES)}, got {rule!r}")
+    if not tables:
+        raise ValueError("tables must hold at least one image, got none")
+    keys = list(tables)
+    parts = [
+        table[["x", "y"]].assign(strength=table["peak"] / table["peak"].mean(), image=i)
+        for i, table in enumerate(tables.values())
+    ]
+    pool = pd.concat(parts, ignore_index=True).sort_values("strength", ascending=False, kind="stable")
+    pool = pool.reset_index(drop=True)
+    regions = []
+    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius):
+        best = pool.iloc[members].drop_duplicates("image")
+        if _passes({keys[i] for i in best["image"]}, keys, rule):
+            regions.append((best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0]))
+    table = pd.DataFrame(regions, columns=["x", "y", "images", "strength"])
+    return table.astype({"x": float, "y": float, "images": int, "strength": float})
+
+
+def _passes(seen: set[tuple[str, float]], keys: list[tuple[str, float]], rule: Rule) -> bool:
+    if rule == "and":
+        return len(seen) == len(keys)
+    if rule == "or":
+        return bool(seen)
+    return any(all(key in seen for key in keys if key[0] == name) for name in {name for name, _ in keys})

@@ -1,0 +1,131 @@
+"""Who may ask: the right host, the right origin, the token; everyone else gets 403, on every route."""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+SECURITY_HEADERS = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+    "cache-control": "no-store",
+}
+_WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether a host to listen on can be reached from this machine only.
+
+    Parameters
+    ----------
+    host : str
+        Name or address.
+
+    Returns
+    -------
+    bool
+        True for ``localhost`` and loopback addresses.
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Guard:
+    """Lets a request through only if host, origin and token are right; answers GET only.
+
+    The token is the first part of the path, so that no cookie is needed, which other ports of this machine would share.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What is guarded; it sees the path without the token.
+    token : str
+        The token.
+    host, port : str, int
+        Where the server listens. On a wildcard address any literal address and this machine's own name are right:
+        rebinding a foreign name to it stays wrong.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
+        self._app, self._token, self._port = app, token, port
+        names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {_bracketed(host)}
+        self._wildcard = host in _WILDCARDS
+        if self._wildcard:
+            names |= {socket.gethostname().lower(), "localhost"}
+        self._names = names
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        inner = self._inner_path(scope["path"])
+        if inner is None or not self._right_place(Headers(scope=scope)):
+            await PlainTextResponse("403 forbidden\n", 403, dict(SECURITY_HEADERS))(scope, receive, send)
+            return
+        if scope["method"] != "GET":
+            headers = dict(SECURITY_HEADERS) | {"allow": "GET"}
+            await PlainTextResponse("405 only GET\n", 405, headers)(scope, receive, send)
+            return
+
+        async def send_secured(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                own = [(name.encode(), value.encode()) for name, value in SECURITY_HEADERS.items()]
+                message["headers"] = [*message.get("headers", []), *own]
+            await send(message)
+
+        await self._app({**scope, "path": inner, "raw_path": inner.encode()}, receive, send_secured)
+
+    def _inner_path(self, path: str) -> str | None:
+        head, _, rest = path.removeprefix("/").partition("/")
+        right = secrets.compare_digest(head.encode(), self._token.encode())
+        return "/" + rest if right and path.startswith(f"/{head}/") else None
+
+    def _right_place(self, headers: Headers) -> bool:
+        hosts = headers.getlist("host")
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            return False
+        origins = headers.getlist("origin")
+        if any(not _same_origin(origin, hosts[0]) for origin in origins):
+            return False
+        site = headers.get("sec-fetch-site", "none")
+        return site in ("none", "same-origin") or headers.get("sec-fetch-mode") == "navigate"
+
+    def _is_own(self, host: str) -> bool:
+        name, separator, port = host.lower().rpartition(":")
+        if not separator or port != str(self._port):
+            return False
+        return name in self._names or (self._wildcard and _is_address(name))
+
+
+def _same_origin(origin: str, host: str) -> bool:
+    return origin.lower() == f"http://{host.lower()}"
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host.lower()
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    return True

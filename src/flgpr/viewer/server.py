@@ -1,0 +1,227 @@
+"""The server: GET only, read only, on this machine unless told otherwise."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import socket
+import threading
+import warnings
+import webbrowser
+from collections.abc import Awaitable, Callable, Sequence
+from importlib import resources
+from pathlib import Path
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from flgpr.viewer.guard import Guard, is_loopback
+from flgpr.viewer.session import LIVE_FILE, LiveFile, Source, ViewError, open_source
+
+STATIC = {
+    "": ("index.html", "text/html; charset=utf-8"),
+    "app.js": ("app.js", "text/javascript; charset=utf-8"),
+    "app.css": ("app.css", "text/css; charset=utf-8"),
+    "icon.svg": ("icon.svg", "image/svg+xml"),
+}
+_JSON, _BYTES = "application/json", "application/octet-stream"
+
+Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+class Viewer:
+    """A viewer that listens, and serves once :meth:`run` is called.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Result folders or runs; the first is shown, a second can be compared with it. Empty only with ``live``.
+    host : str
+        Address to listen on.
+    port : int
+        Port; 0 takes a free one.
+    allow_remote : bool
+        Must be True to listen on an address that other machines can reach.
+    live : path, optional
+        Folder whose ``live.jsonl`` is followed.
+    score : path, optional
+        Folder the first result's score was written to, if not its own.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to show, a path is not valid, or the address is not of this machine and ``allow_remote``
+        is False.
+    FileNotFoundError
+        If there is nothing at a path.
+    OSError
+        If the port is taken.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[str | Path],
+        host: str = "127.0.0.1",
+        port: int = 0,
+        allow_remote: bool = False,
+        live: str | Path | None = None,
+        score: str | Path | None = None,
+    ) -> None:
+        if not paths and live is None:
+            raise ValueError("paths must name a result or a run to view, got none")
+        if not is_loopback(host):
+            if not allow_remote:
+                raise ValueError(
+                    f"host must be of this machine (127.0.0.1) unless remote access is allowed, got {host}"
+                )
+            warnings.warn(
+                f"the viewer listens on {host}: whoever reaches it and learns the address with its token can read "
+                "these results, and nothing on the way is encrypted",
+                stacklevel=2,
+            )
+        self._sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
+        self._live = LiveFile(live) if live is not None else _live_beside(self._sources)
+        self.token = secrets.token_urlsafe(24)
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((host, port))
+        except OSError:
+            self._socket.close()
+            raise
+        self.host, self.port = host, int(self._socket.getsockname()[1])
+        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port)
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, lifespan="off", server_header=False, ws="none", http="h11"
+        )
+        self._server = uvicorn.Server(config)
+
+    @property
+    def url(self) -> str:
+        """Address of the page, token included."""
+        shown = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host  # noqa: S104
+        return f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/{self.token}/"
+
+    def run(self) -> None:
+        """Serve until :meth:`stop` or an interrupt."""
+        try:
+            self._server.run(sockets=[self._socket])
+        finally:
+            self._socket.close()
+
+    def stop(self) -> None:
+        """Let :meth:`run` end."""
+        self._server.should_exit = True
+
+    def _routes(self) -> list[Route]:
+        reads: dict[str, Callable[..., Response]] = {
+            "/data/session.json": self._session,
+            "/data/live": self._live_events,
+            "/data/{source:int}/index.json": self._index,
+            "/data/{source:int}/score.json": self._score,
+            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._tile,
+            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._evidence,
+        }
+        routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
+        return routes + [Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC]
+
+    def _session(self, request: Request) -> Response:  # noqa: ARG002
+        titles = [source.title for source in self._sources]
+        return _answer(json.dumps({"results": titles, "live": self._live is not None}).encode(), _JSON)
+
+    def _index(self, request: Request) -> Response:
+        return _answer(self._source(request).index_bytes(), _JSON)
+
+    def _score(self, request: Request) -> Response:
+        return _answer(self._source(request).score_bytes() or b"null", _JSON)
+
+    def _tile(self, request: Request) -> Response:
+        number = [request.path_params[name] for name in ("layer", "level", "tile")]
+        return _answer(self._source(request).tile(*number), _BYTES)
+
+    def _evidence(self, request: Request) -> Response:
+        number = [request.path_params[name] for name in ("detection", "alarm")]
+        return _answer(self._source(request).evidence(*number), _BYTES)
+
+    def _live_events(self, request: Request) -> Response:
+        text = request.query_params.get("after", "0")
+        if self._live is None or not (text.isascii() and text.isdigit() and len(text) < 16):
+            return _answer(None, _JSON)
+        return _answer(json.dumps(self._live.after(int(text))).encode(), _JSON)
+
+    def _source(self, request: Request) -> Source:
+        number = request.path_params["source"]
+        if number >= len(self._sources):
+            raise HTTPException(404)
+        return self._sources[number]
+
+
+def serve(
+    paths: str | Path | Sequence[str | Path],
+    host: str = "127.0.0.1",
+    port: int = 0,
+    open_browser: bool = True,
+    allow_remote: bool = False,
+    live: str | Path | None = None,
+    score: str | Path | None = None,
+    announce: Callable[[str], None] = print,
+) -> None:
+    """Show results in the browser until interrupted.
+
+    Parameters
+    ----------
+    paths : path or sequence of path
+        Result folders or runs; with two, they can be compared.
+    host, port, allow_remote, live, score
+        As for :class:`Viewer`.
+    open_browser : bool
+        Whether to open the page.
+    announce : callable
+        Told the address of the page.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, OSError
+        As :class:`Viewer`.
+    """
+    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    viewer = Viewer(several, host, port, allow_remote, live, score)
+    announce(viewer.url)
+    if open_browser:
+        threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
+    with contextlib.suppress(KeyboardInterrupt):
+        viewer.run()
+
+
+def _live_beside(sources: Sequence[Source]) -> LiveFile | None:
+    if sources and (sources[0].folder / LIVE_FILE).is_file():
+        return LiveFile(sources[0].folder)
+    return None
+
+
+def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
+    async def answer(request: Request) -> Response:
+        try:
+            return await run_in_threadpool(read, request)
+        except ViewError as error:
+            return Response(json.dumps({"error": str(error)}), 500, media_type=_JSON)
+
+    return answer
+
+
+def _static(name: str) -> Callable[[Request], Response]:
+    file, kind = STATIC[name]
+    return lambda request: _answer((resources.files("flgpr.viewer") / "static" / file).read_bytes(), kind)  # noqa: ARG005
+
+
+def _answer(content: bytes | None, kind: str) -> Response:
+    if content is None:
+        return Response("404 not found\n", 404, media_type="text/plain")
+    return Response(content, media_type=kind)

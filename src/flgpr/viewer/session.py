@@ -1,0 +1,311 @@
+"""What is open in the viewer: results, runs and live folders, read piece by piece and checked against their digests."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flgpr.io import canonical_json, open_run, sha256
+
+VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
+LIVE_FILE = "live.jsonl"
+_LIVE_BYTES = 2**20
+
+
+class ViewError(ValueError):
+    """What should be shown is missing, altered or of another version."""
+
+
+class ResultFiles:
+    """The viewer's files of a result folder; nothing stays in memory but the index.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder.
+    score : path, optional
+        Folder with ``view/score.json`` if the score was written elsewhere.
+
+    Raises
+    ------
+    ViewError
+        If the folder is no result, holds no view, or its index differs from what was written.
+    """
+
+    def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
+        self.folder = Path(folder).resolve()
+        try:
+            self._manifest = (self.folder / "manifest.json").read_bytes()
+            self._digests: dict[str, str] = json.loads(self._manifest)["files"]
+        except (OSError, ValueError, KeyError, TypeError):
+            raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
+        if "view/index.json" not in self._digests:
+            raise ViewError(f"{folder}: made by a version that wrote no view; run flgpr detect again")
+        self._checked: dict[str, tuple[int, int]] = {}
+        self.index: dict[str, Any] = json.loads(self._read("index.json"))
+        if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
+            raise ViewError(f"{folder}: view must be {VIEW_FORMAT} version {VIEW_VERSION}")
+        self._score_home = Path(score).resolve() if score is not None else self.folder
+
+    @property
+    def title(self) -> str:
+        """Name of the folder and of the run."""
+        return f"{self.folder.name} ({self.index['title']})"
+
+    def index_bytes(self) -> bytes:
+        """Read the index as it was written."""
+        return self._read("index.json")
+
+    def score_bytes(self) -> bytes | None:
+        """Read the score.
+
+        Returns
+        -------
+        bytes or None
+            JSON; None where the result was not scored.
+
+        Raises
+        ------
+        ViewError
+            If the score was altered or belongs to another result.
+        """
+        try:
+            stored = json.loads((self._score_home / "view" / "score.json").read_bytes())
+            body = canonical_json(stored["content"])
+        except FileNotFoundError:
+            return None
+        except (ValueError, KeyError, TypeError):
+            raise ViewError("view/score.json cannot be read") from None
+        if sha256(body) != stored.get("sha256"):
+            raise ViewError("view/score.json differs from what was written")
+        if stored["content"]["result_sha256"] != sha256(self._manifest):
+            raise ViewError("view/score.json belongs to another result; run flgpr score again")
+        return body
+
+    def tile(self, layer: int, level: int, tile: int) -> bytes | None:
+        """Read rows of a layer.
+
+        Parameters
+        ----------
+        layer, level, tile : int
+            Which; a tile is ``tile_rows`` rows of all columns.
+
+        Returns
+        -------
+        bytes or None
+            Little-endian half floats, dB; None if there is no such tile.
+
+        Raises
+        ------
+        ViewError
+            If the file differs from what was written.
+        """
+        layers = self.index["layers"]
+        if not (0 <= layer < len(layers) and 0 <= level < len(layers[layer]["levels"])):
+            return None
+        entry = layers[layer]["levels"][level]
+        first = tile * self.index["tile_rows"]
+        if not 0 <= first < entry["rows"]:
+            return None
+        width = 2 * self.index["grid"]["nx"]
+        rows = min(self.index["tile_rows"], entry["rows"] - first)
+        return self._read(entry["file"], first * width, rows * width)
+
+    def evidence(self, detection: int, alarm: int) -> bytes | None:
+        """Read what explains an alarm.
+
+        Parameters
+        ----------
+        detection, alarm : int
+            Which.
+
+        Returns
+        -------
+        bytes or None
+            Little-endian half floats, dB; None if nothing is stored.
+
+        Raises
+        ------
+        ViewError
+            If the file differs from what was written.
+        """
+        detections = self.index["detections"]
+        if not 0 <= detection < len(detections) or "evidence" not in detections[detection]:
+            return None
+        entry = detections[detection]["evidence"]
+        if not 0 <= alarm < len(entry["start"]) - 1:
+            return None
+        first, end = entry["start"][alarm : alarm + 2]
+        return self._read(entry["file"], 2 * first, 2 * (end - first))
+
+    def _read(self, name: str, offset: int = 0, length: int = -1) -> bytes:
+        """Read part of a file of the view, whose digest is checked whenever it has changed on disk."""
+        home = self.folder / "view"
+        path = (home / name).resolve()
+        if not path.is_relative_to(home):
+            raise ViewError(f"view/{name} leads out of the result folder")
+        try:
+            with path.open("rb") as file:
+                state = os.fstat(file.fileno())
+                stamp = state.st_mtime_ns, state.st_size
+                if self._checked.get(name) != stamp:
+                    if sha256(file.read()) != self._digests.get(f"view/{name}"):
+                        raise ViewError(f"view/{name} differs from what was written")
+                    self._checked[name] = stamp
+                file.seek(offset)
+                return file.read(length)
+        except OSError:
+            raise ViewError(f"view/{name} is missing") from None
+
+
+class RunFiles:
+    """A run without a result: where the vehicle went, nothing more.
+
+    Parameters
+    ----------
+    path : path
+        Run store.
+
+    Raises
+    ------
+    ValueError
+        If it is no run.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.folder = Path(path).resolve()
+        run = open_run(path)
+        pose = np.asarray(run["pose"].values, dtype=np.float64)
+        masked = np.flatnonzero(~np.asarray(run["valid"].values).reshape(len(pose), -1).all(axis=1))
+        low, high = pose[:, :2].min(axis=0) - 5, pose[:, :2].max(axis=0) + 5
+        frequency = run["frequency"].values
+        self.title = f"{self.folder.name} (run)"
+        self.index: dict[str, Any] = {
+            "format": VIEW_FORMAT,
+            "version": VIEW_VERSION,
+            "title": str(run.attrs.get("title", self.folder.stem)),
+            "lane": {"x_min": low[0], "x_max": high[0], "y_min": low[1], "y_max": high[1]},
+            "grid": None,
+            "tile_rows": 0,
+            "unit": "dB",
+            "channel": ["", ""],
+            "layers": [],
+            "scans": {name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))}
+            | {"masked": masked.tolist()},
+            "georeference": run.attrs.get("georeference"),
+            "detections": [],
+            "run": {
+                "polarizations": [str(label) for label in run["polarization"].values],
+                "pairs": int(run.sizes["pair"]),
+                "tones": len(frequency),
+                "frequency_hz": [float(frequency[0]), float(frequency[-1])],
+            },
+        }
+
+    def index_bytes(self) -> bytes:
+        """Write the index as JSON."""
+        return canonical_json(self.index)
+
+    def score_bytes(self) -> bytes | None:
+        """Tell that a run has no score."""
+        return None
+
+    def tile(self, layer: int, level: int, tile: int) -> bytes | None:  # noqa: ARG002
+        """Tell that a run has no layers."""
+        return None
+
+    def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
+        """Tell that a run has no alarms."""
+        return None
+
+
+class LiveFile:
+    """Events of a live run: one JSON object per line in ``live.jsonl``, only ever appended to.
+
+    Parameters
+    ----------
+    folder : path
+        Folder that holds the file, now or later.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._path = Path(folder).resolve() / LIVE_FILE
+
+    def after(self, offset: int) -> dict[str, Any]:
+        """Read events that came since.
+
+        Parameters
+        ----------
+        offset : int
+            Where the last answer ended, bytes; 0 at first.
+
+        Returns
+        -------
+        dict
+            ``events``; ``next``, the offset to ask for then; ``bad``, lines that were no JSON object. A line without
+            its end is left for the next time; a file that was begun anew is read from its start (``restarted``).
+        """
+        try:
+            with self._path.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                restarted = offset > size
+                start = 0 if restarted else offset
+                file.seek(start)
+                data = file.read(_LIVE_BYTES)
+        except OSError:
+            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0}
+        whole = data[: data.rfind(b"\n") + 1]
+        if not whole and len(data) == _LIVE_BYTES:
+            whole = data
+        events, bad = [], 0
+        for line in whole.splitlines():
+            try:
+                event = json.loads(line, parse_constant=lambda _: None)
+            except ValueError:
+                event = None
+            if isinstance(event, dict):
+                events.append(event)
+            else:
+                bad += bool(line.strip())
+        return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted}
+
+
+Source = ResultFiles | RunFiles
+
+
+def open_source(path: str | Path, score: str | Path | None = None) -> Source:
+    """Open a result folder or a run.
+
+    Parameters
+    ----------
+    path : path
+        Result folder (or its alarms.csv) or run store.
+    score : path, optional
+        Folder the score was written to, if not the result's.
+
+    Returns
+    -------
+    ResultFiles or RunFiles
+        What can be shown of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is nothing at the path.
+    ValueError
+        If it is neither, or damaged.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"nothing to view at {path}")
+    if path.name == "alarms.csv":
+        path = path.parent
+    if (path / "manifest.json").is_file():
+        return ResultFiles(path, score)
+    if (path / "commit.json").is_file():
+        return RunFiles(path)
+    raise ViewError(f"path must be a result folder or a run, got {path}")

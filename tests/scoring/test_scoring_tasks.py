@@ -1,0 +1,106 @@
+import json
+
+import pandas as pd
+import pytest
+
+from flgpr.io import read_table
+from flgpr.model import Lane
+from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines, read_lanes, score_alarms, score_sealed, seal
+from flgpr.scoring import content_hash, pd_mean, read_register, register, roc
+
+LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
+PHRASE = "correct horse battery"
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "lane.toml").write_text(LANE)
+    (tmp_path / "recipe.toml").write_text("name = 'x'\n")
+    (tmp_path / "truth.csv").write_text("target_id,x,y,kind,depth\na,0,10,metal,0\nb,1,30,plastic,0.05\n")
+    (tmp_path / "alarms.csv").write_text("x,y,confidence\n0.1,10.2,3\n-1,50,2\n1,30,1\n")
+    (tmp_path / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,3\n")
+    return tmp_path
+
+
+def test_an_alarm_list_is_scored_without_a_result_folder(files):
+    told = score_alarms(
+        files / "alarms.csv", files / "truth.csv", files / "lane.toml", files / "score", draws=20
+    )  # fmt: skip
+    curve = roc(
+        read_table(files / "alarms.csv", "alarms"), read_table(files / "truth.csv", "truth"), Lane(-2, 2, 0, 60)
+    )
+    assert told["pd_mean"]["value"] == pd_mean(curve)
+    assert told["alarms_sha256"] == content_hash(files / "alarms.csv")
+    for name in ("report.html", "roc.json", "roc.png", "roc.pdf"):
+        assert (files / "score" / name).stat().st_size > 0
+    json.dumps(told, allow_nan=False)
+
+
+def test_the_truth_stays_closed_until_the_recipe_is_registered(files):
+    book = files / "book.jsonl"
+    arguments = (files / "alarms.csv", files / "no-truth.csv", files / "lane.toml", files / "score")
+    with pytest.raises(ValueError, match="recipe must be registered"):
+        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
+    with pytest.raises(ValueError, match="must be given together"):
+        score_alarms(*arguments, recipe=files / "recipe.toml")
+    register(book, recipe=content_hash(files / "recipe.toml"))
+    with pytest.raises(FileNotFoundError, match="truth file not found"):
+        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
+    assert read_register(book)[-1]["event"] == "truth opened"
+    assert not (files / "score").exists()
+
+
+def test_a_truth_is_sealed_and_scored_blind(files):
+    pytest.importorskip("cryptography")
+    sealed = seal(files / "truth.csv", files / "lane.toml", files / "sealed", PHRASE)
+    score = score_sealed(files / "alarms.csv", sealed, PHRASE, files / "blind")
+    assert score.counts["n_targets"] == 2
+    told = json.loads((files / "blind" / "roc.json").read_text())
+    assert told["looks"] == 1
+    assert "threshold" not in told["points"][0]
+    with pytest.raises(FileNotFoundError, match="sealed truth not found"):
+        score_sealed(files / "alarms.csv", files / "none", PHRASE)
+
+
+def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
+    plan, line = plan_lane(
+        files / "lane.toml", files / "sorts.csv", 7, files / "plan.csv", recipe=files / "recipe.toml"
+    )  # fmt: skip
+    pd.testing.assert_frame_equal(read_table(files / "plan.csv", "truth"), plan)
+    assert line["plan"] == content_hash(files / "plan.csv")
+    assert line["recipe"] == content_hash(files / "recipe.toml")
+    assert line["seed"] == 7
+    with pytest.raises(FileExistsError, match="drawn once"):
+        plan_lane(files / "lane.toml", files / "sorts.csv", 8, files / "plan.csv")
+    book = files / "plan.csv.register.jsonl"
+    told = score_alarms(
+        files / "alarms.csv", files / "truth.csv", files / "lane.toml", files / "score", draws=20,
+        recipe=files / "recipe.toml", book=book,
+    )  # fmt: skip
+    assert told["recipe_registered"] == line["time"]
+
+
+def test_a_sample_size_is_told_in_words():
+    plan, lines = plan_mines()
+    assert plan.mines == 29
+    assert "29 mines" in lines[1]
+    _, lines = plan_mines(true_pd=0.97, true_far=0.005)
+    assert len(lines) == 5
+
+
+def test_lanes_come_as_toml_or_csv_one_or_several(files):
+    assert read_lanes(files / "lane.toml") == Lane(-2, 2, 0, 60)
+    two = files / "two.toml"
+    two.write_text("[a]\n" + LANE + "[b]\n" + LANE)
+    assert read_lanes(two) == {"a": Lane(-2, 2, 0, 60), "b": Lane(-2, 2, 0, 60)}
+    table = files / "lanes.csv"
+    table.write_text("lane,x_min,x_max,y_min,y_max\na,-2,2,0,60\n")
+    assert read_lanes(table) == {"a": Lane(-2, 2, 0, 60)}
+    two.write_text("x_min = 1\n")
+    with pytest.raises(ValueError, match=r"two.toml: lane must hold"):
+        read_lanes(two)
+    two.write_text("a = 1\n")
+    with pytest.raises(ValueError, match=r"two.toml"):
+        read_lanes(two)
+    with pytest.raises(FileNotFoundError, match="lane file not found"):
+        read_lanes(files / "none.toml")

@@ -1,0 +1,36 @@
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from flgpr.viewer import Viewer
+
+
+@contextmanager
+def running(shown, **options):
+    viewer = shown if isinstance(shown, Viewer) else Viewer(shown, **options)
+    thread = threading.Thread(target=viewer.run)
+    thread.start()
+    try:
+        for _ in range(500):
+            if viewer._server.started:
+                break
+            time.sleep(0.01)
+        yield viewer
+    finally:
+        viewer.stop()
+        thread.join(20)
+        assert not thread.is_alive()
+
+
+@pytest.fixture(scope="session")
+def serving():
+    """Start a viewer in a thread for as long as a ``with`` block lasts."""
+    return running
+
+
+@pytest.fixture(scope="session")
+def shown(demo):
+    with running([demo[0].folder]) as viewer:
+        yield viewer

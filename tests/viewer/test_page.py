@@ -1,0 +1,430 @@
+"""The page in Debian's headless Chromium: what a user does with mouse and keyboard."""
+
+import csv
+import io
+import json
+import re
+import shutil
+import statistics
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+from long_lane import make_long_lane  # noqa: E402
+
+CHROMIUM = shutil.which("chromium") or ""
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs chromium")
+FLAGS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update",
+]  # fmt: skip
+ROWS = 12_000
+
+
+def viridis(share):
+    return 255 * np.array(matplotlib.colormaps["viridis"](share)[:3])
+
+
+@pytest.fixture(scope="module")
+def long_lanes(tmp_path_factory):
+    home = tmp_path_factory.mktemp("long")
+    return [make_long_lane(home / "one", ROWS, 3), make_long_lane(home / "two", ROWS // 4, 9)]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as play:
+        instance = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield instance
+        instance.close()
+
+
+class Watched:
+    """A page whose requests and errors are kept."""
+
+    def __init__(self, browser, viewer, **options):
+        options = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"} | options
+        self.context = browser.new_context(accept_downloads=True, **options)
+        self.page = self.context.new_page()
+        self.requests, self.errors = [], []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda line: line.type in ("error", "warning") and self.errors.append(line.text))
+        self.origin = f"http://127.0.0.1:{viewer.port}/"
+        self.page.goto(viewer.url)
+        self.until("performance.getEntriesByName('flgpr:first-picture').length > 0")
+
+    def close(self):
+        self.context.close()
+        assert self.errors == []
+        own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
+        assert own
+        assert all(url.startswith(self.origin) for url in own)
+
+    def saved(self, button):
+        self.page.click("#export-menu summary")
+        with self.page.expect_download() as info:
+            self.page.click(button)
+        self.page.click("#export-menu summary")
+        return info.value.suggested_filename, info.value.path().read_bytes()
+
+    def pixels(self):
+        """The lane's picture as an array, once what was asked for is drawn."""
+        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        seen = Image.open(io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box())))
+        return np.asarray(seen.convert("RGB")).astype(int)
+
+    def until(self, code):
+        """Wait for a condition; by asking again, since the page allows no script from strings."""
+        for _ in range(400):
+            if self.page.evaluate(code):
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(code)
+
+    def text(self, selector):
+        return self.page.inner_text(selector)
+
+
+@pytest.fixture
+def watch(browser):
+    pages = []
+
+    def start(viewer, **options):
+        pages.append(Watched(browser, viewer, **options))
+        return pages[-1]
+
+    yield start
+    for page in pages:
+        page.close()
+
+
+def test_the_picture_is_the_run_view(watch, shown, demo):
+    """Colours on the screen against the run-view the detection wrote, pixel by pixel, away from symbols."""
+    one = watch(shown)
+    for box in ("#show-alarms", "#show-truth"):
+        one.page.uncheck(box)
+    seen = one.pixels()
+    view = demo[0].detections[0].view.sel(polarization="HH", subband="0.45-1.5")
+    level = 20 * np.log10(view.values)
+    share = (level - np.nanmedian(level) + 5) / 35
+    place = one.page.evaluate(
+        """() => { const b = document.getElementById('lane').getBoundingClientRect();
+            return [b.width - 46 - 52, b.height - 8 - 34]; }"""
+    )
+    breadth, length = 57 * 0.05, 93 * 0.05
+    scale = min(0.985 * place[0] / length, 0.96 * place[1] / breadth)
+    agree = 0
+    inner = [(row, column) for row in range(3, 90, 4) for column in range(12, 45, 4)]
+    for row, column in inner:
+        px = 46 + place[0] / 2 + (view["y"].values[row] - 3.9) * scale
+        py = 8 + place[1] / 2 + view["x"].values[column] * scale
+        agree += np.abs(seen[round(py), round(px)] - viridis(np.clip(share[row, column], 0, 1))).max() <= 6
+    assert agree > 0.93 * len(inner)  # the lane's border is drawn over some
+
+
+def test_cursor_tells_place_and_amplitude(watch, shown, demo):
+    one = watch(shown)
+    box = one.page.locator("#lane").bounding_box()
+    one.page.mouse.move(box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 8 + (box["height"] - 42) / 2)
+    words = one.text("#readout").replace("\u2212", "-")
+    y, x, above, background = (
+        float(re.search(pattern, words).group(1))
+        for pattern in (r"y (\S+) m", r"x (\S+) m", r"(\S+) dB above", r"\((\S+) re background")
+    )
+    assert (y, x) == pytest.approx((3.9, 0.0), abs=0.02)
+    view = demo[0].detections[0].view.sel(polarization="HH", subband="0.45-1.5")
+    level = 20 * np.log10(view.values)
+    expected = level[int(np.abs(view["y"].values - y).argmin()), int(np.abs(view["x"].values - x).argmin())]
+    assert background == pytest.approx(expected, abs=0.1)
+    assert above == pytest.approx(expected - np.nanmedian(level), abs=0.1)
+    assert re.search(r"scan 2, range 2\.5 m|range 2\.6 m", words)
+
+
+def test_the_main_path_works_by_keyboard_alone(watch, shown, demo):
+    one = watch(shown)
+    page = one.page
+    alarms = demo[0].detections[0].alarms
+    page.keyboard.press("n")
+    assert one.text("#alarm-title") == alarms["alarm_id"][0]
+    page.keyboard.press("n")
+    assert one.text("#alarm-title") == alarms["alarm_id"][1]
+    assert "confidence 12.47" in page.text_content("#said")
+    page.keyboard.press("p")
+    assert one.text("#alarm-title") == alarms["alarm_id"][0]
+    page.keyboard.press("y")
+    assert page.is_checked('input[name="verdict"][value="mine"]')
+    page.keyboard.press("e")
+    page.keyboard.type("looks like a post, not n p y")
+    page.keyboard.press("Escape")
+    assert one.text("#alarm-title") == alarms["alarm_id"][0]
+    assert page.evaluate("document.activeElement.id") != "note"
+    page.keyboard.press(",")
+    assert "Alarms (10 of 11)" in one.text("#list-title")
+    page.keyboard.press(".")
+    for _ in range(3):
+        page.keyboard.press("+")
+    before = one.pixels()
+    page.keyboard.press("ArrowRight")
+    assert np.abs(one.pixels() - before).mean() > 1
+    page.keyboard.press("?")
+    assert page.locator("#keys").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator("#keys").is_visible()
+    page.keyboard.press("Escape")
+    assert page.locator("#alarm").is_hidden()
+    order = []
+    for _ in range(12):
+        page.keyboard.press("Tab")
+        order.append(page.evaluate("document.activeElement.id"))
+    assert {"a-set", "a-pol", "a-band", "help", "map"} <= set(order)
+
+
+def test_everything_has_a_name_for_screen_readers(watch, shown):
+    one = watch(shown)
+    one.page.keyboard.press("n")
+    one.page.wait_for_selector("#patches canvas")
+    nameless = one.page.evaluate(
+        """() => [...document.querySelectorAll('button, input, select, canvas, summary')].filter((e) => {
+            const label = e.labels && e.labels.length && e.labels[0].textContent.trim();
+            return !(label || e.getAttribute('aria-label') || e.textContent.trim() || e.getAttribute('aria-hidden')
+                || e.closest('.uplot'));
+        }).map((e) => e.outerHTML)"""
+    )
+    assert nameless == []
+    tree = one.page.locator("body").aria_snapshot()
+    for name in ("Lane picture", "Threshold", "Picture A: polarization", "scan 2, HH 0.45-1.5", "Verdict"):
+        assert name in tree
+    assert one.page.get_attribute("#threshold", "aria-valuetext") == ("confidence 0.6193: 2 of 3 found, 5 false alarms")
+
+
+def test_the_threshold_moves_counts_and_alarms(watch, shown, demo):
+    one = watch(shown)
+    curve = demo[1][0].curve
+    slider = one.page.locator("#threshold")
+    for row in (2, 5, len(curve) - 1, 0):
+        slider.fill(str(row))
+        counts = one.text("#counts")
+        expected = curve.iloc[row]
+        assert f"{expected['n_detected']:.0f} of 3" in counts
+        assert re.search(rf"false alarms\s+{expected['n_false']:.0f}\b", counts)
+        declared = (demo[0].detections[0].alarms["confidence"] >= expected["threshold"]).sum()
+        assert f"Alarms ({declared} of 11)" in one.text("#list-title")
+    slider.fill(str(len(curve) - 1))
+    one.page.select_option("#kind", "plastic")
+    assert "0 of 1" in one.text("#counts")
+    one.page.select_option("#kind", "metal")
+    one.page.select_option("#depth", "6 cm")
+    assert "1 of 1" in one.text("#counts")
+
+
+def test_a_click_selects_the_alarm_and_explains_it(watch, shown, demo):
+    one = watch(shown)
+    page = one.page
+    box = page.locator("#lane").bounding_box()
+    width, height = box["width"] - 98, box["height"] - 42
+    scale = min(0.985 * width / (93 * 0.05), 0.96 * height / (57 * 0.05))
+    alarm = demo[0].detections[0].alarms.iloc[2]
+    page.mouse.click(
+        box["x"] + 46 + width / 2 + (alarm["y"] - 3.9) * scale, box["y"] + 8 + height / 2 + alarm["x"] * scale
+    )
+    assert one.text("#alarm-title") == "alarm-3"
+    page.wait_for_selector("#patches canvas")
+    assert page.locator("#patches .scan").count() == 3
+    assert page.locator("#patches canvas").count() == 3 * 16
+    assert "contrast 6.882" in one.text("#why")
+    assert "adds +6.88" in one.text("#why")
+    assert page.locator("#cut-plot canvas").count() == 1
+    page.click("#tab-1")
+    assert "A-scan HH" in one.text("#trace-plot")
+    page.click("#tab-2")
+    assert "Entropy" in one.text("#polar-plot")
+    page.locator("#patches canvas").nth(5).click()
+    assert (page.input_value("#a-pol"), page.input_value("#a-band")) == ("HV", "0.45-0.8")
+
+
+def test_swipe_shows_both_pictures_and_blink_flips(watch, shown):
+    one = watch(shown)
+    page = one.page
+    for box in ("#show-alarms", "#show-truth"):
+        page.uncheck(box)
+    after = one.pixels()
+    page.keyboard.press("b")
+    page.keyboard.press("x")
+    before = one.pixels()
+    assert np.abs(before - after).mean() > 5
+    page.keyboard.press("s")
+    both = one.pixels()
+    middle = after.shape[1] // 2
+    inner = slice(60, 400)
+    assert np.abs(both - after)[inner, 60 : middle - 20].max() == 0
+    assert np.abs(both - before)[inner, middle + 20 : -60].max() == 0
+    box = page.locator("#lane").bounding_box()
+    x, y = box["x"] + 46 + (box["width"] - 98) / 2, box["y"] + 200
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 200, y, steps=4)
+    page.mouse.up()
+    moved = one.pixels()
+    assert np.abs(moved - before)[inner, middle - 150 : -60].max() == 0
+
+
+def test_exports_are_what_is_shown(watch, shown, demo):
+    one = watch(shown)
+    one.page.keyboard.press("n")
+    one.page.keyboard.press("r")
+    one.page.fill("#note", '=post, "roadside"')
+    one.page.locator("#threshold").fill("4")
+    alarms = demo[0].detections[0].alarms
+    name, data = one.saved("#export-csv")
+    rows = list(csv.DictReader(io.StringIO(data.decode())))
+    assert name == "flgpr-alarms.csv"
+    assert [row["alarm_id"] for row in rows] == alarms["alarm_id"][:4].tolist()
+    assert [float(row["confidence"]) for row in rows] == alarms["confidence"][:4].tolist()
+    assert (rows[0]["verdict"], rows[0]["note"]) == ("clutter", '\'=post, "roadside"')
+    one.page.locator("#rows input").nth(1).check()
+    _, data = one.saved("#export-geojson")
+    features = json.loads(data)["features"]
+    assert [f["properties"]["alarm_id"] for f in features] == ["alarm-2"]
+    assert features[0]["geometry"]["coordinates"] == alarms[["x", "y"]].iloc[1].tolist()
+    name, data = one.saved("#export-png")
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert len(data) > 20_000
+    _, data = one.saved("#export-svg")
+    assert data.startswith(b"<svg")
+    assert b"data:image/png;base64," in data
+    assert b"alarm-1" in data
+    _, data = one.saved("#export-notes")
+    notes = json.loads(data)["notes"]
+    assert notes == [
+        {"result": notes[0]["result"], "detection": "main", "alarm_id": "alarm-1", "x": alarms["x"][0],
+         "y": alarms["y"][0], "verdict": "clutter", "text": '=post, "roadside"'}
+    ]  # fmt: skip
+
+
+def test_two_results_on_one_lane(watch, serving, long_lanes):
+    with serving(long_lanes) as viewer:
+        one = watch(viewer)
+        one.page.keyboard.press("s")
+        assert one.page.locator("#a-set optgroup").count() == 2
+        words = one.text("#counts")
+        assert "A one" in words
+        assert "B two" in words
+        slider = one.page.locator("#threshold")
+        slider.fill("200")
+        false = [int(cell) for cell in re.search(r"false alarms\s+(\d+)\s+(\d+)", one.text("#counts")).groups()]
+        assert false[1] <= false[0]
+        assert "alarm of B" in one.text("#legend")
+        box = one.page.locator("#lane").bounding_box()
+        one.page.mouse.move(box["x"] + 300, box["y"] + 200)
+        assert re.search(r"48\.\d{6}°, 11\.\d{6}°", one.text("#readout"))
+
+
+def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys):
+    """Behaviour is asserted; times are told, since they depend on the machine."""
+    with serving(long_lanes[:1]) as viewer:
+        one = watch(viewer)
+        page = one.page
+        entry = "performance.getEntriesByName('flgpr:first-picture')[0].startTime"
+        first = page.evaluate(f"{entry} - performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd")
+        assert "stretched" in one.text("#badge")
+        box = page.locator("#lane").bounding_box()
+        page.mouse.move(box["x"] + 400, box["y"] + 250)
+        for _ in range(14):
+            page.mouse.wheel(0, -300)
+        page.wait_for_timeout(300)
+        assert one.text("#badge") == ""
+        start = float(re.search(r"y (\S+) m", one.text("#readout")).group(1))
+        before = one.pixels()
+        page.mouse.down()
+        page.mouse.move(box["x"] + 200, box["y"] + 250, steps=5)
+        page.mouse.up()
+        page.wait_for_timeout(300)
+        after = one.pixels()
+        inner = np.abs(after[100:400, 60:400] - before[100:400, 260:600]).max(axis=2) > 0
+        assert inner.mean() < 0.2  # the picture moved with the pointer; rounding shifts the edges of pixels
+        page.mouse.move(box["x"] + 200, box["y"] + 251)
+        assert float(re.search(r"y (\S+) m", one.text("#readout")).group(1)) == pytest.approx(start, abs=0.2)
+        page.keyboard.press("f")
+        code = """() => new Promise((done) => {
+            const canvas = document.getElementById('lane'), times = [];
+            const box = canvas.getBoundingClientRect();
+            const send = (type, x) => canvas.dispatchEvent(new PointerEvent(type,
+                { clientX: box.left + x, clientY: box.top + 250, button: 0, buttons: 1, pointerId: 1, bubbles: true }));
+            canvas.setPointerCapture = () => {};
+            send('pointerdown', 600);
+            let n = 0;
+            const step = (now) => {
+                times.push(now);
+                send('pointermove', 600 - 9 * (n % 60));
+                if (++n < 90) requestAnimationFrame(step);
+                else { send('pointerup', 600); done(times); }
+            };
+            requestAnimationFrame(step);
+        })"""
+        for _ in range(6):
+            page.keyboard.press("+")
+        page.wait_for_timeout(300)
+        page.evaluate("performance.clearMeasures('flgpr:frame')")
+        times = page.evaluate(code)
+        drawn = page.evaluate("performance.getEntriesByName('flgpr:frame').map((e) => e.duration)")
+        for name in ("magma", "cividis", "grey", "viridis"):
+            page.select_option("#map", name)
+        spent = page.evaluate("performance.getEntriesByName('flgpr:recolour').map((e) => e.duration)")
+    frames = 1000 / statistics.median(np.diff(times))
+    with capsys.disabled():
+        print(
+            f"\n1.2 km lane of 60 x {ROWS}: first picture {first:.0f} ms after the page, recolour "
+            f"{statistics.median(spent):.1f} ms, pan {frames:.0f} frames/s, {statistics.median(drawn):.1f} ms each"
+        )
+    assert len(spent) == 4
+    assert len(drawn) >= 30  # the picture was drawn while it moved, not once at the end
+
+
+def test_live_events_appear(watch, serving, tmp_path):
+    lines = [
+        {"event": "start", "title": "yard", "lane": {"x_min": -3, "x_max": 3, "y_min": 0, "y_max": 60}},
+        {"event": "scan", "scan": 0, "pose": [0, 2, 5, 0, 0, 0]},
+        {"event": "alarm", "alarm_id": "a1", "x": 1.0, "y": 12.5, "confidence": 4.5, "latency_ms": 80},
+        {"event": "scan", "scan": 1, "pose": [0, 4, 5, 0, 0, 0]},
+    ]
+    file = tmp_path / "live.jsonl"
+    file.write_text("".join(json.dumps(line) + "\n" for line in lines[:1]))
+    with serving([], live=tmp_path) as viewer:
+        one = watch(viewer)
+        with file.open("a") as out:
+            out.write("".join(json.dumps(line) + "\n" for line in lines[1:]))
+        one.until("document.querySelector('#live-words')?.textContent.includes('2 scans')")
+        assert "1 alarms, 80 ms" in one.text("#live-words")
+        assert "8.5 m ahead: a1" in one.text("#live")
+
+
+def test_an_altered_file_is_told_and_not_drawn(watch, serving, demo, tmp_path):
+    shutil.copytree(demo[0].folder, tmp_path / "result")
+    with serving([tmp_path / "result"]) as viewer:
+        one = watch(viewer)
+        for file in (tmp_path / "result" / "view" / "layers").glob("before*"):
+            file.write_bytes(b"\0" * file.stat().st_size)
+        one.page.select_option("#a-set", "0/before")
+        one.page.wait_for_selector("#message:not([hidden])")
+        assert "differs from what was written" in one.text("#message")
+        one.errors.clear()  # the browser's own line on the answer 500
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
+def test_nothing_is_cut_off(watch, shown, scheme, size):
+    one = watch(shown, viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+    one.page.keyboard.press("n")
+    one.page.wait_for_selector("#patches canvas")
+    assert one.page.evaluate("document.documentElement.dataset.theme") == scheme
+    over = one.page.evaluate(
+        """() => [...document.querySelectorAll('header, #display, #under, #alarm > header, aside')]
+            .filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.id || e.tagName)"""
+    )
+    assert over == []
+    small = one.page.evaluate("document.getElementById('lane').clientHeight")
+    assert small > 250

@@ -1,0 +1,243 @@
+import contextlib
+import http.client
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flgpr.io import sample_lane, sha256
+from flgpr.viewer import Viewer
+from flgpr.viewer.guard import is_loopback
+from flgpr.viewer.session import ResultFiles, ViewError
+
+ROUTES = [
+    "", "app.js", "app.css", "icon.svg", "data/session.json", "data/live", "data/0/index.json", "data/0/score.json",
+    "data/0/tile/0/0/0", "data/0/evidence/0/0", "data/9/index.json", "nowhere",
+]  # fmt: skip
+
+
+def ask(viewer, path, method="GET", token=None, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", viewer.port, timeout=10)
+    connection.putrequest(method, f"/{viewer.token if token is None else token}/{path}", skip_host="host" in headers)
+    for name, value in headers.items():
+        for one in [value] if isinstance(value, str) else value:
+            connection.putheader(name.replace("_", "-"), one)
+    connection.endheaders()
+    answer = connection.getresponse()
+    answer.body = answer.read()
+    connection.close()
+    return answer
+
+
+@pytest.mark.parametrize("path", ROUTES)
+def test_every_route_refuses_strangers(shown, path):
+    for token in ("wrong", shown.token[:-1], shown.token + "x", ""):
+        assert ask(shown, path, token=token).status == 403
+    own = f"127.0.0.1:{shown.port}"
+    for host in ("evil.example", f"evil.example:{shown.port}", "127.0.0.1", "127.0.0.1:1", f"x@{own}", ""):
+        assert ask(shown, path, host=host).status == 403
+    assert ask(shown, path, host=[own, "evil.example"]).status in (400, 403)
+    for origin in ("http://evil.example", "null", "https://" + own, "http://127.0.0.1:1", ""):
+        assert ask(shown, path, origin=origin).status == 403
+    assert ask(shown, path, sec_fetch_site="cross-site", sec_fetch_mode="no-cors").status == 403
+
+
+@pytest.mark.parametrize("path", ROUTES)
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH"])
+def test_only_get_is_answered(shown, path, method):
+    assert ask(shown, path, method).status == 405
+    assert ask(shown, path, method, token="wrong").status == 403
+
+
+@pytest.mark.parametrize("path", ROUTES)
+def test_every_answer_forbids_other_origins(shown, path):
+    answer = ask(shown, path, origin=f"http://127.0.0.1:{shown.port}")
+    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live") else 200)
+    policy = answer.getheader("content-security-policy")
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "http" not in policy
+    assert answer.getheader("cache-control") == "no-store"
+    assert answer.getheader("referrer-policy") == "no-referrer"
+    assert answer.getheader("access-control-allow-origin") is None
+
+
+def test_localhost_is_this_machine_too(shown):
+    assert ask(shown, "", host=f"localhost:{shown.port}").status == 200
+    assert all(is_loopback(host) for host in ("127.0.0.1", "::1", "localhost"))
+    assert not any(is_loopback(host) for host in ("0.0.0.0", "192.168.1.2", "example.org"))
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../../etc/passwd", "data/0/../../../../etc/passwd", "%2e%2e/%2e%2e/etc/passwd", "static/../server.py",
+     "data/0/tile/0/0/-1", "data/0/tile/999/0/0", "data/0/tile/0/9/0", "data/0/tile/0/0/9", "data/0/evidence/9/0",
+     "data/0/evidence/0/999999999999999999999"],
+)  # fmt: skip
+def test_what_is_not_there_is_not_found(shown, path):
+    assert ask(shown, path).status == 404
+
+
+def test_another_token_each_time(demo):
+    tokens = set()
+    for _ in range(5):
+        viewer = Viewer([demo[0].folder])
+        tokens.add(viewer.token)
+        viewer._socket.close()
+    assert len(tokens) == 5
+    assert all(len(token) >= 32 for token in tokens)
+
+
+def test_remote_addresses_need_a_flag_and_warn(demo, serving):
+    with pytest.raises(ValueError, match=r"host must be of this machine .* got 0\.0\.0\.0"):
+        Viewer([demo[0].folder], host="0.0.0.0")
+    with pytest.warns(UserWarning, match="whoever reaches it"):
+        remote = Viewer([demo[0].folder], host="0.0.0.0", allow_remote=True)
+    with serving(remote) as open_viewer:
+        assert ask(open_viewer, "").status == 200
+        assert ask(open_viewer, "", host=f"192.168.7.7:{open_viewer.port}").status == 200
+        assert ask(open_viewer, "", host=f"rebound.example:{open_viewer.port}").status == 403
+
+
+def test_tiles_are_the_run_view_in_decibels(shown, demo):
+    index = json.loads(ask(shown, "data/0/index.json").body)
+    view = demo[0].detections[0].view
+    layer = next(i for i, one in enumerate(index["layers"]) if one["detection"] == "main")
+    tile = np.frombuffer(ask(shown, f"data/0/tile/{layer}/0/0").body, "<f2").reshape(view.shape[2:])
+    expected = 20 * np.log10(view.values[0, 0])
+    np.testing.assert_allclose(tile, expected, atol=1 / 32)
+    assert np.array_equal(np.isnan(tile), np.isnan(expected))
+    assert index["layers"][layer]["polarization"] == str(view["polarization"].values[0])
+    assert (index["grid"]["x"], index["grid"]["y"]) == (view["x"].values[0], view["y"].values[0])
+
+
+def test_score_names_its_result(shown, demo, tmp_path, serving):
+    assert json.loads(ask(shown, "data/0/score.json").body)["kinds"] == ["metal", "plastic"]
+    copy = tmp_path / "result"
+    shutil.copytree(demo[0].folder, copy)
+    stored = json.loads((copy / "view" / "score.json").read_text())
+    with serving([copy]) as viewer:
+        stored["content"]["detections"]["main"]["label"][0] = "detection"
+        (copy / "view" / "score.json").write_text(json.dumps(stored))
+        answer = ask(viewer, "data/0/score.json")
+        assert answer.status == 500
+        assert "differs" in json.loads(answer.body)["error"]
+        (copy / "view" / "score.json").unlink()
+        assert json.loads(ask(viewer, "data/0/score.json").body) is None
+
+
+def test_altered_files_are_never_shown(demo, tmp_path, serving):
+    copy = tmp_path / "result"
+    shutil.copytree(demo[0].folder, copy)
+    with serving([copy]) as viewer:
+        assert ask(viewer, "data/0/tile/0/0/0").status == 200
+        layer = copy / "view" / viewer._sources[0].index["layers"][0]["levels"][0]["file"]
+        data = bytearray(layer.read_bytes())
+        data[100] ^= 1
+        layer.write_bytes(data)
+        answer = ask(viewer, "data/0/tile/0/0/0")
+        assert answer.status == 500
+        assert "differs from what was written" in json.loads(answer.body)["error"]
+    (copy / "view" / "index.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"index\.json differs"):
+        Viewer([copy])
+
+
+def test_no_name_leads_out_of_the_folder(demo, tmp_path):
+    copy = tmp_path / "result"
+    shutil.copytree(demo[0].folder, copy)
+    secret = b"secret"
+    (tmp_path / "secret").write_bytes(secret)
+    layer = copy / "view" / "layers" / "main.0.0.0.f16"
+    layer.unlink()
+    layer.symlink_to(tmp_path / "secret")
+    source = ResultFiles(copy)
+    source._digests["view/layers/main.0.0.0.f16"] = source._digests["view/../../secret"] = sha256(secret)
+    number = next(i for i, one in enumerate(source.index["layers"]) if one["detection"] == "main")
+    with pytest.raises(ViewError, match="leads out of the result folder"):
+        source.tile(number, 0, 0)
+    source.index["layers"][number]["levels"][0]["file"] = "../../secret"
+    with pytest.raises(ViewError, match="leads out of the result folder"):
+        source.tile(number, 0, 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_serve_tells_the_address_and_ends_at_an_interrupt(demo):
+    code = "import sys; from flgpr.viewer import serve; serve(sys.argv[1], open_browser=False)"
+    with subprocess.Popen(
+        [sys.executable, "-u", "-c", code, str(demo[0].folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        url = process.stdout.readline().strip()
+        for _ in range(200):
+            with contextlib.suppress(OSError):
+                page = urllib.request.urlopen(url).read()
+                break
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert page.startswith(b"<!doctype html>")
+    assert (out, err, process.returncode) == ("", "", 0)
+
+
+def test_a_run_shows_its_track(serving):
+    with serving([sample_lane() / "run.zarr"]) as viewer:
+        index = json.loads(ask(viewer, "data/0/index.json").body)
+    assert index["layers"] == []
+    assert len(index["scans"]["y"]) == 3
+    assert index["run"]["tones"] == 142
+
+
+@pytest.mark.parametrize(("name", "match"), [("nothing", "nothing to view"), ("empty", "result folder or a run")])
+def test_what_cannot_be_viewed_is_named(tmp_path, name, match):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises((ValueError, FileNotFoundError), match=match):
+        Viewer([tmp_path / name])
+
+
+def test_live_events_come_line_by_line(tmp_path, serving):
+    file = tmp_path / "live.jsonl"
+    with serving([], live=tmp_path) as viewer:
+        assert json.loads(ask(viewer, "data/live?after=0").body)["events"] == []
+        file.write_text('{"event":"scan","scan":0}\nnot json\n{"event":"al')
+        first = json.loads(ask(viewer, "data/live?after=0").body)
+        assert [one["event"] for one in first["events"]] == ["scan"]
+        assert first["bad"] == 1
+        with file.open("a") as lines:
+            lines.write('arm","x":1.0}\n')
+        second = json.loads(ask(viewer, f"data/live?after={first['next']}").body)
+        assert second["events"] == [{"event": "alarm", "x": 1.0}]
+        file.write_text('{"event":"start"}\n')
+        again = json.loads(ask(viewer, f"data/live?after={second['next']}").body)
+        assert again["restarted"]
+        assert again["events"] == [{"event": "start"}]
+        assert ask(viewer, "data/live?after=-1").status == 404
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
+def test_the_server_needs_little_memory(demo):
+    """The limit of the viewer's design is 300 MB; the figure is the peak of a process of its own."""
+    code = """
+import sys, threading, time, urllib.request
+from flgpr.viewer import Viewer
+viewer = Viewer([sys.argv[1]])
+thread = threading.Thread(target=viewer.run); thread.start()
+while not viewer._server.started: time.sleep(0.01)
+for path in ("", "data/0/index.json", "data/0/score.json", "data/0/tile/0/0/0", "data/0/evidence/0/0"):
+    urllib.request.urlopen(viewer.url + path).read()
+viewer.stop(); thread.join()
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(demo[0].folder)], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert int(done.stdout) < 300 * 1024

@@ -1,0 +1,114 @@
+import type { Choice, Detection, Index, Layer, Score, Source } from "./types";
+
+/** Half floats to numbers, by table: 65,536 entries. */
+export const HALF = (() => {
+  const table = new Float32Array(65536);
+  for (let bits = 0; bits < 65536; bits++) {
+    const exponent = (bits >> 10) & 31;
+    const fraction = bits & 1023;
+    const value =
+      exponent === 0 ? fraction * 2 ** -24 : exponent === 31 ? (fraction ? NaN : Infinity) : (1 + fraction / 1024) * 2 ** (exponent - 15);
+    table[bits] = bits & 0x8000 ? -value : value;
+  }
+  return table;
+})();
+
+export async function getJson<T>(path: string): Promise<T> {
+  const answer = await fetch(path);
+  const content = await answer.json().catch(() => null);
+  if (!answer.ok) throw new Error(content?.error ?? `${path}: ${answer.status}`);
+  return content as T;
+}
+
+async function getHalves(path: string): Promise<Uint16Array> {
+  const answer = await fetch(path);
+  if (!answer.ok) {
+    const content = await answer.json().catch(() => null);
+    throw new Error(content?.error ?? `${path}: ${answer.status}`);
+  }
+  return new Uint16Array(await answer.arrayBuffer());
+}
+
+export async function loadSources(titles: string[]): Promise<Source[]> {
+  return Promise.all(
+    titles.map(async (title, id) => {
+      const [index, score] = await Promise.all([
+        getJson<Index>(`data/${id}/index.json`),
+        getJson<Score | null>(`data/${id}/score.json`),
+      ]);
+      return { id, title, index, score };
+    }),
+  );
+}
+
+export function layerNumber(source: Source, choice: Choice): number {
+  return source.index.layers.findIndex(
+    (one) => one.detection === choice.set && one.polarization === choice.polarization && one.subband === choice.subband,
+  );
+}
+
+export function layerOf(source: Source, choice: Choice): Layer | undefined {
+  return source.index.layers[layerNumber(source, choice)];
+}
+
+/** The detection whose alarms belong to a set of run-views: the first for "before". */
+export function detectionOf(source: Source, set: string): Detection | undefined {
+  return source.index.detections.find((one) => one.name === set) ?? source.index.detections[0];
+}
+
+/** What a set of run-views is called on the page. */
+export function setLabel(source: Source, name: string): string {
+  if (name === "before") return "before suppression";
+  const first = source.index.detections[0]?.name;
+  return name === first ? "after suppression" : name;
+}
+
+const MOST_TILES = 600;
+
+/** Tiles as they came, the least recently used forgotten first. */
+export class Tiles {
+  private readonly held = new Map<string, Uint16Array | null>();
+  private readonly failed = new Set<string>();
+
+  constructor(
+    private readonly arrived: () => void,
+    private readonly complain: (error: Error) => void,
+  ) {}
+
+  get(source: number, layer: number, level: number, tile: number): Uint16Array | null {
+    const key = `data/${source}/tile/${layer}/${level}/${tile}`;
+    const tileData = this.held.get(key);
+    if (tileData) {
+      this.held.delete(key);
+      this.held.set(key, tileData);
+      return tileData;
+    }
+    if (tileData === undefined && !this.failed.has(key)) void this.fetch(key);
+    return null;
+  }
+
+  peek(source: number, layer: number, level: number, tile: number): Uint16Array | null {
+    return this.held.get(`data/${source}/tile/${layer}/${level}/${tile}`) ?? null;
+  }
+
+  private async fetch(key: string): Promise<void> {
+    this.held.set(key, null);
+    try {
+      this.held.set(key, await getHalves(key));
+      for (const old of this.held.keys()) {
+        if (this.held.size <= MOST_TILES) break;
+        if (this.held.get(old)) this.held.delete(old);
+      }
+      this.arrived();
+    } catch (error) {
+      this.held.delete(key);
+      this.failed.add(key);
+      this.complain(error as Error);
+    }
+  }
+}
+
+export async function loadEvidence(source: number, detection: number, alarm: number): Promise<Float32Array> {
+  const halves = await getHalves(`data/${source}/evidence/${detection}/${alarm}`);
+  return Float32Array.from(halves, (bits) => HALF[bits]!);
+}

@@ -1,0 +1,195 @@
+import { App, type Compare } from "./app";
+import { getJson, loadSources } from "./data";
+import { el } from "./dom";
+import { fillHelp, listenToKeys } from "./keys";
+import { Live } from "./live";
+import type { Source, Verdict } from "./types";
+
+function input(id: string, act: (field: HTMLInputElement) => void, event = "input"): void {
+  el<HTMLInputElement>(id).addEventListener(event, (e) => act(e.target as HTMLInputElement));
+}
+
+function click(id: string, act: () => void): void {
+  el(id).addEventListener("click", act);
+}
+
+function wireChoices(app: App): void {
+  for (const side of ["a", "b"] as const) {
+    el(`${side}-set`).addEventListener("change", (event) => {
+      const [source, ...name] = (event.target as HTMLSelectElement).value.split("/");
+      app.choose(side, { source: Number(source), set: name.join("/") });
+    });
+    el(`${side}-pol`).addEventListener("change", (event) => app.choose(side, { polarization: (event.target as HTMLSelectElement).value }));
+    el(`${side}-band`).addEventListener("change", (event) => app.choose(side, { subband: (event.target as HTMLSelectElement).value }));
+  }
+  for (const radio of document.querySelectorAll<HTMLInputElement>('input[name="compare"]'))
+    radio.addEventListener("change", () => app.setCompare(radio.value as Compare));
+  el("map").addEventListener("change", (event) => app.setColours({ map: (event.target as HTMLSelectElement).value }));
+  input("floor", (field) => app.setColours({ floor: Number(field.value) }));
+  input("range", (field) => app.setColours({ range: Number(field.value) }));
+  for (const name of ["alarms", "truth", "scans"] as const)
+    input(`show-${name}`, (field) => {
+      app.show[name] = field.checked;
+      app.scoresChanged();
+    }, "change");
+  input("smooth", (field) => {
+    app.smooth = field.checked;
+    app.redraw();
+  }, "change");
+  input("threshold", (field) => app.setThreshold(Number(field.value)));
+  const subset = (): void => app.setSubset(el<HTMLSelectElement>("kind").value || null, el<HTMLSelectElement>("depth").value || null);
+  el("kind").addEventListener("change", subset);
+  el("depth").addEventListener("change", subset);
+}
+
+function wireButtons(app: App): void {
+  click("zoom-in", () => app.zoom(1.5));
+  click("zoom-out", () => app.zoom(1 / 1.5));
+  click("zoom-fit", () => app.fit());
+  click("zoom-true", () => app.trueScale());
+  click("turn", () => app.turn());
+  click("previous", () => app.step(-1));
+  click("next", () => app.step(1));
+  click("close", () => app.select(null));
+  for (const radio of document.querySelectorAll<HTMLInputElement>('input[name="verdict"]'))
+    radio.addEventListener("change", () => app.setNote({ verdict: radio.value as Verdict }));
+  input("note", (field) => app.setNote({ text: field.value }));
+  click("export-png", () => app.exportPng());
+  click("export-svg", () => app.exportSvg());
+  click("export-csv", () => app.exportTable("csv"));
+  click("export-geojson", () => app.exportTable("geojson"));
+  click("export-notes", () => app.notes.save());
+  input("load-notes", (field) => {
+    const file = field.files?.[0];
+    if (file) void app.loadNotes(file);
+    field.value = "";
+  }, "change");
+  click("help", () => el<HTMLDialogElement>("keys").showModal());
+  click("theme", () => app.setTheme(document.documentElement.dataset["theme"] === "dark" ? "light" : "dark"));
+  document.addEventListener("pointerdown", (event) => {
+    const menu = el<HTMLDetailsElement>("export-menu");
+    if (menu.open && !menu.contains(event.target as Node)) menu.open = false;
+  });
+}
+
+function wirePointer(app: App): void {
+  const canvas = el<HTMLCanvasElement>("lane");
+  let held: { x: number; y: number; moved: boolean; dividing: boolean } | null = null;
+  const place = (event: MouseEvent): [number, number] => {
+    const box = canvas.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const onLine = (px: number, py: number): boolean => {
+    if (app.compare !== "swipe") return false;
+    const { left, top, width, height } = app.view.box;
+    return app.view.turned ? Math.abs(py - top - height * app.divide) < 7 : Math.abs(px - left - width * app.divide) < 7;
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    const [x, y] = place(event);
+    held = { x, y, moved: false, dividing: onLine(x, y) };
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const [x, y] = place(event);
+    if (!held) {
+      canvas.classList.toggle("dividing", onLine(x, y));
+      app.point(x, y);
+      return;
+    }
+    if (held.dividing) {
+      const { left, top, width, height } = app.view.box;
+      app.divide = Math.min(Math.max(app.view.turned ? (y - top) / height : (x - left) / width, 0), 1);
+      app.redraw();
+      return;
+    }
+    if (!held.moved && Math.hypot(x - held.x, y - held.y) < 4) return;
+    canvas.classList.add("dragging");
+    app.view.pan(x - held.x, y - held.y);
+    held = { ...held, x, y, moved: true };
+    app.moved();
+  });
+  const release = (event: PointerEvent): void => {
+    canvas.classList.remove("dragging");
+    if (held && !held.moved && !held.dividing && event.type === "pointerup") app.click(...place(event));
+    held = null;
+  };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  canvas.addEventListener("pointerleave", () => app.point(-1, -1));
+  canvas.addEventListener("dblclick", (event) => {
+    app.view.zoom(2, ...place(event));
+    app.moved();
+  });
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) app.view.pan(-(event.deltaX || event.deltaY), 0);
+    else app.view.zoom(Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015)), ...place(event));
+    app.moved();
+  }, { passive: false });
+  const overview = el<HTMLCanvasElement>("overview");
+  const go = (event: PointerEvent): void => {
+    if (event.buttons & 1) app.overviewTo(event.clientX - overview.getBoundingClientRect().left);
+  };
+  overview.addEventListener("pointerdown", (event) => {
+    overview.setPointerCapture(event.pointerId);
+    go(event);
+  });
+  overview.addEventListener("pointermove", go);
+}
+
+/** A source without pictures for a live run that has no result yet. */
+function liveSource(live: Live): Source {
+  const lane = live.lane ?? { x_min: -5, x_max: 5, y_min: 0, y_max: 100 };
+  return {
+    id: 0,
+    title: "live",
+    score: null,
+    index: {
+      title: "live",
+      lane,
+      grid: null,
+      tile_rows: 0,
+      channel: ["", ""],
+      layers: [],
+      scans: { x: [], y: [], z: [], heading: [], masked: [] },
+      georeference: null,
+      detections: [],
+    },
+  };
+}
+
+async function start(): Promise<void> {
+  document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  fillHelp();
+  const session = await getJson<{ results: string[]; live: boolean }>("data/session.json");
+  const sources = await loadSources(session.results);
+  let app: App | null = null;
+  const live = session.live
+    ? new Live((first) => {
+        if (app && first && !session.results.length && live?.lane) {
+          app.view.extent = app.source.index.lane = live.lane;
+          app.fit();
+        }
+        app?.redraw();
+      })
+    : null;
+  if (!sources.length && live) sources.push(liveSource(live));
+  app = new App(sources);
+  app.live = live;
+  const title = sources.map((one) => one.title).join(" / ");
+  el("title").textContent = el("title").title = title;
+  document.title = `${title} – flgpr`;
+  wireChoices(app);
+  wireButtons(app);
+  wirePointer(app);
+  listenToKeys(app);
+  live?.start();
+  const run = sources[0]?.index.run;
+  if (run) app.complain(`A run of ${sources[0]!.index.scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones. Pictures come with a result: flgpr detect.`);
+}
+
+start().catch((error: Error) => {
+  el("message").textContent = error.message;
+  el("message").hidden = false;
+});

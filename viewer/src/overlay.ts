@@ -1,0 +1,194 @@
+import { digits, fixed, make, svg } from "./dom";
+import type { Live } from "./live";
+import { SvgPen, type Pen } from "./pen";
+import { drawAlarm, drawObject, drawTarget, INK, LABELS, SHADOW } from "./symbols";
+import type { Choice, Detection, Source } from "./types";
+import { detectionOf } from "./data";
+import type { View } from "./view";
+
+export interface Shown {
+  alarms: boolean;
+  truth: boolean;
+  scans: boolean;
+}
+export interface Overlay {
+  source: Source;
+  detection: Detection | undefined;
+  threshold: number | null | undefined;
+  visible: (row: number) => boolean;
+  inSubset: (target: number) => boolean;
+  selected: number | null;
+  second: { source: Source; detection: Detection; visible: (row: number) => boolean } | null;
+  live: Live | null;
+  show: Shown;
+}
+export interface Hit { kind: "alarm" | "target" | "object"; row: number; words: string }
+
+export function labelOf(source: Source, detection: Detection | undefined, row: number): string {
+  return (detection && source.score?.detections[detection.name]?.label[row]) || "plain";
+}
+
+export function isMissed(overlay: Overlay, target: number): boolean {
+  const outcomes = overlay.detection && overlay.source.score?.detections[overlay.detection.name]?.outcomes;
+  if (!outcomes) return false;
+  const row = outcomes["alarm"]?.[target] as number;
+  return row < 0 || !overlay.visible(row);
+}
+
+function inBox(view: View, px: number, py: number, slack = 12): boolean {
+  const { left, top, width, height } = view.box;
+  return px > left - slack && px < left + width + slack && py > top - slack && py < top + height + slack;
+}
+
+export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
+  const { source, detection, show } = overlay;
+  const { lane, scans, detections } = source.index;
+  const bare = !detections.length && !overlay.live;
+  const corners = [[lane.x_min, lane.y_min], [lane.x_max, lane.y_min], [lane.x_max, lane.y_max], [lane.x_min, lane.y_max]].map(([x, y]) => view.toScreen(x!, y!));
+  if (!bare) {
+    pen.path(corners, true, { stroke: SHADOW, width: 2.5, alpha: 0.5 });
+    pen.path(corners, true, { stroke: "#ffffff", width: 1.2, dash: [7, 4] });
+  }
+  if (show.scans || !detections.length) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
+  const crowded = (detection?.alarms.x.length ?? 0) > 400 && view.along / view.scale > 250;
+  const size = crowded ? 4 : 6;
+  if (show.truth) drawTruth(pen, view, overlay, crowded ? 4 : 5);
+  if (show.alarms && overlay.second) {
+    const { source: other, detection: theirs, visible } = overlay.second;
+    theirs.alarms.x.forEach((x, row) => {
+      const [px, py] = view.toScreen(x, theirs.alarms.y[row]!);
+      if (visible(row) && inBox(view, px, py)) drawAlarm(pen, px, py, labelOf(other, theirs, row), size, true);
+    });
+  }
+  if (show.alarms && detection)
+    for (let row = detection.alarms.x.length - 1; row >= 0; row--) {
+      const [px, py] = view.toScreen(detection.alarms.x[row]!, detection.alarms.y[row]!);
+      if (overlay.visible(row) && inBox(view, px, py)) drawAlarm(pen, px, py, labelOf(source, detection, row), size);
+    }
+  if (detection && overlay.selected !== null) {
+    const [px, py] = view.toScreen(detection.alarms.x[overlay.selected]!, detection.alarms.y[overlay.selected]!);
+    const r = size + 8;
+    for (const [stroke, width] of [[SHADOW, 5], ["#ffe45c", 2.4]] as const) pen.ellipse(px, py, r, r, { stroke, width });
+    const name = detection.alarms.alarm_id?.[overlay.selected] ?? "";
+    const atEnd = px > view.box.left + view.box.width - 90;
+    pen.text(px + (atEnd ? -r - 4 : r + 4), py - r + 6, name, { anchor: atEnd ? "end" : "start", fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
+  }
+  if (overlay.live) drawLive(pen, view, overlay.live);
+}
+
+function drawScan(pen: Pen, view: View, x: number, y: number, heading: number, masked: boolean): void {
+  const [px, py] = view.toScreen(x, y);
+  if (!inBox(view, px, py, 20)) return;
+  const [ax, ay] = view.toScreen(x + Math.sin(heading), y + Math.cos(heading));
+  const size = Math.hypot(ax - px, ay - py) || 1;
+  const [ux, uy] = [(ax - px) / size, (ay - py) / size];
+  const arrow: [number, number][] = [[px + 7 * ux, py + 7 * uy], [px - 4 * ux - 4 * uy, py - 4 * uy + 4 * ux], [px - 4 * ux + 4 * uy, py - 4 * uy - 4 * ux]];
+  pen.path(arrow, true, { fill: masked ? INK["missed"]! : "#ffffff", stroke: SHADOW, width: 1.2 });
+}
+
+function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
+  const score = overlay.source.score;
+  if (!score) return;
+  const { truth, objects, halo } = score;
+  const deepest = Math.max(...truth.depth.map((depth) => depth ?? 0), 1e-6);
+  const labelled = view.scale * halo > 26;
+  objects?.x.forEach((x, i) => {
+    const [px, py] = view.toScreen(x, objects.y[i]!);
+    if (inBox(view, px, py)) drawObject(pen, px, py);
+  });
+  truth.x.forEach((x, i) => {
+    const [px, py] = view.toScreen(x, truth.y[i]!);
+    if (!inBox(view, px, py, 60)) return;
+    const faded = !overlay.inSubset(i);
+    const [rx, ry] = view.turned ? [halo * view.scaleX, halo * view.scale] : [halo * view.scale, halo * view.scaleX];
+    if (Math.min(rx, ry) > 11) pen.ellipse(px, py, rx, ry, { stroke: "#ffffff", width: 1, dash: [3, 4], alpha: faded ? 0.25 : 0.75 });
+    const depth = truth.depth[i] ?? 0;
+    drawTarget(pen, px, py, truth.kind[i]!, depth / deepest, isMissed(overlay, i), faded, size);
+    if (labelled && !faded) pen.text(px, py + 21, `${truth.kind[i]} ${fixed(100 * depth, 1)} cm`, { fill: "#ffffff", halo: SHADOW, size: 11, anchor: "middle" });
+  });
+}
+
+function drawLive(pen: Pen, view: View, live: Live): void {
+  const points = live.track.map(({ x, y }) => view.toScreen(x, y));
+  if (points.length > 1) pen.path(points, false, { stroke: "#ffe45c", width: 1.5, alpha: 0.8 });
+  for (const alarm of live.alarms) {
+    const [px, py] = view.toScreen(alarm.x, alarm.y);
+    if (!inBox(view, px, py)) continue;
+    drawAlarm(pen, px, py, "plain");
+    const left = live.distance(alarm);
+    if (left !== null && left > 0) pen.text(px + 10, py - 7, `${fixed(left, 1)} m`, { fill: "#ffffff", halo: SHADOW, size: 11 });
+  }
+  const here = live.track[live.track.length - 1];
+  if (here) {
+    const [px, py] = view.toScreen(here.x, here.y);
+    pen.ellipse(px, py, 11, 11, { fill: "#ffe45c", stroke: SHADOW, width: 2 });
+    drawScan(pen, view, here.x, here.y, here.heading, false);
+  }
+}
+
+/** What lies under the pointer, alarms first. */
+export function hitTest(view: View, overlay: Overlay, px: number, py: number): Hit | null {
+  const { source, detection, show } = overlay;
+  const near = (x: number[], y: number[], keep: (row: number) => boolean): number => {
+    let best = -1;
+    let least = 13;
+    for (let row = 0; row < x.length; row++) {
+      if (!keep(row)) continue;
+      const [sx, sy] = view.toScreen(x[row]!, y[row]!);
+      const away = Math.hypot(sx - px, sy - py);
+      if (away < least) [least, best] = [away, row];
+    }
+    return best;
+  };
+  if (show.alarms && detection) {
+    const { alarms } = detection;
+    const row = near(alarms.x, alarms.y, overlay.visible);
+    if (row >= 0) {
+      const label = labelOf(source, detection, row);
+      const words = `${alarms.alarm_id?.[row] ?? ""}\n${LABELS[label] ?? label}\nconfidence ${digits(alarms.confidence[row], 4)} (rank ${row + 1})`;
+      return { kind: "alarm", row, words };
+    }
+  }
+  const score = source.score;
+  if (show.truth && score) {
+    const row = near(score.truth.x, score.truth.y, () => true);
+    if (row >= 0) {
+      const { target_id, kind, depth } = score.truth;
+      const fate = isMissed(overlay, row) ? "missed at this threshold" : "found at this threshold";
+      return { kind: "target", row, words: `${target_id[row]}: ${kind[row]}, ${fixed(100 * (depth[row] ?? NaN), 1)} cm deep\n${fate}` };
+    }
+    const objects = score.objects;
+    const other = objects ? near(objects.x, objects.y, () => true) : -1;
+    if (objects && other >= 0) return { kind: "object", row: other, words: `${objects.object_id[other]}: ${objects.kind[other]} (no target)` };
+  }
+  return null;
+}
+
+/** The symbols in sight, drawn by the same hand as the picture's. */
+export function showLegend(list: HTMLElement, overlay: Overlay): void {
+  list.replaceChildren();
+  const add = (words: string, draw: (pen: Pen) => void): void => {
+    const pen = new SvgPen();
+    draw(pen);
+    const icon = svg("svg", { width: 20, height: 20, viewBox: "0 0 20 20", "aria-hidden": "true" });
+    const parsed = new DOMParser().parseFromString(pen.svg(20, 20), "image/svg+xml");
+    icon.append(...Array.from(parsed.documentElement.childNodes, (node) => document.importNode(node, true)));
+    list.append(make("li", {}, icon, words));
+  };
+  const { source, detection, second } = overlay;
+  const labels = new Set(detection?.alarms.x.map((_, row) => labelOf(source, detection, row)) ?? []);
+  const short: Record<string, string> = { detection: "hit", false: "false alarm", ignored: "in halo", outside: "outside", plain: "alarm" };
+  for (const label of ["plain", "detection", "false", "ignored", "outside"]) if (labels.has(label)) add(short[label]!, (pen) => drawAlarm(pen, 10, 10, label, 5.5));
+  if (second) add("alarm of B", (pen) => drawAlarm(pen, 10, 10, "plain", 5, true));
+  if (overlay.show.truth) for (const kind of source.score?.kinds ?? []) add(kind, (pen) => drawTarget(pen, 10, 10, kind, 0.4, false));
+  if (overlay.show.truth && source.score?.truth.x.length) add("missed", (pen) => drawTarget(pen, 10, 10, "", 0.4, true));
+  if (overlay.show.truth && source.score?.objects?.x.length) add("no target", (pen) => drawObject(pen, 10, 10));
+}
+
+export function secondOf(sources: Source[], a: Choice, b: Choice): { source: Source; detection: Detection } | null {
+  const source = sources[b.source];
+  if (!source) return null;
+  const detection = detectionOf(source, b.set);
+  const own = sources[a.source] && detectionOf(sources[a.source]!, a.set);
+  return detection && (detection !== own || b.source !== a.source) ? { source, detection } : null;
+}

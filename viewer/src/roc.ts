@@ -1,0 +1,195 @@
+import uPlot from "uplot";
+import { colour, digits, el, make } from "./dom";
+import type { Curve, Score, Source } from "./types";
+
+/** Curve of a subset; none when the truth has no such targets. */
+export function curveOf(score: Score | null, detection: string, kind: string | null, depth: string | null): Curve | undefined {
+  const scored = score?.detections[detection];
+  const own = scored?.curves.find((one) => one.kind === kind && one.depth === depth);
+  return scored && own && { ...scored.shared, ...own };
+}
+
+/** Falling thresholds of a detection, nothing declared first: of the score or, without one, of the confidences. */
+export function thresholdsOf(source: Source, detection: string): (number | null)[] {
+  const curve = curveOf(source.score, detection, null, null);
+  if (curve) return curve.threshold;
+  const found = source.index.detections.find((one) => one.name === detection);
+  return [null, ...[...new Set(found?.alarms.confidence ?? [])].sort((a, b) => b - a)];
+}
+
+/** The lowest threshold of another curve that has no more false alarms. */
+export function equalFalse(curve: Curve, most: number): number {
+  let row = 0;
+  while (row + 1 < curve.n_false.length && curve.n_false[row + 1]! <= most) row++;
+  return row;
+}
+
+/** Highest Pd, with its interval, at every distinct FAR: what a step curve needs. */
+function steps(curve: Curve): [number[], (number | null)[], (number | null)[], (number | null)[]] {
+  const rows: number[] = [];
+  curve.far.forEach((far, row) => {
+    if (rows.length && curve.far[rows[rows.length - 1]!] === far) rows[rows.length - 1] = row;
+    else rows.push(row);
+  });
+  const take = (column: (number | null)[]): (number | null)[] => rows.map((row) => column[row] ?? null);
+  return [rows.map((row) => curve.far[row]!), take(curve.pd), take(curve.pd_low), take(curve.pd_high)];
+}
+
+export interface Operating { curve: Curve; row: number }
+
+export class RocPlot {
+  private plot: uPlot | null = null;
+  private now: { a?: Operating; b?: Operating } = {};
+  private readonly home = el("roc-plot");
+
+  constructor(private readonly chosen: (row: number) => void) {
+    new ResizeObserver(() => this.resize()).observe(this.home);
+  }
+
+  private size(): { width: number; height: number } {
+    return { width: Math.max(this.home.clientWidth, 100), height: window.innerHeight > 950 ? 300 : 214 };
+  }
+
+  private resize(): void {
+    const size = this.size();
+    if (this.plot && (this.plot.width !== size.width || this.plot.height !== size.height)) this.plot.setSize(size);
+  }
+
+  /** Draw curves anew: another result, subset or theme. */
+  show(a: Operating | undefined, b: Operating | undefined): void {
+    this.plot?.destroy();
+    this.plot = null;
+    this.now = { ...(a && { a }), ...(b && { b }) };
+    this.home.replaceChildren();
+    if (!a) {
+      this.home.append(make("p", { class: "none" }, "Not scored, or no target of this subset. flgpr score RESULT --truth TRUTH adds the ROC."));
+      return;
+    }
+    const stepped = uPlot.paths.stepped!({ align: 1 });
+    const own = steps(a.curve);
+    const tables: uPlot.AlignedData[] = [own as uPlot.AlignedData];
+    if (b) tables.push(steps(b.curve).slice(0, 2) as uPlot.AlignedData);
+    const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), size: 4 }, font: "11px system-ui", labelFont: "11px system-ui" };
+    const most = Math.max(...a.curve.far, ...(b ? b.curve.far : []), 1e-9);
+    const series: uPlot.Series[] = [
+      {},
+      { stroke: colour("accent"), width: 2, paths: stepped, points: { show: false }, spanGaps: true },
+      { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true },
+      { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true },
+    ];
+    if (b) series.push({ stroke: colour("false"), width: 2, dash: [5, 4], paths: stepped, points: { show: false }, spanGaps: true });
+    const point = (row: number): number => row;
+    this.plot = new uPlot(
+      {
+        ...this.size(),
+        legend: { show: false },
+        cursor: { drag: { x: false, y: false }, points: { show: false } },
+        scales: { x: { time: false, range: [0, most * 1.12] }, y: { range: [0, 1.02] } },
+        axes: [
+          { ...axis, label: "false alarms per m²", labelSize: 16, size: 30 },
+          { ...axis, label: "Pd", labelSize: 16, size: 38 },
+        ],
+        series,
+        bands: [{ series: [3, 2], fill: colour("band") }],
+        hooks: { draw: [(u) => this.points(u)] },
+      },
+      (tables.length > 1 ? uPlot.join(tables) : own) as uPlot.AlignedData,
+      this.home,
+    );
+    this.plot.over.addEventListener("click", (event) => this.chosen(point(this.nearest(event))));
+    this.describe();
+  }
+
+  /** Move the operating points only. */
+  move(a: Operating | undefined, b: Operating | undefined): void {
+    this.now = { ...(a && { a }), ...(b && { b }) };
+    this.plot?.redraw(false);
+    this.describe();
+  }
+
+  private describe(): void {
+    const { a } = this.now;
+    this.home.setAttribute(
+      "aria-label",
+      a ? `ROC. At this threshold Pd ${digits(a.curve.pd[a.row])}, false alarms per square metre ${digits(a.curve.far[a.row])}` : "ROC: not scored",
+    );
+  }
+
+  private nearest(event: MouseEvent): number {
+    const u = this.plot!;
+    const { curve } = this.now.a!;
+    const box = u.over.getBoundingClientRect();
+    let best = 0;
+    let least = Infinity;
+    curve.far.forEach((far, row) => {
+      const dx = u.valToPos(far, "x") - (event.clientX - box.left);
+      const dy = u.valToPos(curve.pd[row] ?? 0, "y") - (event.clientY - box.top);
+      const away = dx * dx + dy * dy;
+      if (away < least) [least, best] = [away, row];
+    });
+    return best;
+  }
+
+  private points(u: uPlot): void {
+    const c = u.ctx;
+    const density = window.devicePixelRatio || 1;
+    c.save();
+    c.beginPath();
+    c.rect(u.bbox.left - 6, u.bbox.top - 6, u.bbox.width + 12, u.bbox.height + 12);
+    c.clip();
+    for (const [one, ink] of [[this.now.b, colour("false")], [this.now.a, colour("accent")]] as const) {
+      if (!one || one.curve.far.length > 300) continue;
+      c.fillStyle = ink;
+      one.curve.far.forEach((far, row) => {
+        c.beginPath();
+        c.arc(u.valToPos(far, "x", true), u.valToPos(one.curve.pd[row] ?? 0, "y", true), 2.2 * density, 0, 2 * Math.PI);
+        c.fill();
+      });
+    }
+    for (const [one, ink] of [[this.now.b, colour("false")], [this.now.a, colour("accent")]] as const) {
+      if (!one) continue;
+      const { curve, row } = one;
+      const x = u.valToPos(curve.far[row]!, "x", true);
+      const y = u.valToPos(curve.pd[row] ?? 0, "y", true);
+      c.strokeStyle = ink;
+      c.lineWidth = 1.4 * density;
+      c.beginPath();
+      c.moveTo(u.valToPos(curve.far_low[row]!, "x", true), y);
+      c.lineTo(u.valToPos(curve.far_high[row]!, "x", true), y);
+      c.moveTo(x, u.valToPos(curve.pd_low[row] ?? 0, "y", true));
+      c.lineTo(x, u.valToPos(curve.pd_high[row] ?? 0, "y", true));
+      c.stroke();
+      c.beginPath();
+      c.arc(x, y, 5 * density, 0, 2 * Math.PI);
+      c.fillStyle = ink;
+      c.fill();
+      c.strokeStyle = colour("card");
+      c.stroke();
+    }
+    c.restore();
+  }
+}
+
+const interval = (low: number | null | undefined, high: number | null | undefined): string => `${digits(low, 2)} to ${digits(high, 2)}`;
+
+/** Counts at the operating point; with two results side by side, the second at no more false alarms than the first. */
+export function showCounts(table: HTMLTableElement, a: Operating | undefined, b: Operating | undefined, alarms: number, names: [string, string]): void {
+  table.replaceChildren();
+  const row = (head: string, ...cells: (string | Node)[]): void => {
+    table.append(make("tr", {}, make("th", { scope: "row" }, head), ...cells.map((cell) => (cell instanceof Node && cell.nodeName === "TD" ? cell : make("td", {}, cell)))));
+  };
+  if (!a) {
+    row("alarms shown", make("td", { class: "big" }, String(alarms)));
+    return;
+  }
+  const both = b ? [a, b] : [a];
+  const cells = (cell: (one: Operating) => Node): Node[] => both.map(cell);
+  const percent = Math.round(100 * a.curve.level);
+  if (b) row("", make("td", {}, make("b", {}, "A "), names[0]), make("td", {}, make("b", {}, "B "), names[1]));
+  row("found", ...cells(({ curve, row: r }) => make("td", { class: "big hit" }, `${curve.n_detected[r]} of ${curve.n_targets}`)));
+  row("missed", ...cells(({ curve, row: r }) => make("td", { class: "missed" }, String(curve.n_targets - curve.n_detected[r]!))));
+  row("false alarms", ...cells(({ curve, row: r }) => make("td", { class: "big false" }, String(curve.n_false[r]))));
+  row("Pd", ...cells(({ curve, row: r }) => make("td", {}, `${digits(curve.pd[r], 3)} `, make("small", {}, interval(curve.pd_low[r], curve.pd_high[r])))));
+  row("FAR, per m²", ...cells(({ curve, row: r }) => make("td", {}, `${digits(curve.far[r], 3)} `, make("small", {}, interval(curve.far_low[r], curve.far_high[r])))));
+  table.title = `Small figures: exact ${percent} % intervals.${b ? " B stands at its lowest threshold with no more false alarms than A." : ""}`;
+}

@@ -1,0 +1,86 @@
+export interface Grid { x: number; y: number; nx: number; ny: number; dx: number; dy: number }
+export interface Lane { x_min: number; x_max: number; y_min: number; y_max: number }
+export interface Layer {
+  detection: string;
+  stage: string;
+  polarization: string;
+  subband: string;
+  percentiles: Record<string, number>;
+  levels: { file: string; rows: number }[];
+}
+export type Columns = Record<string, (number | null)[]>;
+export interface Evidence {
+  polarization: string[];
+  subband: string[];
+  patch: { size: number; spacing: number; inner: [number, number]; guard: [number, number] };
+  cut: number[];
+  trace: number[];
+  start: number[];
+  scans: { scan: number; distance: number }[][];
+  polarimetric: Columns;
+}
+export interface Training { label: string; count: number; shares: number[]; quantiles: Record<string, (number | null)[]> }
+export interface Detection {
+  name: string;
+  title: string;
+  alarms: { alarm_id?: string[]; x: number[]; y: number[]; confidence: number[] };
+  features: Columns;
+  contributions: Columns | null;
+  training: Training[] | null;
+  evidence?: Evidence;
+}
+export interface Georeference { latitude: number; longitude: number; azimuth?: number }
+export interface Index {
+  title: string;
+  lane: Lane;
+  grid: Grid | null;
+  tile_rows: number;
+  channel: [string, string];
+  layers: Layer[];
+  scans: { x: number[]; y: number[]; z: number[]; heading: number[]; masked: number[] };
+  georeference: Georeference | null;
+  detections: Detection[];
+  run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };
+}
+export interface Curve {
+  kind: string | null;
+  depth: string | null;
+  n_targets: number;
+  area: number;
+  level: number;
+  pd_mean: number | null;
+  threshold: (number | null)[];
+  pd: (number | null)[];
+  far: number[];
+  n_detected: number[];
+  n_false: number[];
+  pd_low: (number | null)[];
+  pd_high: (number | null)[];
+  far_low: number[];
+  far_high: number[];
+}
+export interface Scored {
+  label: string[];
+  target: number[];
+  distance: (number | null)[];
+  outcomes: Record<string, unknown[]>;
+  /** What all subsets have in common: thresholds and false alarms. */
+  shared: Pick<Curve, "area" | "level" | "threshold" | "far" | "n_false" | "far_low" | "far_high">;
+  curves: Omit<Curve, "area" | "level" | "threshold" | "far" | "n_false" | "far_low" | "far_high">[];
+}
+export interface Targets { target_id: string[]; x: number[]; y: number[]; kind: string[]; depth: (number | null)[] }
+export interface Objects { object_id: string[]; x: number[]; y: number[]; kind: string[] }
+export interface Score {
+  halo: number;
+  truth: Targets;
+  objects: Objects | null;
+  kinds: string[];
+  depths: string[];
+  target_depth: (string | null)[];
+  detections: Record<string, Scored>;
+}
+export interface Source { id: number; title: string; index: Index; score: Score | null }
+/** One channel of one set of run-views: what a picture shows. */
+export interface Choice { source: number; set: string; polarization: string; subband: string }
+export type Verdict = "" | "mine" | "unsure" | "clutter";
+export interface Note { verdict: Verdict; text: string }
