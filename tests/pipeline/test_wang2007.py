@@ -1,5 +1,6 @@
 """The streaming chain with features, training and detection with a model, on a small run of point scatterers."""
 
+import json
 import shutil
 
 import numpy as np
@@ -158,6 +159,14 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     assert main.alarms["confidence"].is_monotonic_decreasing
     assert main.notes["confidence"] == "C_HH_F1 + M_VV_F1 + R_HH_HV_F2"
     assert len(main.alarms) == len(found.alarms)
+    shown = json.loads((result.folder / "view" / "index.json").read_text())
+    added = shown["detections"][0]["contributions"]
+    assert set(added) == {*columns, "threshold"}
+    total = np.sum([np.array(column) for column in added.values()], axis=0)
+    np.testing.assert_allclose(total, main.alarms["confidence"], atol=1e-4)
+    assert {layer["detection"] for layer in shown["layers"]} == {"before", "main"}
+    assert shown["channel"] == ["HH", "F1"]
+    assert all(scans for scans in shown["detections"][0]["evidence"]["scans"])
 
 
 def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, truth, found):

@@ -15,7 +15,7 @@ import pytest
 from flgpr.io import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import is_loopback
-from flgpr.viewer.session import ResultFiles, ViewError
+from flgpr.viewer.session import LiveFile, ResultFiles, ViewError
 
 ROUTES = [
     "", "app.js", "app.css", "icon.svg", "data/session.json", "data/live", "data/0/index.json", "data/0/score.json",
@@ -221,6 +221,8 @@ def test_live_events_come_line_by_line(tmp_path, serving):
         assert again["restarted"]
         assert again["events"] == [{"event": "start"}]
         assert ask(viewer, "data/live?after=-1").status == 404
+    assert LiveFile(file).after(0) == LiveFile(tmp_path).after(0)
+    assert LiveFile(tmp_path / "other.jsonl").after(5) == {"events": [], "next": 0, "bad": 0, "restarted": True}
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")

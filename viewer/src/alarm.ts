@@ -5,6 +5,7 @@ import { colour, digits, el, fixed, make, svg } from "./dom";
 import type { Choice, Columns, Detection, Evidence, Source, Training } from "./types";
 
 const LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
+const MOST_FEATURES = 12;
 const FLOAT_TO_HALF_STEPS = 65536;
 
 /** Half float nearest to a number, by bisection over the positive or negative halves. */
@@ -169,10 +170,21 @@ export class AlarmPanel {
     home.append(make("h3", { title }, "Features ", ...legend));
     const sizes = Object.values(added ?? {}).map((column) => Math.abs(column[alarm] ?? 0));
     const most = Math.max(...sizes, 1e-12);
-    for (const [name, column] of Object.entries(detection.features)) home.append(this.feature(name, column, alarm, training, added, most));
+    const names = Object.keys(detection.features);
+    const first = names.filter((name) => added?.[name] || names.length <= MOST_FEATURES);
+    const rest = names.filter((name) => !first.includes(name));
+    const show = (name: string): HTMLElement => this.feature(name, detection.features[name]!, alarm, training, added, most);
+    home.append(...first.map(show));
+    for (const [name, column] of Object.entries(added ?? {}))
+      if (!detection.features[name]) home.append(make("p", { class: "feature" }, make("span", {}, name), make("span", { class: "added" }, `adds ${digits(column[alarm], 3)}`)));
     if (added) {
       const total = detection.alarms.confidence[alarm]!;
       home.append(make("p", { class: "added" }, make("small", {}, `contributions add up to the confidence ${digits(total, 4)}`)));
+    }
+    if (rest.length) {
+      const more = make("details", {}, make("summary", {}, `${rest.length} more features`));
+      more.addEventListener("toggle", () => more.open && more.childElementCount === 1 && more.append(...rest.map(show)));
+      home.append(more);
     }
   }
 

@@ -21,8 +21,9 @@ from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.view_chain import explain
 from flgpr.pipeline.view_evidence import Evidence, collect_evidence
-from flgpr.pipeline.wang2007 import Found, detect_with_features
+from flgpr.pipeline.wang2007 import CleanedRun, Found, detect_with_features
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
@@ -104,14 +105,16 @@ def detect(
     _check_channels(run, recipe)
     lane = lane or lane_of(run, recipe)
     if recipe.features is not None:
-        return [detection_of(detect_with_features(run, recipe, lane, track, classifier), recipe)]
+        cleaned = CleanedRun(run, recipe, track)
+        found = detect_with_features(run, recipe, lane, track, classifier, cleaned)
+        return [explain(detection_of(found, recipe), cleaned, run, recipe, lane, track, classifier)]
     if classifier is not None:
         raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
     images = _remember(imager, track)
     main = _chain(imager.run, images, recipe, lane, recipe.background.self_signature, MAIN, recipe.description)
     main = replace(main, before=run_view(images, recipe.run_view.grid(lane), recipe.run_view.y_max))
-    found = [main]
+    several = [main]
     suppressed: list[xr.DataArray] = []
     roadside: dict[str, Any] = {}
     for variant in recipe.variants:
@@ -122,11 +125,11 @@ def detect(
                 suppressed, roadside = _suppress_roadside(imager, images, recipe.suppression, lane, track)
             share = _roadside_share(images, suppressed, main.alarms, recipe)
             alarms, features = (t.assign(roadside=share) for t in (main.alarms, _known_features(main.alarms)))
-            found[0] = replace(main, alarms=alarms, features=features, notes=roadside)
+            several[0] = replace(main, alarms=alarms, features=features, notes=roadside)
             chosen, notes = suppressed, roadside
         signature = variant.self_signature or recipe.background.self_signature
-        found.append(_chain(imager.run, chosen, recipe, lane, signature, variant.name, variant.title, notes))
-    return found
+        several.append(_chain(imager.run, chosen, recipe, lane, signature, variant.name, variant.title, notes))
+    return several
 
 
 def detection_of(found: Found, recipe: Recipe) -> Detection:

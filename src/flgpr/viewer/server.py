@@ -49,7 +49,7 @@ class Viewer:
     allow_remote : bool
         Must be True to listen on an address that other machines can reach.
     live : path, optional
-        Folder whose ``live.jsonl`` is followed.
+        File of live events (``*.jsonl``) to follow, or the folder that holds ``live.jsonl``.
     score : path, optional
         Folder the first result's score was written to, if not its own.
 

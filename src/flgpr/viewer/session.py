@@ -228,12 +228,13 @@ class LiveFile:
 
     Parameters
     ----------
-    folder : path
-        Folder that holds the file, now or later.
+    path : path
+        The file (``*.jsonl``) or the folder that holds it, now or later.
     """
 
-    def __init__(self, folder: str | Path) -> None:
-        self._path = Path(folder).resolve() / LIVE_FILE
+    def __init__(self, path: str | Path) -> None:
+        whole = Path(path).resolve()
+        self._path = whole if whole.suffix == ".jsonl" else whole / LIVE_FILE
 
     def after(self, offset: int) -> dict[str, Any]:
         """Read events that came since.
