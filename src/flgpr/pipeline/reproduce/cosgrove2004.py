@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -82,10 +83,9 @@ def reproduce(
     found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
     responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
     drawn = _figures(study, cases, responses, seeds[0])
-    for name, figure in drawn.items():
-        if quick:
-            figure.text(0.5, 0.5, "QUICK", fontsize=60, color="#d33", alpha=0.15, ha="center", va="center", rotation=20)
-        figure.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
+    pictures = {name: _png(figure, quick) for name, figure in drawn.items()}
+    for name, picture in pictures.items():
+        write_whole(folder / f"{name}.png", picture)
     pd.concat(tables, names=["world"]).reset_index("world").to_csv(folder / "pd.csv", index=False)
     summary = {
         "quick": quick,
@@ -95,7 +95,7 @@ def reproduce(
     }
     write_whole(folder / "findings.json", json.dumps(summary, indent=2) + "\n")
     page = folder / "index.html"
-    write_whole(page, page_html(study, cases, tables, found, responses, drawn, quick))
+    write_whole(page, page_html(study, cases, tables, found, responses, pictures, quick))
     return page
 
 
@@ -177,6 +177,14 @@ def _executor(workers: int) -> Iterator[Callable[[Mapping[int, tuple[Any, ...]]]
             return ((futures[done], done.result()) for done in as_completed(futures))
 
         yield run
+
+
+def _png(figure: Figure, quick: bool) -> bytes:
+    if quick:
+        figure.text(0.5, 0.5, "QUICK", fontsize=60, color="#d33", alpha=0.15, ha="center", va="center", rotation=20)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:

@@ -47,9 +47,10 @@ class Finding:
 
 
 def interval(values: Sequence[float] | FloatArray, level: float = 0.95) -> tuple[float, float, float]:
-    """Mean over seeds and Student's interval of it."""
+    """Mean over seeds and Student's interval of it; seeds without a value (NaN) are left out."""
     sample = np.asarray(values, dtype=np.float64)
-    mean = float(sample.mean())
+    sample = sample[~np.isnan(sample)]
+    mean = float(sample.mean()) if sample.size else math.nan
     if sample.size < 2:
         return mean, -math.inf, math.inf
     half = float(student.ppf((1 + level) / 2, sample.size - 1) * sample.std(ddof=1) / math.sqrt(sample.size))
@@ -79,7 +80,8 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
     Returns
     -------
     DataFrame
-        site, seed, detector, pd, pd_quantile (high quantile of the boxes), pd_rockless (boxes with rocks left out),
+        site, seed, detector, pd, pd_quantile (high quantile of the boxes), pd_rockless (boxes with rocks left out;
+        NaN if none is left),
         pd_mean (mean Pd up to 0.1 per m²).
     """
     rows = []
@@ -88,7 +90,9 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
             for name in case["peaks"]:
                 curve = case_curve(case, name, recipe.score.box)
                 high = case_curve(case, name, recipe.score.box, quantile=True)
-                bare = case_curve(case, name, recipe.score.box, rocks=False)
+                bare = math.nan
+                if not all(case["peaks"][name]["rock"]):
+                    bare = pd_at(case_curve(case, name, recipe.score.box, rocks=False), recipe.score.pfa)
                 rows.append(
                     {
                         "site": site,
@@ -96,7 +100,7 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
                         "detector": name,
                         "pd": pd_at(curve, recipe.score.pfa),
                         "pd_quantile": pd_at(high, recipe.score.pfa),
-                        "pd_rockless": pd_at(bare, recipe.score.pfa),
+                        "pd_rockless": bare,
                         "pd_mean": pd_mean(curve, 0.1),
                     }
                 )
@@ -150,8 +154,9 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
     rank, pfa = f"rank {recipe.detector.rank}", f"Pd at {recipe.score.pfa:g} per m²"
     pds = {key: group.sort_values("seed")["pd"].to_numpy() for key, group in table.groupby(["site", "detector"])}
     titles = {name: site.title for name, site in recipe.sites.items()}
+    soils = [soil for soil in SOILS if soil in titles]
     found = []
-    for soil in SOILS:
+    for soil in soils:
         for rival in ("PWF", "HH"):
             found.append(
                 _above(
@@ -160,9 +165,9 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
                     pds[soil, rank] - pds[soil, rival],
                 )
             )
-    best = max(SOILS, key=lambda soil: float(np.mean(pds[soil, rank])))
+    best = max(soils, key=lambda soil: float(np.mean(pds[soil, rank])))
     found.append(_about(f"Pd is about 0.9 in the best soil (ours: {titles[best]})", pfa, pds[best, rank], 0.85, 0.95))
-    for soil in SOILS:
+    for soil in soils:
         one = _above(
             f"The first eigenvector alone is an excellent candidate: {titles[soil]}",
             f"{pfa}: M' = 1 less M' = {recipe.detector.rank}, to lie above -0.05",
@@ -172,6 +177,8 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
         # Two detectors that find nothing are as good as each other.
         found.append(replace(one, verdict="cannot say") if np.mean(pds[soil, rank]) < _NOTHING else one)
     for better, worse in (("sand", "gravel"), ("sand", "clay"), ("gravel", "clay")):
+        if not {better, worse} <= set(soils):
+            continue
         statement = "Dry sand is the best soil" if better == "sand" else "Wet clay is the worst soil"
         quantity = f"{pfa}: {titles[better]} less {titles[worse]}"
         found.append(_above(statement, quantity, pds[better, rank] - pds[worse, rank]))

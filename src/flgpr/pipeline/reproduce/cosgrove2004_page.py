@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from flgpr.pipeline.figures import data_url
 from flgpr.pipeline.reproduce.cosgrove2004_examples import PointResponse
 from flgpr.pipeline.reproduce.cosgrove2004_findings import PAPER_RATIOS, Case, Finding, contrast_table, interval
 from flgpr.pipeline.reproduce.cosgrove2004_recipe import StudyRecipe
@@ -61,7 +60,7 @@ def page_html(
     tables: Mapping[str, pd.DataFrame],
     found: Mapping[str, Sequence[Finding]],
     responses: Mapping[str, PointResponse],
-    drawn: Mapping[str, Figure],
+    pictures: Mapping[str, bytes],
     quick: bool,
 ) -> str:
     """Write the page, which needs nothing beside it."""
@@ -87,21 +86,21 @@ def page_html(
         parts += [f"<h2>Mines over clutter in HH, {escape(_WORLDS[world])}</h2>", _contrast(recipe, lanes)]
         parts += [f"<h2>Eigenvalue ratios in dry sand, {escape(_WORLDS[world])}</h2>", _ratios(lanes["sand"])]
     parts += ["<h2>Resolution at 15 m</h2>", _resolution(responses)]
-    for name, figure in drawn.items():
-        parts.append(_figure(name, figure))
+    parts += [_figure(name, picture) for name, picture in pictures.items()]
     parts.append(_choices(recipe))
     head = f'<meta charset="utf-8"><title>cosgrove2004</title><style>{_CSS}</style>'
     body = "\n".join(parts)
     return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 
 
-def _figure(name: str, figure: Figure) -> str:
+def _figure(name: str, picture: bytes) -> str:
     world = next((one for one in _WORLDS if name.endswith(one)), "")
     base = name.removesuffix(f"-{world}") if world else name
     title, paper = _FIGURES[base]
     told = f"{title}, {_WORLDS[world]}" if world else title
     note = f"<p class=note>Paper: {escape(paper)}</p>"
-    return f'<h2>{escape(told)}</h2>{note}<img src="{data_url(figure)}" alt="{escape(told)}">'
+    source = f"data:image/png;base64,{b64encode(picture).decode()}"
+    return f'<h2>{escape(told)}</h2>{note}<img src="{source}" alt="{escape(told)}">'
 
 
 def _findings(found: Sequence[Finding]) -> str:
