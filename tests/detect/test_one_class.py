@@ -108,3 +108,15 @@ def test_mixture_finds_the_number_of_groups():
 def test_errors_name_the_parameter(parameters, message):
     with pytest.raises(ValueError, match=message):
         OneClassRelevanceVectorMachine(**parameters).fit(mines(10, 0))
+
+
+@pytest.mark.parametrize("gamma", [0.05, 0.5, 3.0, 30.0])
+def test_no_width_empties_the_model(gamma):
+    """As all mines become certain the curvature vanishes; the vector that makes them so must stay."""
+    rng = np.random.default_rng(0)
+    X = np.concatenate([rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))])
+    machine = OneClassRelevanceVectorMachine(gamma=gamma).fit(X)
+    assert len(machine.relevance_) >= 1
+    assert machine.predict_proba(X)[:, -1].min() > 0.5
+    assert machine.predict_proba(X + 100)[0, -1] == pytest.approx(0.01, abs=1e-3)
+    assert machine.log_evidence_ > 80 * np.log(0.5)

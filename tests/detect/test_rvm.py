@@ -248,13 +248,13 @@ def test_leave_one_out_is_refitting_without_the_example():
     assert np.abs(p - own).max() > 0.01  # held out is not resubstituted
 
 
-def test_warm_starts_reach_the_same_optimum():
+def test_warm_starts_reach_the_same_optimum_or_a_better_one():
     X, y = ripley(100, 13)
     machine = RelevanceVectorClassifier(gamma=4.0)
     cold = leave_one_out(machine, X, y)
     warm = leave_one_out(machine, X, y, warm=True)
     difference = np.array([a.log_evidence_ - b.log_evidence_ for a, b in zip(warm[1], cold[1], strict=True)])
-    assert np.mean(np.abs(difference) < 1e-3) > 0.8
+    assert np.mean(difference > -1e-3) > 0.8  # the same optimum or a better one
     assert difference.min() > -1.0
     same = np.abs(difference) < 1e-6
     np.testing.assert_allclose(warm[0][same], cold[0][same], atol=2e-3)

@@ -16,7 +16,8 @@ from flgpr.detect.rvm import RelevanceMachine
 from flgpr.detect.rvm_fit import Algorithm
 
 FloatArray = NDArray[np.float64]
-FORMULATIONS = ("offset", "no-bias", "reference")
+Formulation = Literal["offset", "no-bias", "reference"]
+FORMULATIONS: tuple[Formulation, ...] = ("offset", "no-bias", "reference")
 
 
 class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: ignore[misc]  # no types
@@ -68,14 +69,14 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         kernel: Kernel = "rbf",
         gamma: float | Literal["scale", "auto"] = "scale",
         p0: float = 0.01,
-        formulation: Literal["offset", "no-bias", "reference"] = "offset",
+        formulation: Formulation = "offset",
         standardize: bool = True,
         degree: float = 3,
         coef0: float = 1.0,
         prior: Literal["ard", "laplacian"] = "ard",
         rate: float | Literal["auto"] = "auto",
         algorithm: Algorithm = "fast",
-        n_starts: int = 9,
+        n_starts: int = 5,
         moderated: bool = True,
         tol: float = 1e-5,
         max_iter: int = 1000,

@@ -193,7 +193,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         prior: Literal["ard", "laplacian"] = "ard",
         rate: float | Literal["auto"] = "auto",
         algorithm: Algorithm = "fast",
-        n_starts: int = 9,
+        n_starts: int = 5,
         moderated: bool = True,
         tol: float = 1e-5,
         max_iter: int = 1000,

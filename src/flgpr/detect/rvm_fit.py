@@ -62,7 +62,7 @@ def fit_sparse(
     offset: float = 0.0,
     algorithm: Algorithm = "fast",
     rate: float | Literal["auto"] = 0.0,
-    n_starts: int = 9,
+    n_starts: int = 5,
     start: SparseFit | None = None,
     tol: float = 1e-5,
     max_iter: int = 1000,
@@ -131,10 +131,13 @@ def _ascend(
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
         fits = [relevance.ascend(*fixed, *empty, first, *options) for first in _first(len(rows), n_starts)]
-        fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
-    improved = [relevance.exchange(*fixed, fit, *options) for fit in fits[: max(1, n_starts // 3)]]
+    iterations = sum(fit[5] for fit in fits)
+    fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
+    # Starts often end in the same model; to improve it twice would be in vain.
+    different = list({tuple(np.sort(fit[0])): fit for fit in reversed(fits)}.values())[::-1][: max(1, n_starts // 3)]
+    improved = [relevance.exchange(*fixed, fit, *options) for fit in different]
+    iterations += sum(new[5] - old[5] for new, old in zip(improved, different, strict=True))
     best = max(improved, key=lambda fit: relevance.penalised(fit, rate))
-    iterations = sum(fit[5] for fit in fits[len(improved) :]) + sum(fit[5] for fit in improved)
     return _sorted(*best[:5], iterations, best[6], rate)
 
 

@@ -13,6 +13,7 @@ _RIDGE = 1 + 1e-12  # keeps the curvature of nearly dependent basis functions in
 _HOLD = 3  # sweeps between entries
 _SETTLE = 50  # sweeps when nothing enters
 _ENTRIES = 5  # a function that keeps entering and leaving gains only while the likelihood is held quadratic
+_DROP = 0.5  # fall of the log evidence below its highest that a step may cost
 _RISE = 1e-3  # smallest rise of the log evidence that makes an exchange
 
 
@@ -152,6 +153,34 @@ def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
 
 
 @njit(cache=True)
+def _step(
+    rows: Any, target: Any, weight: Any, offset: float, rate: float,
+    active: Any, alpha: Any, goal: Any, mean: Any, floor: float,
+) -> Any:  # fmt: skip
+    """Take the precisions towards their goal (inf: out), in halved steps where the evidence would fall below a floor.
+
+    The goal is the best for a likelihood held quadratic. Where all examples are as good as certain the curvature
+    vanishes, and functions that carry the model would leave it. Returns active, precisions, Laplace's approximation,
+    evidence less penalty, whether a step was taken.
+    """
+    part = 1.0
+    for _ in range(8):
+        if part == 1.0:
+            kept = np.isfinite(goal)
+            trial, chosen, begin = goal[kept], active[kept], mean[kept]
+        else:
+            trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** part
+            chosen, begin = active, mean
+        posterior = laplace(rows[chosen], target, weight, offset, trial, begin)
+        value = posterior[4] - 0.5 * rate * (1 / trial).sum()
+        if value >= floor:
+            return chosen, trial, posterior, value, True
+        part *= 0.5
+    posterior = laplace(rows[active], target, weight, offset, alpha, mean)
+    return active, alpha.copy(), posterior, posterior[4] - 0.5 * rate * (1 / alpha).sum(), False
+
+
+@njit(cache=True)
 def ascend(
     rows: Any, square: Any, target: Any, weight: Any, offset: float, allowed: Any, rate: float,
     start: Any, alpha: Any, mean: Any, first: Any, tolerance: float, max_iter: int,
@@ -162,41 +191,46 @@ def ascend(
     ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,) which may enter first. Returns active indices,
     precisions, mode, covariance, log evidence, iterations, whether it converged.
     """
-    active = start.copy()
-    mean, covariance, residual, curvature, evidence, found = laplace(rows[active], target, weight, offset, alpha, mean)
-    alpha = alpha.copy()
+    active, alpha = start.copy(), alpha.copy()
+    posterior = laplace(rows[active], target, weight, offset, alpha, mean)
+    value = posterior[4] - 0.5 * rate * (1 / alpha).sum()
+    peak = value
     permitted, entries = first, np.zeros(rows.shape[0], np.int64)
     converged = False
     iteration = 0
     while iteration < max_iter:
         iteration += 1
-        entering, gain, s, q = candidates(rows, square, permitted, active, (covariance, residual, curvature), rate)
-        permitted = allowed & (entries < _ENTRIES)
+        open_to = permitted & (entries < _ENTRIES)
+        entering, gain, s, q = candidates(rows, square, open_to, active, posterior[1:4], rate)
+        permitted = allowed
         growing = gain > tolerance
         if growing:
             entries[entering] += 1
-            active = np.append(active, entering)
-            alpha = np.append(alpha, 1 / best_variance(s, q, rate))
-            mean = np.append(mean, 0.0)
-        change, before = 0.0, evidence
+            grown, more = np.append(active, entering), np.append(alpha, 1 / best_variance(s, q, rate))
+            trial = laplace(rows[grown], target, weight, offset, more, np.append(posterior[0], 0.0))
+            reached = trial[4] - 0.5 * rate * (1 / more).sum()
+            if reached < peak - _DROP:
+                entries[entering] = _ENTRIES
+                continue
+            active, alpha, posterior, value = grown, more, trial, reached
+        change, before = 0.0, value
         for _ in range(_HOLD if growing else _SETTLE):
-            mean, covariance, residual, curvature, evidence, found = laplace(
-                rows[active], target, weight, offset, alpha, mean
+            peak = max(peak, value)
+            goal, mean = alpha.copy(), posterior[0].copy()
+            change = _sweep(goal, mean, posterior[1].copy(), rate)
+            active, alpha, posterior, value, moved = _step(
+                rows, target, weight, offset, rate, active, alpha, goal, mean, peak - _DROP
             )
-            change = _sweep(alpha, mean, covariance, rate)
-            kept = np.isfinite(alpha)
-            active, alpha, mean = active[kept], alpha[kept], mean[kept]
+            if not moved:
+                change = 0.0
             if change < tolerance:
                 break
-        mean, covariance, residual, curvature, evidence, found = laplace(
-            rows[active], target, weight, offset, alpha, mean
-        )
         # Where two functions are almost alike their precisions creep along a ridge without end and without gain.
-        flat = abs(evidence - before) < 1e-2 * tolerance
-        if not growing and (change < tolerance or flat) and found and iteration > 1:
+        flat = abs(value - before) < 1e-2 * tolerance
+        if not growing and (change < tolerance or flat) and posterior[5] and iteration > 1:
             converged = True
             break
-    return active, alpha, mean, covariance, evidence, iteration, converged
+    return active, alpha, posterior[0], posterior[1], posterior[4], iteration, converged
 
 
 @njit(cache=True)

@@ -88,6 +88,7 @@ class Settings(_Table):
     margin: float
     fiducial_x: float
     fiducial_pitch: float
+    fiducial_rcs: float
     mines: tuple[Mines, ...]
     features: Features
     prescreen: Prescreen
@@ -161,7 +162,7 @@ def _scene(settings: Settings, site: str) -> Scene:
         for kind, count in (("metal", mines.metal), ("plastic", mines.plastic))
     ]
     fiducials = tuple(
-        Thing(kind="fiducial", x=side * settings.fiducial_x, y=float(y), height=0.3)
+        Thing(kind="fiducial", x=side * settings.fiducial_x, y=float(y), height=0.3, rcs_db=settings.fiducial_rcs)
         for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch)
         for side in (-1, 1)
     )
@@ -236,7 +237,7 @@ def lane_images(
     for index in range(len(pose)):
         images.append(operator.adjoint(simulator.scan(index))[:, 0])
         progress(f"stop {index + 1} of {len(pose)}")
-    signature = self_signature(images, "mean")
+    signature = self_signature(images, "median")
     lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.float32)
     points = grid.points()
     for image, where in zip(images, pose, strict=True):
