@@ -17,7 +17,7 @@ from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
 plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
-PAPERS = ("cosgrove2004", "wang2007")
+PAPERS = ("cosgrove2004", "flsar2004", "wang2007")
 
 
 @bench_app.command("imaging")
