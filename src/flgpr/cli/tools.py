@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
+from flgpr.pipeline.reproduce import cosgrove2004, flsar2004, wang2007
 from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
 
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
@@ -96,7 +95,15 @@ def reproduce(
     with plain_errors(), progress(quiet) as track:
         if paper not in PAPERS:
             raise ValueError(f"paper must be one of {', '.join(PAPERS)}, got {paper!r}")
-        run: Callable[..., Any] = import_module(f"flgpr.pipeline.reproduce.{paper}").reproduce
-        page = run(output or Path(f"{paper}-result"), quick=quick, track=track)
+        folder = output or Path(f"{paper}-result")
+        if paper == "flsar2004":
+            flsar2004.reproduce(folder, quick, None if quiet else _say, folder / "images")
+            page = folder / "report.md"
+        else:
+            page = {"cosgrove2004": cosgrove2004, "wang2007": wang2007}[paper].reproduce(folder, quick, track)
     if not quiet:
-        typer.echo(f"page: {Path(page).resolve()}")
+        typer.echo(f"page: {page.resolve()}")
+
+
+def _say(words: str) -> None:
+    typer.echo(words, err=True)
