@@ -8,7 +8,7 @@ demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
