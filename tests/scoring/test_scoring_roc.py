@@ -76,7 +76,7 @@ def test_roc_is_the_rules_applied_threshold_by_threshold(rows, placed, halo, onl
 SHORT = Lane(0.0, 4.0, 0.0, 10.0)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(st.integers(0, 2**32))
 def test_many_lists_score_by_the_papers_sentences(seed):
     """Ten lists per example: ties, duplicates, empty lists, shared halos, points on halos and borders."""
