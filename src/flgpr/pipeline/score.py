@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flgpr.model import check_truth
 from flgpr.pipeline.detect import Detection
 from flgpr.pipeline.result import Result
-from flgpr.scoring import assign, label_alarms, match, pd_mean, roc_of
+from flgpr.scoring import assign, label_alarms, match, pd_mean, refraction_shift, roc_of
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,9 @@ def score(result: Result, truth: pd.DataFrame) -> list[Score]:
 
 
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
-    """Estimate how far beyond a buried target its image lies when focused on the surface.
+    """Estimate how far beyond a buried target its image lies when focused on the surface, averaged over the scans.
 
-    ``Δ = d·sqrt(ε - sin²θ)/sinθ`` for depth d, soil permittivity ε and incidence angle θ, averaged over the scans
-    (small-depth limit of Fermat's principle). Scoring does not correct for it; it explains what is seen.
+    Scoring does not correct for it; it explains what is seen. See :func:`flgpr.scoring.refraction_shift`.
 
     Parameters
     ----------
@@ -95,12 +94,12 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     """
     if "soil" not in run:
         return np.full(len(truth), np.nan)
-    pose = np.asarray(run["pose"])
-    x, y, depth = (truth[name].to_numpy(dtype=float)[:, None] for name in ("x", "y", "depth"))
-    distance = np.hypot(x - pose[:, 0], y - pose[:, 1])
-    sine = distance / np.hypot(distance, pose[:, 2])
-    shift = depth * np.sqrt(run["soil"]["permittivity"] - sine**2) / sine
-    return np.asarray(shift.mean(axis=1), dtype=np.float64)
+    x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
+    permittivity = run["soil"]["permittivity"]
+    shifts = [
+        refraction_shift(depth, permittivity, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in run["pose"]
+    ]
+    return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
 def roc_json(scored: list[Score]) -> str:
