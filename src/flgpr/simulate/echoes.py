@@ -130,7 +130,7 @@ def _add_buried(echoes: Echoes, target: Target, profile: bodies.Profile, ground:
     mean = towards.mean(axis=0)
     along, across = float(mean @ lean), float(mean @ np.array([lean[1], -lean[0]]))
     top = _top_reflection(target, sine, ground, layer)
-    cover = _cover_factor(sine, target.depth, top, ground) if layer == 0 else np.ones((2, 1))
+    cover = _cover_factor(sine, target, top, ground) if layer == 0 else np.ones((2, 1))
     entry = ground.entry_squared(sine, layer)
     for rim in bodies.visible_rims(profile, min(sine / index, 0.999)):
         if target.dielectric is not None and rim.drop > 0:
@@ -144,7 +144,7 @@ def _add_buried(echoes: Echoes, target: Target, profile: bodies.Profile, ground:
         path = ground.path(array.position[array.tx], point) + ground.path(array.position[array.rx], point)
         size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index) * ground.dispersion(sine, depth)
         copolar = size * entry * top * np.array([[rim.h], [rim.v]])
-        copolar = copolar * (cover if rim.drop == 0 else 1.0)
+        copolar = copolar * (cover if rim.drop == 0 and not rim.near else 1.0)
         place = np.array([target.x, target.y, -depth])
         echoes.add(path, place, _rotated(copolar, math.atan2(across, sine / index)))
 
@@ -161,14 +161,21 @@ def _top_reflection(target: Target, sine: float, ground: Ground, layer: int) -> 
     return np.stack([-h, bodies.floor_vertical(h, v)])
 
 
-def _cover_factor(sine: float, depth: float, top: ComplexArray, ground: Ground) -> ComplexArray:
-    """Waves that bounce between the target's top and the surface: ``1/(1 - r21·Γ·e^{-2jqd})``.
+def _cover_factor(sine: float, target: Target, top: ComplexArray, ground: Ground) -> ComplexArray:
+    """Waves that bounce between the target's top and the surface on their way to the far rim and back.
 
-    In the limit of no cover a metal top then gives what a plate in air does.
+    Each bounce ``r21·Γ·e^{-2jqd}`` starts ``2d·tanθ_t`` nearer the radar, where the top must reach: as many are summed
+    as fit on the diameter, the last in part. The near rim has no top before it and sees none. Squared, for by
+    reciprocity the way out has the same bounces as the way in.
     """
-    delay = np.exp(-2j * ground.wavenumber * np.sqrt(ground.media[0] - sine**2) * depth)
-    from_below = -ground.reflection(sine)
-    return 1 / (1 - from_below * top * np.array([[-1.0], [1.0]]) * delay)
+    normal = np.sqrt(ground.media[0] - sine**2)
+    delay = np.exp(-2j * ground.wavenumber * normal * target.depth)
+    bounce = -ground.reflection(sine) * top * np.array([[-1.0], [1.0]]) * delay
+    shift = 2 * target.depth * sine / math.sqrt(ground.real[0] - sine**2)
+    fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
+    whole = math.floor(fitting)
+    rest: ComplexArray = (1 - bounce ** (whole + 1)) / (1 - bounce) + (fitting - whole) * bounce ** (whole + 1)
+    return rest**2
 
 
 def _rotated(copolar: ComplexArray, angle: float) -> ComplexArray:
