@@ -96,7 +96,7 @@ def test_mine_without_clutter_shows_two_humps_32_cm_apart_behind_its_place():
         near = max((k for k in peaks if -0.15 < away[k] < 0.15), key=lambda k: level[k])
         far = max((k for k in peaks if 0.25 < away[k] < 0.45), key=lambda k: level[k])
         assert away[far] - away[near] == pytest.approx(0.32, abs=0.04)
-        assert min(level[near], level[far]) > 0.4 * level.max()
+        assert min(level[near], level[far]) > 0.25 * level.max()  # HH far: spread by the cover
 
 
 def test_resolution_is_near_the_papers():
