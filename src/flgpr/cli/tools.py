@@ -10,13 +10,12 @@ import typer
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
-from flgpr.pipeline.reproduce import cosgrove2004, flsar2004, wang2007
+from flgpr.pipeline.reproduce.papers import PAPERS, reproduce_all
 from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
 
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
 plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
-PAPERS = ("cosgrove2004", "flsar2004", "wang2007")
 
 
 @bench_app.command("imaging")
@@ -84,7 +83,7 @@ def plan_lane_command(
 
 
 def reproduce(
-    paper: Annotated[str, typer.Argument(help=f"One of {', '.join(PAPERS)}.")],
+    paper: Annotated[str, typer.Argument(help=f"One of {', '.join(PAPERS)}, or all.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A small version that only shows that all of it runs.")
@@ -93,17 +92,9 @@ def reproduce(
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
     with plain_errors(), progress(quiet) as track:
-        if paper not in PAPERS:
-            raise ValueError(f"paper must be one of {', '.join(PAPERS)}, got {paper!r}")
-        folder = output or Path(f"{paper}-result")
-        if paper == "flsar2004":
-            flsar2004.reproduce(folder, quick, None if quiet else _say, folder / "images")
-            page = folder / "report.md"
-        else:
-            page = {"cosgrove2004": cosgrove2004, "wang2007": wang2007}[paper].reproduce(folder, quick, track)
+        if paper != "all" and paper not in PAPERS:
+            raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
+        folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
+        page = reproduce_all(folder, quick, track) if paper == "all" else PAPERS[paper].run(folder, quick, track)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")
-
-
-def _say(words: str) -> None:
-    typer.echo(words, err=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,7 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     Parameters
     ----------
     output : str or Path
-        Folder to work in and to write ``wang2007.html`` to.
+        Folder to work in and to write ``wang2007.html`` and ``findings.json`` to.
     quick : bool
         Small lanes that only show that everything runs; the page says so on every figure.
     track : Track
@@ -59,9 +61,12 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
         for name, (scene, seed) in calibration.items()
     ]
     if not quick:
-        write_whole(page, page_html(folder, results, [], parse_recipe(text), radar, quick, track))
+        write_whole(page, page_html(folder, results, [], parse_recipe(text), radar, quick, track)[0])
     others = [lane_result(folder, scene, seed, radar, text, track) for scene, seed in blind.values()]
-    write_whole(page, page_html(folder, results, others, parse_recipe(text), radar, quick, track))
+    html, findings = page_html(folder, results, others, parse_recipe(text), radar, quick, track)
+    told = {"quick": quick, "findings": [asdict(one) for one in findings]}
+    write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
+    write_whole(page, html)
     return page
 
 

@@ -77,8 +77,8 @@ def page_html(
     radar: Sensor,
     quick: bool,
     track: Track,
-) -> str:
-    """Write the page.
+) -> tuple[str, list[Finding]]:
+    """Judge the findings and write the page.
 
     Parameters
     ----------
@@ -97,8 +97,10 @@ def page_html(
 
     Returns
     -------
-    str
+    html : str
         HTML that needs nothing beside it.
+    findings : list of Finding
+        What it says of each statement.
     """
     draws = 100 if quick else 1000
     pool = Pool(calibration)
@@ -130,10 +132,11 @@ def page_html(
             f'<figure><img src="{data_url(figure, 100)}" alt="Fig. {number}"><figcaption>Fig. {number}. {escape(text)}'
             "</figcaption></figure>"
         )
-    return (
+    html = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Wang et al. 2007, reproduced</title>'
         f"<style>{_STYLE}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
     )
+    return html, findings
 
 
 def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
