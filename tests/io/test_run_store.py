@@ -73,6 +73,70 @@ def test_an_interrupted_write_leaves_no_run(small_run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def parts(run):
+    return [run[n].values for n in ("frequency", "polarization", "tx_position", "rx_position")]
+
+
+def stop_after(run, path, scans, **options):
+    def write():
+        with RunWriter(path, *parts(run), run.attrs, resume=True, **options) as writer:
+            append(writer, run, range(scans))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+
+
+def append(writer, run, scans):
+    for k in scans:
+        writer.append(run["signal"][k].values, run["pose"][k].values, float(run["time"][k]))
+
+
+def bytes_of(path):
+    return {str(f.relative_to(path)): f.read_bytes() for f in sorted(path.rglob("*")) if f.is_file()}
+
+
+@pytest.mark.parametrize("damage", ["none", "torn journal line", "altered chunk", "missing chunk", "stray file"])
+def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path, damage):
+    stop_after(small_run, tmp_path / "a.zarr", 3)
+    left = tmp_path / "a.zarr.partial"
+    journal, chunk = left / "journal.jsonl", left / "signal" / "c" / "1" / "0" / "0" / "0"
+    if damage == "torn journal line":
+        journal.write_bytes(journal.read_bytes()[:-7])
+    elif damage == "altered chunk":
+        chunk.write_bytes(chunk.read_bytes()[:-1] + b"x")
+    elif damage == "missing chunk":
+        chunk.unlink()
+    elif damage == "stray file":
+        (left / "signal" / "c" / "3").mkdir()
+        (left / "signal" / "c" / "3" / "half.partial").write_bytes(b"half")
+    with RunWriter(tmp_path / "a.zarr", *parts(small_run), small_run.attrs, resume=True) as writer:
+        assert len(writer) == {"none": 3, "stray file": 3, "torn journal line": 2}.get(damage, 1)
+        append(writer, small_run, range(len(writer), small_run.sizes["scan"]))
+    save_run(small_run, tmp_path / "whole.zarr")
+    assert bytes_of(tmp_path / "a.zarr") == bytes_of(tmp_path / "whole.zarr")
+    assert not left.exists()
+
+
+def test_another_run_is_not_gone_on_with(small_run, tmp_path):
+    same = (tmp_path / "a.zarr", *parts(small_run), small_run.attrs)
+    stop_after(small_run, tmp_path / "a.zarr", 2, inputs={"scene": "one"})
+    with pytest.raises(RunStoreError, match=r'its inputs.scene is "one", this one\'s "two"'):
+        RunWriter(*same, resume=True, inputs={"scene": "two"})
+    with RunWriter(
+        tmp_path / "a.zarr", *parts(small_run), small_run.attrs, resume=True, inputs={"scene": "one"}
+    ) as two:
+        assert len(two) == 2
+        with pytest.raises(RunStoreError, match="another process is writing"):
+            RunWriter(*same)
+    assert open_run(tmp_path / "a.zarr").sizes["scan"] == 2
+    stop_after(small_run, tmp_path / "b.zarr", 2)
+    with RunWriter(tmp_path / "b.zarr", *parts(small_run)) as anew:
+        assert len(anew) == 0
+        append(anew, small_run, range(1))
+    assert open_run(tmp_path / "b.zarr").sizes["scan"] == 1
+
+
 def test_a_store_that_was_never_committed_says_so(small_run, tmp_path):
     save_run(small_run, tmp_path / "a.zarr")
     (tmp_path / "a.zarr").rename(tmp_path / "a.zarr.partial")

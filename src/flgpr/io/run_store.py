@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 import zarr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
 from zarr.codecs import Crc32cCodec
 
 from flgpr.io.files import canonical_json, sha256, sync_directory, sync_file, write_whole
+from flgpr.io.journal import JOURNAL, Journal, JournalError, WrittenScan
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 
 FORMAT, VERSION = "flgpr-run", 1
@@ -139,7 +140,12 @@ class VerifiedStore(Store):  # type: ignore[misc]
 class RunWriter:
     """Write a run scan by scan; the store appears under its name only when it is whole.
 
-    Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written.
+    Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written, unless
+    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that number:
+
+    >>> with RunWriter(path, *fixed, resume=True) as writer:  # doctest: +SKIP
+    ...     for scan in range(len(writer), total):
+    ...         writer.append(signal(scan), pose[scan])
 
     Parameters
     ----------
@@ -149,11 +155,19 @@ class RunWriter:
         As in :func:`flgpr.model.make_run`.
     overwrite : bool
         Replace a run that is already there.
+    resume : bool
+        Go on where a writer of the same run was stopped, even by a kill: its scans are checked by their digests, and
+        writing continues after the last good one. Without it, what a stopped writer left is thrown away.
+    inputs : dict, optional
+        What else the scans depend on (digests of input files, versions), as JSON values. Resuming demands the same;
+        they are not stored in the run.
 
     Raises
     ------
     FileExistsError
         If the path exists and ``overwrite`` is false.
+    RunStoreError
+        If another process is writing this run, or what is to be resumed is another run.
     ValueError
         If the description of the run breaks a rule.
     """
@@ -167,6 +181,8 @@ class RunWriter:
         rx_position: ArrayLike,
         attrs: dict[str, Any] | None = None,
         overwrite: bool = False,
+        resume: bool = False,
+        inputs: dict[str, Any] | None = None,
     ) -> None:
         self.path = Path(path)
         if self.path.exists() and not overwrite:
@@ -178,14 +194,27 @@ class RunWriter:
             self._attrs = json.loads(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
-        self._poses: list[NDArray[np.float64]] = []
-        self._times: list[float] = []
-        self._valid: list[NDArray[np.bool_]] = []
+        self._resume = resume
         self._partial = self.path.with_name(self.path.name + ".partial")
-        shutil.rmtree(self._partial, ignore_errors=True)
-        self._partial.parent.mkdir(parents=True, exist_ok=True)
-        self._group = zarr.open_group(self._partial, mode="w", zarr_format=3)
-        self._signal: zarr.Array | None = None
+        about = {
+            "frequency": sha256(self._frequency.tobytes()),
+            "polarization": self._polarization,
+            "tx_position": sha256(self._tx.tobytes()),
+            "rx_position": sha256(self._rx.tobytes()),
+            "attrs": self._attrs,
+            "inputs": inputs or {},
+        }
+        try:
+            self._journal = Journal(self._partial, about, resume)
+        except JournalError as error:
+            raise RunStoreError(str(error)) from None
+        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        self._drop_what_is_not_sure()
+        self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
+        self._signal = self._array("signal", (len(self), *self._shape), (1, *self._shape), "complex64")
+
+    def __len__(self) -> int:
+        return len(self._journal.scans)
 
     def __enter__(self) -> RunWriter:
         return self
@@ -197,7 +226,9 @@ class RunWriter:
             if kind is None:
                 self.commit()
         finally:
-            shutil.rmtree(self._partial, ignore_errors=True)
+            if not (self._resume and len(self)):
+                shutil.rmtree(self._partial, ignore_errors=True)
+            self._journal.close()
 
     def append(self, signal: ArrayLike, pose: ArrayLike, time: float = float("nan")) -> None:
         """Write one scan.
@@ -217,18 +248,18 @@ class RunWriter:
             If the scan breaks a rule of :func:`flgpr.model.make_run`.
         """
         block = np.asarray(signal, dtype=np.complex64)
-        shape = (len(self._polarization), len(self._tx), self._frequency.size)
-        if block.shape != shape:
-            raise ValueError(f"signal must have the shape (polarization, pair, frequency) = {shape}, got {block.shape}")
-        if self._signal is None:
-            self._signal = self._array("signal", (0, *shape), (1, *shape), "complex64")
-        count = len(self._poses)
-        self._signal.resize((count + 1, *shape))
+        if block.shape != self._shape:
+            raise ValueError(
+                f"signal must have the shape (polarization, pair, frequency) = {self._shape}, got {block.shape}"
+            )
+        count = len(self)
+        self._signal.resize((count + 1, *self._shape))
         self._signal[count] = block
-        sync_file(self._partial / "signal" / "c" / str(count) / "0" / "0" / "0")
-        self._poses.append(np.asarray(pose, dtype=np.float64))
-        self._times.append(float(time))
-        self._valid.append(np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_))
+        chunk = self._chunk(count)
+        sync_file(chunk)
+        valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
+        digest = sha256(chunk.read_bytes())
+        self._journal.append(WrittenScan(digest, np.asarray(pose, dtype=np.float64), float(time), valid))
 
     def commit(self) -> None:
         """Write the small arrays and the manifest, then give the store its name.
@@ -238,17 +269,18 @@ class RunWriter:
         ValueError
             If no scan was written or the run breaks a rule of :func:`flgpr.model.make_run`.
         """
-        if not self._poses:
+        scans = self._journal.scans
+        if not scans:
             raise ValueError("a run must hold at least one scan, got none")
-        probe = np.where(np.stack(self._valid)[..., None], 0, np.nan) * np.ones(self._frequency.size)
+        probe = np.where(np.stack([scan.valid for scan in scans])[..., None], 0, np.nan) * np.ones(self._frequency.size)
         run = make_run(
             probe + 0j,
             self._frequency,
             self._polarization,
             self._tx,
             self._rx,
-            np.stack(self._poses),
-            self._times,
+            np.stack([scan.pose for scan in scans]),
+            [scan.time for scan in scans],
         )
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = run[name].values
@@ -256,8 +288,29 @@ class RunWriter:
         self._group.attrs.update(
             {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
         )
-        _write_manifest(self._partial, len(self._poses))
+        _write_manifest(self._partial, len(scans))
+        (self._partial / JOURNAL).unlink()
         _replace(self._partial, self.path)
+
+    def _chunk(self, scan: int) -> Path:
+        return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"
+
+    def _drop_what_is_not_sure(self) -> None:
+        """Keep the scans up to the first whose chunk is not what the journal says, and nothing else."""
+        good: list[Path] = []
+        for scan, written in enumerate(self._journal.scans):
+            chunk = self._chunk(scan)
+            if not chunk.is_file() or sha256(chunk.read_bytes()) != written.sha256:
+                break
+            good.append(chunk)
+        self._journal.keep(len(good))
+        kept = {self._partial / JOURNAL, *good}
+        for path in sorted(self._partial.rglob("*"), reverse=True):
+            if path.is_dir():
+                if not any(path.iterdir()):
+                    path.rmdir()
+            elif path not in kept:
+                path.unlink()
 
     def _array(
         self,
@@ -426,7 +479,7 @@ def _check_size(root: Path, key: str, entry: dict[str, Any]) -> None:
 def _write_manifest(root: Path, scans: int) -> None:
     files = {}
     for file in sorted(root.rglob("*")):
-        if file.is_file():
+        if file.is_file() and file.name != JOURNAL:
             data = file.read_bytes()
             sync_file(file)
             files[file.relative_to(root).as_posix()] = {"sha256": sha256(data), "bytes": len(data)}

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from flgpr import __version__
 from flgpr.io import RunWriter, canonical_json, sha256, write_geojson, write_table, write_whole
 from flgpr.model import Sensor
 from flgpr.pipeline.progress import Track, silent
@@ -19,9 +20,18 @@ _COLOUR = {"metal": "C3", "plastic": "C0", "simulant": "C2", "rock": "0.5", "pos
 
 
 def simulate_to_store(
-    scene: Scene, sensor: Sensor, seed: int, output: str | Path, errors: bool = True, track: Track = silent
+    scene: Scene,
+    sensor: Sensor,
+    seed: int,
+    output: str | Path,
+    errors: bool = True,
+    track: Track = silent,
+    resume: bool = True,
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store; truth, objects and lane are written beside it.
+
+    Stopped at any moment, even by a kill, it goes on when called again with the same arguments, and the store is the
+    same to the bit.
 
     Parameters
     ----------
@@ -37,6 +47,8 @@ def simulate_to_store(
         Whether the sensor's errors are added.
     track : Track
         Shows progress.
+    resume : bool
+        Go on with what a stopped call left; otherwise begin again.
 
     Returns
     -------
@@ -47,29 +59,39 @@ def simulate_to_store(
     ------
     FileExistsError
         If the store exists.
+    RunStoreError
+        If what a stopped call left is another lane's.
     """
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     tx, rx = sensor.pairs()
     attrs = simulator.attributes() | {"source": "simulated by flgpr", "title": scene.name, "scene_sha256": _hash(scene)}
-    with RunWriter(store, simulator.frequency, list(sensor.polarization), tx, rx, attrs) as writer:
-        poses = simulator.reported_pose()
-        for scan in track(range(len(simulator)), "simulating", len(simulator)):
+    inputs = {"flgpr": __version__, "sensor_sha256": _hash(sensor), "errors": errors}
+    polarization = list(sensor.polarization)
+    with RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs) as writer:
+        written = [store, *_write_beside(store, simulator)]
+        poses, done, total = simulator.reported_pose(), len(writer), len(simulator)
+        label = f"simulating, {done} scans were there" if done else "simulating"
+        for scan in track(range(done, total), label, total - done):
             writer.append(simulator.scan(scan), poses[scan], float(simulator.time[scan]))
-    written = [store]
+    return written
+
+
+def _write_beside(store: Path, simulator: Simulator) -> list[Path]:
+    written = []
     for name, table in (("truth", simulator.truth), ("objects", simulator.objects)):
         path = store.with_name(f"{store.stem}-{name}.csv")
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)
-    lane = scene.lane
+    lane = simulator.scene.lane
     text = "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
     write_whole(store.with_name(f"{store.stem}-lane.toml"), text)
     return [*written, store.with_name(f"{store.stem}-lane.toml")]
 
 
-def _hash(scene: Scene) -> str:
-    content: Any = json.loads(scene.model_dump_json())
+def _hash(part: Scene | Sensor) -> str:
+    content: Any = json.loads(part.model_dump_json())
     return sha256(canonical_json(content))
 
 

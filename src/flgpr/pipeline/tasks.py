@@ -331,6 +331,7 @@ def simulate_lane(
     preview: PathLike | None = None,
     errors: bool = True,
     track: Track = silent,
+    resume: bool = True,
 ) -> list[Path]:
     """Simulate a scene file into a run store, or draw it.
 
@@ -350,6 +351,8 @@ def simulate_lane(
         Whether the sensor's errors are added.
     track : Track
         Shows progress.
+    resume : bool
+        Go on with what a stopped call left; otherwise begin again.
 
     Returns
     -------
@@ -367,7 +370,7 @@ def simulate_lane(
         preview_figure(world, seed).savefig(preview, dpi=100, format="png", metadata={"Software": None})
         written.append(Path(preview))
     if output is not None:
-        written += simulate_to_store(world, array, seed, output, errors, track)
+        written += simulate_to_store(world, array, seed, output, errors, track, resume)
     return written
 
 

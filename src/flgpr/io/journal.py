@@ -1,0 +1,153 @@
+"""The journal of a run store that is being written: what it is, and which scans are safely on disk.
+
+A line per scan, written after the scan's chunk was flushed, each with the digest of its own text: whatever a killed
+process left half-written is seen and dropped.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.io.files import canonical_json, sha256, sync_directory
+
+JOURNAL = "journal.jsonl"
+_FORMAT = "flgpr-journal-1"
+
+
+class WrittenScan(NamedTuple):
+    """A scan that is on disk.
+
+    Attributes
+    ----------
+    sha256 : str
+        Digest of its chunk.
+    pose : (6,) ndarray
+        x, y, z (m), heading, pitch, roll (rad).
+    time : float
+        s, NaN where unknown.
+    valid : (polarization, pair) ndarray of bool
+        Which sweeps are finite.
+    """
+
+    sha256: str
+    pose: NDArray[np.float64]
+    time: float
+    valid: NDArray[np.bool_]
+
+
+class JournalError(ValueError):
+    """What was begun is something else, or another process is at it."""
+
+
+class Journal:
+    """The journal in a folder, held by one process at a time.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the unfinished store; made if it is not there.
+    about : dict
+        What is being written, as JSON values: a later process must bring the same.
+    resume : bool
+        Whether to go on with a journal that is there; otherwise it is emptied.
+
+    Attributes
+    ----------
+    scans : list of WrittenScan
+        The scans written before, in order.
+
+    Raises
+    ------
+    JournalError
+        If another process holds the journal, or the journal to be resumed is about something else.
+    """
+
+    def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
+        self.path = folder / JOURNAL
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file: BinaryIO = self.path.open("ab+", buffering=0)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise JournalError(f"{folder}: another process is writing this run") from None
+        self.scans: list[WrittenScan] = []
+        try:
+            self._take_up(about, resume)
+        except BaseException:
+            self.close()
+            raise
+
+    def append(self, scan: WrittenScan) -> None:
+        """Add a scan whose chunk is on disk."""
+        time = None if math.isnan(scan.time) else scan.time
+        line = {"sha256": scan.sha256, "pose": scan.pose.tolist(), "time": time, "valid": scan.valid.tolist()}
+        self._write(line)
+        self.scans.append(scan)
+
+    def keep(self, count: int) -> None:
+        """Forget all scans but the first ``count``."""
+        self._file.truncate(self._ends[count])
+        os.fsync(self._file.fileno())
+        del self.scans[count:], self._ends[count + 1 :]
+
+    def close(self) -> None:
+        """Let go of the journal."""
+        self._file.close()
+
+    def _take_up(self, about: dict[str, Any], resume: bool) -> None:
+        self._file.seek(0)
+        texts = self._file.read().split(b"\n")[:-1] if resume else []
+        lines = []
+        for text in texts:
+            digest, _, content = text.partition(b" ")
+            if sha256(content).encode() != digest:
+                break
+            lines.append(json.loads(content))
+        if lines and lines[0].get("format") == _FORMAT:
+            difference = _difference(lines[0]["about"], json.loads(canonical_json(about)))
+            if difference:
+                raise JournalError(f"{self.path.parent} holds another unfinished run: {difference}")
+            self.scans = [_scan(line) for line in lines[1:]]
+            self._ends = np.cumsum([len(text) + 1 for text in texts[: len(lines)]]).tolist()
+            self.keep(len(self.scans))
+            return
+        self._file.truncate(0)
+        self._ends = []
+        self._write({"format": _FORMAT, "about": about})
+        sync_directory(self.path.parent)
+
+    def _write(self, value: dict[str, Any]) -> None:
+        content = canonical_json(value)
+        self._file.write(sha256(content).encode() + b" " + content + b"\n")
+        os.fsync(self._file.fileno())
+        self._ends.append(self._file.seek(0, os.SEEK_END))
+
+
+def _scan(line: dict[str, Any]) -> WrittenScan:
+    time = math.nan if line["time"] is None else float(line["time"])
+    return WrittenScan(line["sha256"], np.array(line["pose"], dtype=np.float64), time, np.array(line["valid"], bool))
+
+
+def _difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
+    """Tell the first entry in which two descriptions differ; empty if none does."""
+    for key in sorted({*old, *new}):
+        before, now = old.get(key), new.get(key)
+        if before != now:
+            if isinstance(before, dict) and isinstance(now, dict):
+                return _difference(before, now, f"{where}{key}.")
+            return f"its {where}{key} is {_short(before)}, this one's {_short(now)}"
+    return ""
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
