@@ -1,0 +1,65 @@
+"""How the documentation is built: Sphinx, MyST and sphinx-gallery, without network at build or view time."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import matplotlib as mpl
+
+import flgpr
+
+mpl.use("Agg")
+
+project = "flgpr"
+author = copyright = "the flgpr authors"
+version = release = flgpr.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+    "mathml",
+]
+exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
+suppress_warnings = ["toc.not_included"]
+nitpicky = False
+
+html_theme = "furo"
+html_title = f"flgpr {version}"
+html_static_path = ["_static"]
+html_css_files = ["extra.css"]
+html_math_renderer = "mathml"
+html_copy_source = False
+html_show_sourcelink = False
+templates_path = ["_templates"]
+
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+
+autosummary_generate = True
+autodoc_typehints = "none"
+autodoc_default_options = {"members": True, "show-inheritance": False}
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "filename_pattern": r"/plot_",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "show_memory": False,
+    "write_computation_times": False,
+    "image_scrapers": ("matplotlib",),
+    "matplotlib_animations": False,
+    "within_subsection_order": "FileNameSortKey",
+    "min_reported_time": 1,
+    "show_signature": False,
+    "capture_repr": ("_repr_html_", "__repr__"),
+}
+linkcheck_ignore = [r".*"]
