@@ -29,3 +29,47 @@ def equation_5_data(x, frequency, tx, rx, pixels, weight=None):
         for k, f in enumerate(frequency):
             b[n, k] = weight[k] * np.sum(x * np.exp(-2j * np.pi * f * path / C))
     return b
+
+
+def equation_3_matrix(frequency, tx, rx, pixels):
+    """A as a matrix (pair * frequency, pixel)."""
+    columns = [equation_5_data([1.0], frequency, tx, rx, pixel[None]).ravel() for pixel in pixels]
+    return np.array(columns).T
+
+
+def equations_5_to_8(b, A, mask, region, iterations):
+    """Data after every iteration; b (sample,), A (sample, pixel), mask and region (pixel,)."""
+    course = [b]
+    for _ in range(iterations):
+        x = A.conj().T @ course[-1]
+        total = np.zeros_like(b)
+        for r in set(region[mask]):
+            x_hat = np.where(mask & (region == r), x, 0)
+            b_hat = A @ x_hat
+            x_2 = A.conj().T @ b_hat
+            total = total + max(abs(x_hat)) / max(abs(x_2[region == r])) * b_hat
+        course.append(course[-1] - total)
+    return course
+
+
+def extended_mask_as_written(vv, vh, low_vv, low_vh, across):
+    """(VV_low ∩ VH_low) ∪ VH_low at the roadside, one threshold each."""
+    out = np.zeros(vv.shape, bool)
+    for i in np.ndindex(*vv.shape):
+        vv_low, vh_low = abs(vv[i]) > low_vv, abs(vh[i]) > low_vh
+        out[i] = ((vv_low and vh_low) or vh_low) and (-10 <= across[i] <= -4 or 4 <= across[i] <= 10)
+    return out
+
+
+def regions_that_meet(shape, other):
+    """Connected regions (eight neighbours) of one mask that share a pixel with another, by flooding."""
+    out = np.zeros(shape.shape, bool)
+    todo = [i for i in np.ndindex(*shape.shape) if shape[i] and other[i]]
+    while todo:
+        row, column = todo.pop()
+        inside = 0 <= row < shape.shape[0] and 0 <= column < shape.shape[1]
+        if not inside or out[row, column] or not shape[row, column]:
+            continue
+        out[row, column] = True
+        todo += [(row + v, column + u) for v in (-1, 0, 1) for u in (-1, 0, 1)]
+    return out

@@ -25,7 +25,7 @@ class Suppression:
 
     Attributes
     ----------
-    data : (polarization, pair, frequency) ndarray of complex64
+    data : (..., polarization, pair, frequency) ndarray of complex64
         Data less the modelled response.
     residual : (iteration + 1,) ndarray
         Weighted norm of the cleaned data over that of the data, from 1 before the first iteration on.
@@ -43,12 +43,12 @@ def suppress_by_model(
     Minimises ``||w (b - A x)||`` over the reflectivity x of the operator's pixels, which are the mask, by conjugate
     gradients on the normal equations (Hestenes and Stiefel 1952), stopped after a few iterations: what converges
     first is what is strong under the mask. This is the least-squares form of Fuse et al. 2018, Eq. 5-6; it needs no
-    amplitude B.
+    amplitude B. The iterates are those of LSQR (Paige and Saunders 1982) on A restricted to the mask.
 
     Parameters
     ----------
-    data : (polarization, pair, frequency) array_like of complex
-        Received field b.
+    data : (..., polarization, pair, frequency) array_like of complex
+        Received field b; leading axes as the operator takes them.
     operator : imaging operator
         A on the pixels of the mask alone, one band, no window.
     iterations : int

@@ -1,0 +1,218 @@
+"""Coherent sums over frames (Fuse et al. 2018, Eq. 4): the operator, the pose accuracy they need, and its check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter
+from scipy.optimize import brentq
+
+from flgpr.clutter.iteration import Iterated, OperatorOn, averaged, iterate_suppression
+from flgpr.clutter.suppression import Operator
+from flgpr.model import SPEED_OF_LIGHT
+
+ComplexArray = NDArray[np.complex64]
+FloatArray = NDArray[np.float64]
+
+
+class FrameStack:
+    """Operators of several frames as one: its adjoint is the coherent sum over frames (Fuse et al. 2018, Eq. 4).
+
+    The image is one reflectivity that all frames share.
+
+    Parameters
+    ----------
+    operators : sequence of Operator
+        A of every frame, all on the same pixels.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+
+    def __init__(self, operators: Sequence[Operator]) -> None:
+        if not operators:
+            raise ValueError("operators must hold at least one frame, got none")
+        self.operators = tuple(operators)
+
+    def adjoint(self, data: ArrayLike) -> ComplexArray:
+        """Sum the images of all frames.
+
+        Parameters
+        ----------
+        data : (frame, polarization, pair, frequency) array_like of complex
+            Received field.
+
+        Returns
+        -------
+        (polarization, subband, ...) ndarray of complex64
+            The image.
+        """
+        frames = np.asarray(data)
+        if len(frames) != len(self.operators):
+            raise ValueError(f"data must hold {len(self.operators)} frames, got {len(frames)}")
+        total = self.operators[0].adjoint(frames[0])
+        for operator, one in zip(self.operators[1:], frames[1:], strict=True):
+            total = total + operator.adjoint(one)
+        return total
+
+    def forward(self, image: ArrayLike) -> ComplexArray:
+        """Model the data of all frames.
+
+        Parameters
+        ----------
+        image : (polarization, subband, ...) array_like of complex
+            Reflectivity.
+
+        Returns
+        -------
+        (frame, polarization, pair, frequency) ndarray of complex64
+            The field.
+        """
+        return np.stack([operator.forward(image) for operator in self.operators])
+
+
+def iterate_frames(
+    data: ArrayLike,
+    operator_on: Sequence[OperatorOn],
+    pixels: ArrayLike,
+    mask: ArrayLike,
+    region: ArrayLike,
+    iterations: int = 7,
+) -> list[Iterated]:
+    """Suppress frame by frame under one mask, with a reflectivity of its own in every frame.
+
+    It asks for no coherence from frame to frame: what stands above the ground, turns its side to the radar or is seen
+    from a pose that is a little wrong still fits.
+
+    Parameters
+    ----------
+    data : (frame, polarization, pair, frequency) array_like of complex
+        Received field.
+    operator_on : sequence of callable
+        For every frame, as in :func:`iterate_suppression`.
+    pixels, mask, region, iterations
+        As in :func:`iterate_suppression`.
+
+    Returns
+    -------
+    list of Iterated
+        One per frame.
+    """
+    frames = zip(np.asarray(data), operator_on, strict=True)
+    return [iterate_suppression(one, make, pixels, mask, region, iterations) for one, make in frames]
+
+
+def averaged_frames(courses: Sequence[Iterated], combination: int) -> ComplexArray:
+    """Average the iterations of a combination in every frame, see :func:`averaged`; (frame, ...) ndarray."""
+    return np.stack([averaged(course, combination) for course in courses])
+
+
+def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
+    """Loss of a coherent sum over many frames whose ranges are wrong.
+
+    An error δ along the line of sight turns a tone by 4πfδ/c; with independent normal errors of deviation σ the mean
+    field over the frames falls by ``exp(-(4πfσ/c)²/2)``, averaged over the tones. An error of the heading turns the
+    array about its middle: it shifts the image across and hardly changes its phase, so it does not enter.
+
+    Parameters
+    ----------
+    error : (...) array_like
+        σ, m.
+    frequency : (frequency,) array_like
+        Tones, Hz.
+
+    Returns
+    -------
+    (...) ndarray
+        Loss, dB.
+    """
+    turn = 4 * np.pi / SPEED_OF_LIGHT * np.multiply.outer(np.asarray(error, float), np.asarray(frequency, float))
+    return np.asarray(-20 * np.log10(np.exp(-(turn**2) / 2).mean(axis=-1)))
+
+
+def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
+    """Compute the accuracy of the range that a coherent sum over frames needs (Fuse et al. 2018, Eq. 4).
+
+    Parameters
+    ----------
+    frequency : (frequency,) array_like
+        Tones, Hz.
+    loss_db : float
+        Loss that is put up with, dB.
+
+    Returns
+    -------
+    float
+        Standard deviation along the line of sight from frame to frame, m.
+
+    Raises
+    ------
+    ValueError
+        If ``loss_db`` is not positive.
+    """
+    if not loss_db > 0:
+        raise ValueError(f"loss_db must be positive, got {loss_db}")
+    tones = np.asarray(frequency, dtype=np.float64)
+    turn = 4 * np.pi * tones.min() / SPEED_OF_LIGHT
+    # The lowest tone alone would stand an error of `most`; all tones together stand less.
+    most = np.sqrt(loss_db * np.log(10) / 10) / turn
+    return float(brentq(lambda sigma: float(coherent_loss_db(sigma, tones)) - loss_db, 0.0, 1.001 * most))
+
+
+@dataclass(frozen=True)
+class Coherence:
+    """How well frames agree at strong pixels.
+
+    Attributes
+    ----------
+    loss_db : (pixel,) ndarray
+        Magnitude of the sum under the sum of the frames' own peaks, dB, by pixel, strongest first.
+    at : (pixel, 2) ndarray of int
+        Row and column of each.
+    """
+
+    loss_db: FloatArray
+    at: NDArray[np.int64]
+
+
+def measured_coherence(images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20) -> Coherence:
+    """Measure the loss of the coherent sum at the strongest pixels.
+
+    Parameters
+    ----------
+    images : (frame, y, x) array_like of complex
+        Images of the frames on the same pixels.
+    reach : int
+        How far from a peak of the sum a frame's own peak may lie, pixels.
+    apart : int
+        Least distance between the peaks taken, pixels.
+    most : int
+        How many.
+
+    Returns
+    -------
+    Coherence
+        Losses. Pose errors are one cause; an object above the ground that is focused on it, or one that glints, is
+        another, so this is an upper bound of what poses cost.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two frames.
+    """
+    frames = np.asarray(images)
+    if frames.ndim != 3 or len(frames) < 2:
+        raise ValueError(f"images must be (frame, y, x) with at least two frames, got {frames.shape}")
+    total = np.abs(frames.sum(axis=0))
+    single = np.sum([maximum_filter(np.abs(one), size=2 * reach + 1) for one in frames], axis=0)
+    peak = (total == maximum_filter(total, size=2 * apart + 1)) & (total > 0)
+    rows, columns = np.nonzero(peak)
+    order = np.argsort(-total[rows, columns], kind="stable")[:most]
+    at = np.column_stack([rows[order], columns[order]]).astype(np.int64)
+    loss = -20 * np.log10(total[at[:, 0], at[:, 1]] / single[at[:, 0], at[:, 1]])
+    return Coherence(loss, at)

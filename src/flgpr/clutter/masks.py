@@ -1,0 +1,340 @@
+"""Binary clutter masks from VV, VH and a second band, and their thresholds (Fuse et al. 2018, Sec. 2.2 and 2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Intersection = Literal["pixel", "region"]
+
+ROADSIDE = (4.0, 10.0)
+"""Distance from the middle of the road within which the extended mask holds, m (Sec. 2.4)."""
+_NEIGHBOURS = np.ones((3, 3), dtype=bool)
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Magnitudes that a pixel must exceed, one per sub-region.
+
+    Attributes
+    ----------
+    vv, vh : (region,) ndarray
+        Of the fundamental mask.
+    low_vh : (region,) ndarray
+        Of the extended mask.
+    second : (region,) ndarray or None
+        Of the second band in the fundamental mask; None for a single-band radar.
+    """
+
+    vv: FloatArray
+    vh: FloatArray
+    low_vh: FloatArray
+    second: FloatArray | None = None
+
+
+def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
+    """Divide pixels into sub-regions in range (Fuse et al. 2018, Sec. 2.2, which takes four).
+
+    Parameters
+    ----------
+    distance : (...) array_like
+        Range of every pixel, m.
+    edges : (region + 1,) array_like
+        Borders, m, rising; a lower border is within, the last one too.
+
+    Returns
+    -------
+    (...) ndarray of int
+        Number of the sub-region, -1 outside all.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two edges or they do not rise.
+    """
+    borders, place = np.asarray(edges, dtype=np.float64), np.asarray(distance, dtype=np.float64)
+    if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
+        raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
+    number = np.searchsorted(borders, place, side="right") - 1
+    number[place == borders[-1]] = borders.size - 2
+    return np.where((place >= borders[0]) & (place <= borders[-1]), number, -1).astype(np.int64)
+
+
+def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray:
+    """Mark the pixels whose magnitude exceeds their sub-region's threshold.
+
+    Parameters
+    ----------
+    image : (y, x) array_like
+        Image, complex or a magnitude.
+    threshold : (region,) array_like
+        One per sub-region.
+    region : (y, x) ndarray of int
+        From :func:`subregions`; pixels of no sub-region are never marked.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The binary mask.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or a threshold is negative or NaN.
+    """
+    magnitude, limit = np.abs(np.asarray(image)), np.asarray(threshold, dtype=np.float64)
+    if magnitude.shape != region.shape:
+        raise ValueError(f"image must have the shape of region, {region.shape}, got {magnitude.shape}")
+    if limit.ndim != 1 or limit.size <= region.max(initial=-1) or not (limit >= 0).all():
+        raise ValueError(f"threshold must hold one number of at least 0 per sub-region, got {threshold!r}")
+    return np.asarray((region >= 0) & (magnitude > limit[np.maximum(region, 0)]))
+
+
+def intersect(shape: BoolArray, other: BoolArray, by: Intersection = "pixel") -> BoolArray:
+    """Intersect two binary masks.
+
+    Parameters
+    ----------
+    shape, other : (y, x) ndarray of bool
+        Masks.
+    by : {"pixel", "region"}
+        Pixels that both hold; or whole connected regions of ``shape`` (eight neighbours) that share a pixel with
+        ``other``. The paper compares "each region" and selects "the intersection", which can be read both ways.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The intersection.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ or ``by`` is unknown.
+    """
+    if shape.shape != other.shape:
+        raise ValueError(f"masks must have one shape, got {shape.shape} and {other.shape}")
+    if by == "pixel":
+        return shape & other
+    if by != "region":
+        raise ValueError(f"by must be pixel or region, got {by!r}")
+    label, count = ndimage.label(shape, _NEIGHBOURS)
+    chosen = np.zeros(count + 1, dtype=bool)
+    chosen[label[other]] = True
+    chosen[0] = False
+    return np.asarray(chosen[label])
+
+
+def fundamental_mask(
+    vv: ArrayLike,
+    vh: ArrayLike,
+    thresholds: Thresholds,
+    region: IntArray,
+    second: ArrayLike | None = None,
+    by: Intersection = "pixel",
+) -> BoolArray:
+    """Make the fundamental mask, VV∩VH ∪ VV∩X (Fuse et al. 2018, Fig. 2a).
+
+    Parameters
+    ----------
+    vv, vh : (y, x) array_like
+        Images of the band that is cleaned.
+    thresholds : Thresholds
+        From a calibration lane.
+    region : (y, x) ndarray of int
+        From :func:`subregions`.
+    second : (y, x) array_like, optional
+        Image of the second band on the same pixels. Without it the mask is VV∩VH alone.
+    by : {"pixel", "region"}
+        As for :func:`intersect`.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The mask.
+
+    Raises
+    ------
+    ValueError
+        If a second image comes without its thresholds, or shapes do not fit.
+    """
+    shape = above(vv, thresholds.vv, region)
+    mask = intersect(shape, above(vh, thresholds.vh, region), by)
+    if second is None:
+        return mask
+    if thresholds.second is None:
+        raise ValueError("thresholds must hold those of the second band to use its image, got none")
+    return mask | intersect(shape, above(second, thresholds.second, region), by)
+
+
+def extended_mask(
+    vh: ArrayLike, thresholds: Thresholds, region: IntArray, across: ArrayLike, roadside: tuple[float, float] = ROADSIDE
+) -> BoolArray:
+    """Make the extended mask of the roadside (Fuse et al. 2018, Fig. 2b).
+
+    The paper unites (VV_low ∩ VH_low) with VH_low. That union is VH_low, whatever VV_low is, so VV does not enter.
+
+    Parameters
+    ----------
+    vh : (y, x) array_like
+        VH image.
+    thresholds : Thresholds
+        ``low_vh`` is used.
+    region : (y, x) ndarray of int
+        From :func:`subregions`.
+    across : (y, x) array_like
+        Distance of every pixel from the middle of the road, m, of either sign.
+    roadside : (least, greatest)
+        Where the mask holds, m.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The mask.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or the roadside has no width.
+    """
+    least, greatest = roadside
+    if not 0 <= least < greatest:
+        raise ValueError(f"roadside must have 0 <= least < greatest, got {roadside}")
+    away = np.abs(np.asarray(across, dtype=np.float64))
+    return above(vh, thresholds.low_vh, region) & (away >= least) & (away <= greatest)
+
+
+def mixed_mask(
+    vv: ArrayLike,
+    vh: ArrayLike,
+    thresholds: Thresholds,
+    region: IntArray,
+    across: ArrayLike,
+    second: ArrayLike | None = None,
+    by: Intersection = "pixel",
+    roadside: tuple[float, float] = ROADSIDE,
+) -> BoolArray:
+    """Unite the fundamental and the extended mask (Fuse et al. 2018, Fig. 6).
+
+    Parameters
+    ----------
+    vv, vh, thresholds, region, second, by
+        As for :func:`fundamental_mask`.
+    across, roadside
+        As for :func:`extended_mask`.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The mask.
+    """
+    return fundamental_mask(vv, vh, thresholds, region, second, by) | extended_mask(
+        vh, thresholds, region, across, roadside
+    )
+
+
+class ThresholdCalibration:
+    """Find thresholds on a calibration lane, "as low as possible without compromising the target signal response".
+
+    A target's response is what lies in its halo within ``response_db`` of its peak in VV. Per sub-region, the
+    thresholds of VH and of the second band are the largest that any target's response reaches there, so that no mask
+    holds it. That of VV is the smallest peak of any target: what is weaker cannot be mistaken for one. The low
+    threshold of VH is the mean magnitude at the roadside, mean over frames; the paper takes that from the lane
+    under test, here it comes from the calibration lane too.
+
+    Parameters
+    ----------
+    regions : int
+        Number of sub-regions.
+    response_db : float
+        How far below its peak in VV a target's response is followed, dB.
+
+    Raises
+    ------
+    ValueError
+        If there is no sub-region or ``response_db`` is not positive.
+    """
+
+    def __init__(self, regions: int, response_db: float = 6.0) -> None:
+        if regions < 1 or not response_db > 0:
+            raise ValueError(f"regions and response_db must be positive, got {regions} and {response_db}")
+        self.regions, self.response_db = regions, response_db
+        self.targets = np.zeros(regions, np.int64)
+        self._vv = np.full(regions, np.inf)
+        self._vh = np.zeros(regions)
+        self._second = np.zeros(regions)
+        self._has_second = False
+        self._roadside: list[FloatArray] = []
+
+    def add(
+        self,
+        vv: ArrayLike,
+        vh: ArrayLike,
+        region: IntArray,
+        halos: Iterable[BoolArray],
+        roadside: BoolArray,
+        second: ArrayLike | None = None,
+    ) -> None:
+        """Take in one frame.
+
+        Parameters
+        ----------
+        vv, vh : (y, x) array_like
+            Images.
+        region : (y, x) ndarray of int
+            From :func:`subregions`.
+        halos : iterable of (y, x) ndarray of bool
+            Pixels in the halo of each target in view.
+        roadside : (y, x) ndarray of bool
+            Pixels at the roadside.
+        second : (y, x) array_like, optional
+            Image of the second band.
+        """
+        strong, cross = np.abs(np.asarray(vv)), np.abs(np.asarray(vh))
+        other = None if second is None else np.abs(np.asarray(second))
+        self._has_second |= other is not None
+        for halo in halos:
+            inside = halo & (region >= 0)
+            if not inside.any():
+                continue
+            peak = np.unravel_index(int(np.where(inside, strong, -1.0).argmax()), strong.shape)
+            where, top = int(region[peak]), float(strong[peak])
+            response = inside & (strong >= top * 10 ** (-self.response_db / 20))
+            self.targets[where] += 1
+            self._vv[where] = min(self._vv[where], top)
+            self._vh[where] = max(self._vh[where], float(cross[response].max()))
+            if other is not None:
+                self._second[where] = max(self._second[where], float(other[response].max()))
+        means = [
+            float(cross[here].mean()) if (here := roadside & (region == r)).any() else np.nan
+            for r in range(self.regions)
+        ]
+        self._roadside.append(np.asarray(means))
+
+    def result(self) -> Thresholds:
+        """Compute the thresholds.
+
+        Returns
+        -------
+        Thresholds
+            One set per sub-region.
+
+        Raises
+        ------
+        ValueError
+            If a sub-region has shown no target or no roadside.
+        """
+        if (self.targets == 0).any():
+            raise ValueError(f"every sub-region must have shown a target, got {self.targets.tolist()} looks")
+        levels = np.asarray(self._roadside)
+        if np.isnan(levels).all(axis=0).any():
+            raise ValueError("every sub-region must have shown roadside, got one without")
+        second = self._second.copy() if self._has_second else None
+        return Thresholds(self._vv.copy(), self._vh.copy(), np.nanmean(levels, axis=0), second)

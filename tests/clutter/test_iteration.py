@@ -1,0 +1,236 @@
+"""Eq. 5-8 of Fuse et al. 2018, Table II, coherent sums over frames, and the least-squares form beside them."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import lsqr
+from tests.reference.fuse2018 import equation_3_matrix, equation_5_data, equations_5_to_8
+
+from flgpr.clutter import (
+    TABLE_II,
+    FrameStack,
+    accuracy_needed,
+    averaged,
+    averaged_frames,
+    coherent_loss_db,
+    iterate_frames,
+    iterate_suppression,
+    measured_coherence,
+    suppress_by_model,
+)
+from flgpr.imaging import ImagingOperator
+from flgpr.model import SPEED_OF_LIGHT, Grid
+
+FREQUENCY = 0.75e9 + 25e6 * np.arange(99)
+TX = np.repeat([[-0.9, 0, 1.5], [0.9, 0, 1.5]], 8, axis=0)
+RX = np.tile(np.column_stack([np.linspace(-1, 1, 8), np.zeros(8), np.full(8, 1.5)]), (2, 1))
+GRID = Grid.spanning((-2, 2), (2.5, 6), 0.05)
+PIXELS = GRID.points()
+REGION = (PIXELS[..., 1] > 4.25).astype(np.int64)
+RNG = np.random.default_rng(8)
+
+
+def operator_on(points, behind=0.0):
+    shift = np.array([0, -behind, 0])
+    return ImagingOperator(FREQUENCY, TX + shift, RX + shift, points, tolerance=1e-5)
+
+
+def data(x, y, amplitude=1.0, behind=0.0):
+    return amplitude * operator_on([[x, y, 0.0]], behind).forward(np.ones((1, 1, 1)))
+
+
+def disc(x, y, radius=0.3):
+    return np.hypot(PIXELS[..., 0] - x, PIXELS[..., 1] - y) <= radius
+
+
+def peak_db(image, x, y):
+    return 20 * np.log10(np.abs(image[0, 0])[disc(x, y, 0.15)].max())
+
+
+def noise(*shape):
+    return (RNG.normal(size=shape) + 1j * RNG.normal(size=shape)).astype(np.complex64)
+
+
+def test_equations_5_to_8_term_by_term():
+    points = Grid.spanning((-0.6, 0.6), (3, 4), 0.1).points()
+    mask, region = RNG.random(points.shape[:-1]) < 0.3, (points[..., 1] > 3.45).astype(int)
+    b = noise(1, 16, 99)
+    A = equation_3_matrix(FREQUENCY, TX, RX, points.reshape(-1, 3))
+    want = equations_5_to_8(b.ravel().astype(complex), A, mask.ravel(), region.ravel(), 3)
+    got = iterate_suppression(b, operator_on, points, mask, region, 3)
+    assert got.iterations == 3
+    for one, other in zip(got.data, want, strict=True):
+        assert np.linalg.norm(one.ravel() - other) < 1e-4 * np.linalg.norm(b)
+    np.testing.assert_allclose(got.residual[:, 0], [np.linalg.norm(w) / np.linalg.norm(b) for w in want], rtol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_operators_are_exact_adjoints_of_one_another(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-2, 2.5, 0), (2, 6, 0.001), (40, 3))
+    stack = FrameStack([operator_on(points, behind) for behind in (0.0, 0.7, 1.5)])
+    x = rng.normal(size=(2, 1, 40)) + 1j * rng.normal(size=(2, 1, 40))
+    b = rng.normal(size=(3, 2, 16, 99)) + 1j * rng.normal(size=(3, 2, 16, 99))
+    left, right = np.vdot(b, stack.forward(x)), np.vdot(stack.adjoint(b), x)
+    assert abs(left - right) < 1e-5 * np.linalg.norm(b) * np.linalg.norm(stack.forward(x))
+
+
+def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
+    strong, weak = data(-1.0, 5.0, 10.0), data(0.8, 3.4)
+    image = operator_on(PIXELS)
+    course = iterate_suppression(strong + weak, operator_on, PIXELS, disc(-1.0, 5.0), REGION)
+    before, after = image.adjoint(strong + weak), image.adjoint(averaged(course, 6))
+    assert peak_db(after, -1.0, 5.0) - peak_db(before, -1.0, 5.0) < -30
+    assert peak_db(after, 0.8, 3.4) == pytest.approx(peak_db(image.adjoint(weak), 0.8, 3.4), abs=0.1)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
+def test_a_scatterer_on_one_masked_pixel_goes_to_the_tolerance_at_once(tolerance):
+    """One pixel under the mask: B is exactly one over the number of samples."""
+    mask = np.zeros(GRID.shape, bool)
+    mask[20, 40] = True
+    b = equation_5_data([1.0], FREQUENCY, TX, RX, PIXELS[20, 40][None])[None]
+
+    def coarse(points):
+        return ImagingOperator(FREQUENCY, TX, RX, points, tolerance=tolerance)
+
+    course = iterate_suppression(b, coarse, PIXELS, mask, REGION, 2)
+    assert course.residual[-1, 0] < 2 * tolerance
+    assert course.amplitude[0, 0, 0] == pytest.approx(1 / b[0].size, rel=4 * tolerance)
+    assert np.abs(operator_on(PIXELS).adjoint(course.data[-1])).max() < 2 * tolerance * b.size
+
+
+def test_every_sub_region_and_polarization_has_its_own_amplitude():
+    b = np.concatenate([data(-1.0, 5.0, 10.0) + data(0.5, 3.0), data(-1.0, 5.0) + data(0.5, 3.0, 3.0)])
+    mask = disc(-1.0, 5.0, 0.2) | disc(0.5, 3.0, 0.5)
+    course = iterate_suppression(b, operator_on, PIXELS, mask, REGION, 7)
+    assert course.amplitude.shape == (7, 2, 2)
+    assert (course.amplitude > 0).all()
+    assert not np.allclose(course.amplitude[0, 0], course.amplitude[0, 1], rtol=0.1)
+    assert (np.diff(course.residual, axis=0) < 0).all()
+    assert "7 iterations" in course.told()
+
+
+class Worse:
+    """An operator whose forward model is too large for B to make up for: its adjoint does not see it all."""
+
+    def __init__(self, operator):
+        self.operator = operator
+
+    def adjoint(self, b):
+        return self.operator.adjoint(b)
+
+    def forward(self, x):
+        response = self.operator.forward(x)
+        return response + 30 * np.roll(response, 40, axis=-1) * np.exp(2j * np.pi * np.arange(99) / 7)
+
+
+def test_divergence_is_stopped_and_told():
+    b = data(-1.0, 5.0) + 0.1 * noise(1, 16, 99)
+    course = iterate_suppression(b, lambda points: Worse(operator_on(points)), PIXELS, disc(-1.0, 5.0), REGION)
+    assert course.diverged
+    assert (np.diff(course.residual, axis=0) <= 0).all()
+    assert course.iterations < 7
+    assert "would have raised the residual" in course.told()
+    assert np.array_equal(averaged(course, 6), course.data[-1])
+
+
+def test_a_wide_mask_over_noise_never_lets_the_residual_rise_unreported():
+    for share in (0.05, 0.5, 1.0):
+        mask = RNG.random(GRID.shape) < share
+        course = iterate_suppression(noise(2, 16, 99), operator_on, PIXELS, mask, REGION)
+        assert (np.diff(course.residual, axis=0) <= 1e-6).all()
+        assert course.diverged == (course.iterations < 7)
+
+
+def test_table_two_averages():
+    course = iterate_suppression(data(-1.0, 5.0), operator_on, PIXELS, disc(-1, 5), REGION)
+    assert list(TABLE_II) == list(range(7))
+    np.testing.assert_allclose(averaged(course, 0), course.data[0])
+    for k in range(1, 7):
+        mean = (course.data[k].astype(complex) + course.data[k + 1]) / 2
+        np.testing.assert_allclose(averaged(course, k), mean, rtol=1e-5, atol=1e-7)
+    with pytest.raises(ValueError, match="one of"):
+        averaged(course, 7)
+    short = iterate_suppression(data(-1.0, 5.0), operator_on, PIXELS, disc(-1, 5), REGION, 2)
+    with pytest.raises(ValueError, match="needs 7 iterations"):
+        averaged(short, 6)
+
+
+def test_an_empty_mask_and_zero_data_change_nothing():
+    b = data(-1.0, 5.0)
+    assert np.array_equal(iterate_suppression(b, operator_on, PIXELS, disc(50, 50), REGION).data[-1], b)
+    assert not iterate_suppression(0 * b, operator_on, PIXELS, disc(-1, 5), REGION).data[-1].any()
+    with pytest.raises(ValueError, match="iterations"):
+        iterate_suppression(b, operator_on, PIXELS, disc(-1, 5), REGION, 0)
+    with pytest.raises(ValueError, match="shape of the pixels"):
+        iterate_suppression(b, operator_on, PIXELS, disc(-1, 5)[:-1], REGION)
+    with pytest.raises(ValueError, match="within the sub-regions"):
+        iterate_suppression(b, operator_on, PIXELS, disc(-1, 5), REGION - 2)
+
+
+def test_least_squares_has_the_iterates_of_lsqr():
+    points = Grid.spanning((-0.4, 0.4), (3, 3.5), 0.1).points().reshape(-1, 3)
+    A = equation_3_matrix(FREQUENCY, TX, RX, points)
+    b = noise(1, 16, 99)
+    for count in (1, 3, 8):
+        x = lsqr(A, b.ravel().astype(complex), atol=0, btol=0, iter_lim=count)[0]
+        want = b.ravel() - A @ x
+        got = suppress_by_model(b, operator_on(points), count).data
+        assert np.linalg.norm(got.ravel() - want) < 1e-4 * np.linalg.norm(want)
+
+
+def test_frames_share_one_reflectivity_or_have_their_own():
+    """Where a scatterer changes its phase from frame to frame, only a reflectivity per frame can take it out."""
+    behind = (0.0, 0.6, 1.2)
+    makes = [lambda points, d=d: operator_on(points, d) for d in behind]
+    mask = disc(-1.0, 5.0)
+    steady = np.stack([data(-1.0, 5.0, behind=d) for d in behind])
+    turning = steady * np.exp(2j * np.pi / 3 * np.arange(3))[:, None, None, None].astype(np.complex64)
+
+    def stack_on(points):
+        return FrameStack([make(points) for make in makes])
+
+    def left(cleaned):
+        return np.linalg.norm(cleaned) / np.linalg.norm(steady)
+
+    shared = iterate_suppression(steady, stack_on, PIXELS, mask, REGION)
+    assert left(averaged(shared, 6)) < 0.15
+    assert left(averaged(iterate_suppression(turning, stack_on, PIXELS, mask, REGION), 6)) > 0.5
+    own = iterate_frames(turning, makes, PIXELS, mask, REGION)
+    assert len(own) == 3
+    assert left(averaged_frames(own, 6)) < 0.2
+
+
+def test_frame_stacks_refuse_what_does_not_fit():
+    with pytest.raises(ValueError, match="at least one frame"):
+        FrameStack([])
+    with pytest.raises(ValueError, match="1 frames"):
+        FrameStack([operator_on(PIXELS[:2, :2])]).adjoint(noise(2, 1, 16, 99))
+
+
+def test_the_loss_of_a_coherent_sum_is_the_one_predicted():
+    error = 0.008
+    shift = RNG.normal(0, error, 4000)
+    field = np.exp(-4j * np.pi / SPEED_OF_LIGHT * np.multiply.outer(shift, FREQUENCY))
+    measured = -20 * np.log10(np.abs(field.mean(axis=(0, 1))))
+    assert measured == pytest.approx(coherent_loss_db(error, FREQUENCY), abs=0.3)
+    assert coherent_loss_db(0.0, FREQUENCY) == 0
+    need = accuracy_needed(FREQUENCY, 1.0)
+    assert coherent_loss_db(need, FREQUENCY) == pytest.approx(1.0, abs=1e-6)
+    # One tone: 4.34 (4πfσ/c)² dB.
+    assert accuracy_needed([2e9], 1.0) == pytest.approx(np.sqrt(1 / 4.3429) * SPEED_OF_LIGHT / (8e9 * np.pi), rel=1e-4)
+    with pytest.raises(ValueError, match="loss_db"):
+        accuracy_needed(FREQUENCY, 0.0)
+
+
+def test_coherence_is_measured_at_the_strongest_pixels():
+    behind = 0.5 * np.arange(6)
+    frames = [operator_on(PIXELS, d).adjoint(data(-1.0, 5.0, behind=d))[0, 0] for d in behind]
+    exact = measured_coherence(frames, most=1)
+    assert exact.loss_db[0] == pytest.approx(0, abs=0.05)
+    row, column = exact.at[0]
+    assert np.hypot(*(PIXELS[row, column, :2] - [-1.0, 5.0])) < 0.05
+    turned = [one * np.exp(1j * phase) for one, phase in zip(frames, [0, 2, 4, 0, 2, 4], strict=True)]
+    assert measured_coherence(turned, most=1).loss_db[0] > 10
+    with pytest.raises(ValueError, match="at least two frames"):
+        measured_coherence(frames[:1])
