@@ -267,6 +267,110 @@ class BackgroundEstimator:
         level = self._spread_out(self._median / self._smoothed)
         return Background(signature, level, self._shared, shared_level(level, np.stack(self.gains)))
 
+    def first_sums(self) -> dict[str, NDArray[Any]]:
+        """Give what the first pass has gathered, to be taken in by another estimator.
+
+        Returns
+        -------
+        dict
+            ``gains`` (scan, polarization, subband) and the totals ``own`` and ``shared`` (polarization, subband, y, x),
+            rounded to complex64: what is estimated from them has that precision anyway.
+
+        Raises
+        ------
+        ValueError
+            If there is no scan yet.
+        """
+        if self._shape is None:
+            raise ValueError("images must hold at least one scan, got none")
+        own, shared = (
+            total.astype(np.complex64).reshape(self._shape) for total in (self._own_total, self._shared_total)
+        )
+        return {"gains": np.stack(self.gains), "own": own, "shared": shared}
+
+    def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Take in what another estimator gathered in its first pass over the scans that follow.
+
+        Parameters
+        ----------
+        sums : dict
+            From :meth:`first_sums`.
+
+        Raises
+        ------
+        ValueError
+            If its images have another shape.
+        """
+        if self._shape is None:
+            self._shape = sums["own"].shape
+            pixels = (self._shape[0] * self._shape[1], self._shape[2] * self._shape[3])
+            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
+        if sums["own"].shape != self._shape:
+            raise ValueError(f"image must have the shape {self._shape} of those before, got {sums['own'].shape}")
+        self._own_total += _flat(sums["own"])
+        self._shared_total += _flat(sums["shared"])
+        self.gains += list(sums["gains"])
+        self._signature = None
+
+    def first_result(self) -> dict[str, NDArray[Any]]:
+        """Give what the second pass needs.
+
+        Returns
+        -------
+        dict
+            ``gains``, ``signature`` and ``shared`` (complex64).
+
+        Raises
+        ------
+        ValueError
+            If there are less than two scans.
+        """
+        signature = self.signature()
+        shared = np.zeros_like(signature) if self._shared is None else self._shared
+        return {"gains": np.stack(self.gains), "signature": signature, "shared": shared}
+
+    def continue_from(self, first: dict[str, NDArray[Any]], scans: slice = slice(None)) -> None:
+        """Begin the second pass where another estimator ended the first.
+
+        Parameters
+        ----------
+        first : dict
+            From :meth:`first_result`.
+        scans : slice
+            Those scans of it that this estimator will see.
+        """
+        self._shape = first["signature"].shape
+        self._signature, self._shared = first["signature"], first["shared"]
+        self.gains = list(first["gains"][scans])
+
+    def second_sums(self) -> dict[str, NDArray[Any]]:
+        """Give what the second pass has gathered.
+
+        Returns
+        -------
+        dict
+            ``median``, the sum of the medians at every ``step``-th pixel, and ``count``, the number of scans in it.
+
+        Raises
+        ------
+        ValueError
+            If there is no scan yet.
+        """
+        if self._median is None:
+            raise ValueError("images must hold at least one scan, got none")
+        return {"median": self._median, "count": np.array(self._smoothed)}
+
+    def take_second(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Take in what another estimator gathered in its second pass over the scans that follow.
+
+        Parameters
+        ----------
+        sums : dict
+            From :meth:`second_sums`.
+        """
+        self._median = sums["median"] if self._median is None else self._median + sums["median"]
+        self._smoothed += int(sums["count"])
+
     def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         if image.shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")

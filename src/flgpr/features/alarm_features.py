@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -129,6 +129,38 @@ class FeatureSums:
         self._add_incoherent(seen, values)
         self._add_coherent(seen, values[:, self._hh, :, PEAK], coherent, row, column)
         self._scans[seen] += 1
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Give what was gathered, to be taken in by another.
+
+        Returns
+        -------
+        dict
+            ``row``, the numbers of the alarms that were seen, and the sums of those alarms.
+        """
+        row = np.flatnonzero(self._scans)
+        named: dict[str, NDArray[Any]] = {f"peak.{name}": value for name, value in self._peak.items()}
+        named |= {f"sum.{name}": value for name, value in self._sum.items()}
+        named |= {f"angle.{name}": value for name, value in self._angle.items()}
+        named |= {"turn": self._turn, "scans": self._scans}
+        return {"row": row} | {name: value[row] for name, value in named.items()}
+
+    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans for the same alarms.
+
+        Parameters
+        ----------
+        sums : dict
+            From :meth:`sums`.
+        """
+        row = sums["row"]
+        for name, value in self._peak.items():
+            value[row] = np.maximum(value[row], sums[f"peak.{name}"])
+        for kind, group in (("sum", self._sum), ("angle", self._angle)):
+            for name, value in group.items():
+                value[row] += sums[f"{kind}.{name}"]
+        self._turn[row] += sums["turn"]
+        self._scans[row] += sums["scans"]
 
     def table(self) -> pd.DataFrame:
         """Compute the features from the sums.

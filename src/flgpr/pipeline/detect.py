@@ -17,13 +17,14 @@ from flgpr.features import local_contrast
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
-from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
+from flgpr.model import Grid, Lane, lane_to_scan
+from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
-from flgpr.pipeline.view_chain import explain
+from flgpr.pipeline.view_chain import contributions
 from flgpr.pipeline.view_evidence import Evidence, collect_evidence
-from flgpr.pipeline.wang2007 import CleanedRun, Found, detect_with_features
+from flgpr.pipeline.wang2007 import Found, ranked
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
@@ -105,9 +106,9 @@ def detect(
     _check_channels(run, recipe)
     lane = lane or lane_of(run, recipe)
     if recipe.features is not None:
-        cleaned = CleanedRun(run, recipe, track)
-        found = detect_with_features(run, recipe, lane, track, classifier, cleaned)
-        return [explain(detection_of(found, recipe), cleaned, run, recipe, lane, track, classifier)]
+        chain = FeatureChain(run, recipe, lane, classifier)
+        chain.go(track)
+        return [detection_with_features(chain)]
     if classifier is not None:
         raise ValueError("model needs a recipe with the table features, got one without")
     imager = ScanImager(run, recipe.image.grid(), recipe.image.subbands, recipe.image.window, recipe.image.tolerance)
@@ -147,8 +148,32 @@ def detection_of(found: Found, recipe: Recipe) -> Detection:
     Detection
         The main detection.
     """
-    alarms, features = _ranked(found.alarms, found.features)
+    alarms, features = found.ranked()
     return Detection(MAIN, recipe.description, alarms, found.view, found.notes, features=features)
+
+
+def detection_with_features(chain: FeatureChain) -> Detection:
+    """Make a detection of a chain whose stages are all done, with what explains it.
+
+    Parameters
+    ----------
+    chain : FeatureChain
+        The chain.
+
+    Returns
+    -------
+    Detection
+        The main detection.
+    """
+    recipe, detection = chain.recipe, detection_of(chain.found(), chain.recipe)
+    evidence, before = chain.evidence()
+    return replace(
+        detection,
+        channel=(recipe.prescreen.polarization, recipe.prescreen.subband),
+        contributions=contributions(detection, recipe, chain.classifier),
+        evidence=evidence,
+        before=before,
+    )
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
@@ -239,17 +264,7 @@ def _known_features(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _alarm_table(alarms: pd.DataFrame, confidence: pd.DataFrame) -> pd.DataFrame:
-    return _ranked(alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"]), confidence)[0]
-
-
-def _ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step."""
-    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
-    features = features.loc[table.index].reset_index(drop=True)
-    table = table.reset_index(drop=True)
-    table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
-    known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
-    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
+    return ranked(alarms.assign(confidence=confidence["contrast"], scans=confidence["scans"]), confidence)[0]
 
 
 def _suppress_roadside(

@@ -110,33 +110,118 @@ def collect_evidence(
     Evidence
         For the first ``MOST_ALARMS`` alarms, from the ``MOST_SCANS`` nearest scans that see each.
     """
-    points = np.zeros((min(len(alarms), MOST_ALARMS), 3))
-    points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
-    looks: list[list[_Look]] = [[] for _ in points]
-    coherency = np.zeros((len(points), 3, 3), np.complex128)
-    channels: tuple[list[str], list[str]] = ([], [])
+    sums = EvidenceSums(alarms, patch, y_max, run, subband)
     for image in images:
-        channels = tuple([str(label) for label in image[name].values] for name in ("polarization", "subband"))  # type: ignore[assignment]
+        sums.add(image)
+    return sums.result()
+
+
+class EvidenceSums:
+    """What explains alarms, gathered scan by scan.
+
+    Parameters
+    ----------
+    alarms, patch, y_max, run, subband
+        As for :func:`collect_evidence`.
+    """
+
+    def __init__(
+        self,
+        alarms: pd.DataFrame,
+        patch: PatchShape,
+        y_max: float,
+        run: xr.Dataset | None = None,
+        subband: str | None = None,
+    ) -> None:
+        self._points = np.zeros((min(len(alarms), MOST_ALARMS), 3))
+        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
+        self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
+        self._looks: list[list[_Look]] = [[] for _ in self._points]
+        self._coherency = np.zeros((len(self._points), 3, 3), np.complex128)
+        self._channels: tuple[list[str], list[str]] = ([], [])
+
+    def add(self, image: xr.DataArray) -> None:
+        """Take one scan in.
+
+        Parameters
+        ----------
+        image : xarray.DataArray
+            Cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
+        """
+        polarization, subband = ([str(label) for label in image[n].values] for n in ("polarization", "subband"))
+        self._channels = (polarization, subband)
         scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
-        local = lane_to_scan(points, pose)
-        tracer = None if run is None else _tracer(run, scan, pose)
-        for number in _in_sight(image, local, y_max):
-            values = _explain(image, local[number], patch, tracer)
-            looks[number].append(_Look(scan, float(np.hypot(*local[number, :2])), values))
-            looks[number] = sorted(looks[number], key=lambda look: (look.distance, look.scan))[:MOST_SCANS]
-            coherency[number] += _coherency(image.sel(subband=subband or channels[1][0]), local[number])
-    return Evidence(
-        *channels,
-        patch,
-        _CUT,
-        _TRACE if run is not None else np.zeros(0),
-        [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in looks],
-        [
-            np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1 if one else 0)
-            for one in looks
-        ],
-        entropy_alpha_points(coherency),
-    )
+        local = lane_to_scan(self._points, pose)
+        seen = _in_sight(image, local, self._y_max)
+        tracer = None if self._run is None or not seen.size else _tracer(self._run, scan, pose)
+        for number in seen:
+            values = _explain(image, local[number], self._patch, tracer)
+            self._look(int(number), _Look(scan, float(np.hypot(*local[number, :2])), values))
+            self._coherency[number] += _coherency(image.sel(subband=self._subband or subband[0]), local[number])
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Give what was gathered, to be taken in by another.
+
+        Returns
+        -------
+        dict
+            ``alarm``, ``scan``, ``distance`` and ``values`` of every look that is kept, ``coherency`` of every alarm,
+            ``polarization`` and ``subband``.
+        """
+        looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
+        seen = np.flatnonzero([len(some) > 0 for some in self._looks])
+        polarization, subband = self._channels
+        values = np.array([look.values for _, look in looks], dtype=np.float16)
+        return {
+            "alarm": np.array([number for number, _ in looks], dtype=np.int64),
+            "scan": np.array([look.scan for _, look in looks], dtype=np.int64),
+            "distance": np.array([look.distance for _, look in looks], dtype=np.float64),
+            "values": values.reshape(len(looks), -1 if looks else 0),
+            "seen": seen,
+            "coherency": self._coherency[seen],
+            "polarization": np.array(polarization, dtype=np.str_),
+            "subband": np.array(subband, dtype=np.str_),
+        }
+
+    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans for the same alarms.
+
+        Parameters
+        ----------
+        sums : dict
+            From :meth:`sums`.
+        """
+        if sums["polarization"].size:
+            self._channels = ([str(n) for n in sums["polarization"]], [str(n) for n in sums["subband"]])
+        rows = zip(sums["alarm"], sums["scan"], sums["distance"], sums["values"], strict=True)
+        for number, scan, distance, values in rows:
+            self._look(int(number), _Look(int(scan), float(distance), values))
+        self._coherency[sums["seen"]] += sums["coherency"]
+
+    def result(self) -> Evidence:
+        """Assemble the evidence.
+
+        Returns
+        -------
+        Evidence
+            As :func:`collect_evidence` returns it.
+        """
+        return Evidence(
+            *self._channels,
+            self._patch,
+            _CUT,
+            _TRACE if self._run is not None else np.zeros(0),
+            [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in self._looks],
+            [
+                np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1 if one else 0)
+                for one in self._looks
+            ],
+            entropy_alpha_points(self._coherency),
+        )
+
+    def _look(self, number: int, look: _Look) -> None:
+        some = [*self._looks[number], look]
+        self._looks[number] = sorted(some, key=lambda one: (one.distance, one.scan))[:MOST_SCANS]
 
 
 def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> NDArray[np.intp]:

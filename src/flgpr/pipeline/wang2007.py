@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,37 @@ from numpy.typing import NDArray
 from flgpr.clutter import Background, BackgroundEstimator
 from flgpr.features import POLARIMETRIC, FeatureSettings, FeatureSums
 from flgpr.imaging import ScanImager
-from flgpr.model import Grid, Lane
-from flgpr.pipeline.classifier import Classifier
+from flgpr.model import ALARM_COLUMNS, Grid, empty_table
 from flgpr.pipeline.progress import Track
 from flgpr.pipeline.recipe import FeaturesTable, Recipe
-from flgpr.screen import RunViewSums, prescreen, select, view_array
 
 SWAPPED, PAPER = "swapped.", "paper."
 """Prefixes of the columns of the two variants."""
+BLOCK = 16
+"""Most scans in a block."""
+Arrays = dict[str, NDArray[Any]]
 FloatArray = NDArray[np.float64]
+
+
+def blocks_of(scans: int) -> list[range]:
+    """Divide scans into blocks of at most ``BLOCK`` consecutive ones, as even as can be.
+
+    Sums over a run are sums over the blocks' sums, in the order of the blocks, so that they have the same bits wherever
+    and in whatever order the blocks are worked on.
+
+    Parameters
+    ----------
+    scans : int
+        Number of scans.
+
+    Returns
+    -------
+    list of range
+        The blocks.
+    """
+    count = -(-scans // BLOCK)
+    edges = [scans * k // count for k in range(count + 1)]
+    return [range(begin, end) for begin, end in pairwise(edges)]
 
 
 @dataclass(frozen=True)
@@ -46,12 +69,167 @@ class Found:
     view: xr.DataArray
     notes: dict[str, Any]
 
+    def ranked(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Give alarms and features from the most mine-like down, without those that have no confidence."""
+        return ranked(self.alarms, self.features)
+
+
+def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step.
+
+    Parameters
+    ----------
+    alarms, features : DataFrame
+        Alarms with ``confidence`` and their features, with the same index.
+
+    Returns
+    -------
+    DataFrame, DataFrame
+        Alarm table with ``alarm_id``, the highest confidence first, and the features in the same order.
+    """
+    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    features = features.loc[table.index].reset_index(drop=True)
+    table = table.reset_index(drop=True)
+    table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
+    known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
+    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
+
+
+def whole_imager(run: xr.Dataset, recipe: Recipe) -> ScanImager:
+    """Make the imager of a run's whole scan images.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    ScanImager
+        Its images.
+    """
+    table = recipe.image
+    return ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
+
+
+def estimator(recipe: Recipe) -> BackgroundEstimator:
+    """Make the estimator of a recipe's background.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    BackgroundEstimator
+        It has seen nothing yet.
+    """
+    median, mean = recipe.background.windows(recipe.image.spacing)
+    return BackgroundEstimator(median, mean, recipe.background.median_step)
+
+
+def signature_part(imager: ScanImager, recipe: Recipe, block: range) -> Arrays:
+    """First pass over a block: what it adds to the self-signature.
+
+    Parameters
+    ----------
+    imager : ScanImager
+        Whole scan images.
+    recipe : Recipe
+        The recipe.
+    block : range
+        Places of its scans among the imager's.
+
+    Returns
+    -------
+    dict of ndarray
+        See :meth:`flgpr.clutter.BackgroundEstimator.first_sums`.
+    """
+    tool = estimator(recipe)
+    for place in block:
+        tool.add_signature(imager.image(int(imager.scans[place])).values)
+    return tool.first_sums()
+
+
+def signature_of(recipe: Recipe, parts: Iterable[Arrays]) -> Arrays:
+    """Fold the first pass.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    parts : iterable of dict of ndarray
+        All blocks' parts in order.
+
+    Returns
+    -------
+    dict of ndarray
+        See :meth:`flgpr.clutter.BackgroundEstimator.first_result`.
+    """
+    tool = estimator(recipe)
+    for part in parts:
+        tool.take_first(part)
+    return tool.first_result()
+
+
+def gain_part(imager: ScanImager, recipe: Recipe, block: range, first: Arrays) -> Arrays:
+    """Second pass over a block: what it adds to the gain background.
+
+    Parameters
+    ----------
+    imager : ScanImager
+        Whole scan images.
+    recipe : Recipe
+        The recipe.
+    block : range
+        Places of its scans among the imager's.
+    first : dict of ndarray
+        From :func:`signature_of`.
+
+    Returns
+    -------
+    dict of ndarray
+        See :meth:`flgpr.clutter.BackgroundEstimator.second_sums`.
+    """
+    tool = estimator(recipe)
+    tool.continue_from(first, slice(block.start, block.stop))
+    for place in block:
+        tool.add_gain(imager.image(int(imager.scans[place])).values)
+    return tool.second_sums()
+
+
+def background_of(recipe: Recipe, parts: Iterable[Arrays], first: Arrays) -> Arrays:
+    """Fold the second pass.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    parts : iterable of dict of ndarray
+        All blocks' parts in order.
+    first : dict of ndarray
+        From :func:`signature_of`.
+
+    Returns
+    -------
+    dict of ndarray
+        ``gains`` (scan, polarization, subband) and the attributes of :class:`flgpr.clutter.Background`.
+    """
+    tool = estimator(recipe)
+    tool.continue_from(first)
+    for part in parts:
+        tool.take_second(part)
+    return {"gains": first["gains"]} | vars(tool.result())
+
 
 class CleanedRun:
     """A run's cleaned images, made anew on every pass.
 
-    Two passes estimate the background when the object is made; each iteration is one more. Images end at the distance
-    that counts, so that later passes make only what they need.
+    Two passes estimate the background when the object is made, unless it is given; each iteration is one more. Images
+    end at the distance that counts, so that later passes make only what they need.
 
     Parameters
     ----------
@@ -61,24 +239,26 @@ class CleanedRun:
         Recipe with the table features.
     track : Track
         Shows progress.
+    background : dict of ndarray, optional
+        From :func:`background_of`, where it is known already.
     """
 
-    def __init__(self, run: xr.Dataset, recipe: Recipe, track: Track) -> None:
+    def __init__(self, run: xr.Dataset, recipe: Recipe, track: Track, background: Arrays | None = None) -> None:
         table, whole = recipe.image, recipe.image.grid()
-        settings = (table.subbands, table.window, table.tolerance)
-        imager = ScanImager(run, whole, *settings)
-        median, mean = recipe.background.windows(table.spacing)
-        estimator = BackgroundEstimator(median, mean, recipe.background.median_step)
-        for image in track(imager, "self-signature", len(imager)):
-            estimator.add_signature(image.values)
-        for image in track(imager, "gain background", len(imager)):
-            estimator.add_gain(image.values)
-        self.gains = estimator.gains
+        if background is None:
+            imager = whole_imager(run, recipe)
+            blocks = blocks_of(len(imager))
+            done = track(blocks, "self-signature", len(blocks))
+            first = signature_of(recipe, (signature_part(imager, recipe, block) for block in done))
+            done = track(blocks, "gain background", len(blocks))
+            background = background_of(recipe, (gain_part(imager, recipe, block, first) for block in done), first)
+        self.estimate = dict(background)
+        self.gains: FloatArray = background["gains"]
         reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
         rows = min(whole.ny, int(np.ceil((reach - whole.y_min) / whole.dy)) + 1)
         self.grid = Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
-        self.imager = ScanImager(run, self.grid, *settings)
-        self.whole_background = estimator.result()
+        self.imager = ScanImager(run, self.grid, table.subbands, table.window, table.tolerance)
+        self.whole_background = Background(**{name: value for name, value in background.items() if name != "gains"})
         self.background: Background = self.whole_background.cropped(rows)
 
     def __len__(self) -> int:
@@ -86,63 +266,28 @@ class CleanedRun:
 
     def __iter__(self) -> Iterator[tuple[NDArray[np.complex64], FloatArray, FloatArray]]:
         """Yield every scan's image, gains and pose."""
-        for image, gain in zip(self.imager, self.gains, strict=True):
-            yield image.values, gain, np.asarray(image.attrs["pose"])
+        yield from self.scans(range(len(self)))
+
+    def scans(self, block: range) -> Iterator[tuple[NDArray[np.complex64], FloatArray, FloatArray]]:
+        """Go through a block.
+
+        Parameters
+        ----------
+        block : range
+            Places of its scans among the complete ones.
+
+        Yields
+        ------
+        tuple
+            Every scan's image, gains and pose.
+        """
+        for place in block:
+            image = self.imager.image(int(self.imager.scans[place]))
+            yield image.values, self.gains[place], np.asarray(image.attrs["pose"])
 
 
-def detect_with_features(
-    run: xr.Dataset,
-    recipe: Recipe,
-    lane: Lane,
-    track: Track,
-    classifier: Classifier | None = None,
-    cleaned: CleanedRun | None = None,
-) -> Found:
-    """Find alarms and compute their features (Wang et al. 2007, Sec. II).
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with HH, VV and HV or VH.
-    recipe : Recipe
-        Recipe with the table features.
-    lane : Lane
-        The lane.
-    track : Track
-        Shows progress.
-    classifier : Classifier, optional
-        Scores the alarms; default: their local contrast.
-    cleaned : CleanedRun, optional
-        The run's cleaned images, if they are at hand.
-
-    Returns
-    -------
-    Found
-        Alarms with features; the confidence of an alarm that no scan shows whole is NaN.
-
-    Raises
-    ------
-    ValueError
-        If the run does not fit the recipe.
-    """
-    if recipe.features is None:
-        raise ValueError("recipe must have the table features")
-    cleaned = cleaned or CleanedRun(run, recipe, track)
-    view = _view(cleaned, run, recipe, lane, track)
-    screen = recipe.prescreen
-    chosen = select(view, screen.polarization, screen.subband)
-    alarms = prescreen(chosen, lane, screen.radius, screen.density, screen.count)
-    features = alarm_features(cleaned, run, recipe, alarms, track)
-    single = f"C_{recipe.contrast.polarization}_{recipe.contrast.subband}"
-    confidence = features[single] if classifier is None else classifier.confidence(features)
-    notes = {"confidence": single if classifier is None else " + ".join(classifier.features)}
-    return Found(alarms.assign(confidence=confidence, scans=features["scans"]), features, view, notes)
-
-
-def alarm_features(
-    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: pd.DataFrame, track: Track
-) -> pd.DataFrame:
-    """Compute the features of alarms in one pass.
+def feature_sums(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: pd.DataFrame) -> dict[str, FeatureSums]:
+    """Make the sums that the features of alarms and their variants are gathered in.
 
     Parameters
     ----------
@@ -154,14 +299,11 @@ def alarm_features(
         Recipe with the table features.
     alarms : DataFrame
         x, y in the lane frame, m.
-    track : Track
-        Shows progress.
 
     Returns
     -------
-    DataFrame
-        ``scans`` and the features of every sub-band, see :class:`flgpr.features.FeatureSums`; those of the variants
-        under the prefixes ``SWAPPED`` (all) and ``PAPER`` (the polarimetric ones).
+    dict of str to FeatureSums
+        By prefix; "" for the features themselves.
     """
     table = recipe.features or FeaturesTable()
     channels = ([str(label) for label in run["polarization"].values], list(recipe.image.subbands), cleaned.grid)
@@ -170,12 +312,64 @@ def alarm_features(
     if table.variants:
         linear = FeatureSettings(main.patch, main.inner, main.y_max, "linear")
         sums |= {SWAPPED: FeatureSums(alarms, *channels, main.swapped()), PAPER: FeatureSums(alarms, *channels, linear)}
-    for image, gain, pose in track(cleaned, "features", len(cleaned)):
+    return sums
+
+
+def features_part(
+    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: pd.DataFrame, block: range
+) -> dict[str, Arrays]:
+    """Fourth pass over a block: what it adds to the features of the alarms that it sees.
+
+    Parameters
+    ----------
+    cleaned, run, recipe, alarms
+        As for :func:`feature_sums`.
+    block : range
+        Places of its scans among the complete ones.
+
+    Returns
+    -------
+    dict of str to dict of ndarray
+        By prefix the sums of :meth:`flgpr.features.FeatureSums.sums`, rows counted among all alarms.
+    """
+    poses = run["pose"].values[cleaned.imager.scans[block.start : block.stop]]
+    x_min, x_max, _, y_max = cleaned.grid.extent()
+    farthest = np.hypot(max(abs(x_min), abs(x_max)), y_max)
+    y = alarms["y"].to_numpy(dtype=np.float64)
+    near = np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
+    sums = feature_sums(cleaned, run, recipe, alarms.iloc[near])
+    for image, gain, pose in cleaned.scans(block):
         magnitude = cleaned.background.magnitude(image, gain)
         coherent = cleaned.background.coherent(image, gain)
         for name, one in sums.items():
             own = cleaned.background.own_coherent(image, gain) if name == PAPER else coherent
             one.add(magnitude, own, pose)
+    parts = {name: one.sums() for name, one in sums.items()}
+    return {name: part | {"row": near[part["row"]]} for name, part in parts.items()}
+
+
+def features_of(
+    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: pd.DataFrame, parts: Iterable[dict[str, Arrays]]
+) -> pd.DataFrame:
+    """Fold the fourth pass.
+
+    Parameters
+    ----------
+    cleaned, run, recipe, alarms
+        As for :func:`feature_sums`.
+    parts : iterable
+        All blocks' parts in order.
+
+    Returns
+    -------
+    DataFrame
+        ``scans`` and the features of every sub-band, see :class:`flgpr.features.FeatureSums`; those of the variants
+        under the prefixes ``SWAPPED`` (all) and ``PAPER`` (the polarimetric ones).
+    """
+    sums = feature_sums(cleaned, run, recipe, alarms)
+    for part in parts:
+        for name, one in sums.items():
+            one.take(part[name])
     tables = []
     for name, one in sums.items():
         columns = one.table()
@@ -183,12 +377,3 @@ def alarm_features(
             columns = columns[[f"{p}_{band}" for band in recipe.image.subbands for p in POLARIMETRIC]]
         tables.append(columns.drop(columns="scans").add_prefix(name) if name == SWAPPED else columns.add_prefix(name))
     return pd.concat(tables, axis=1)
-
-
-def _view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
-    grid = recipe.run_view.grid(lane)
-    sums = RunViewSums(grid, recipe.run_view.y_max)
-    for image, gain, pose in track(cleaned, "run-view", len(cleaned)):
-        sums.add(cleaned.background.magnitude(image, gain), cleaned.grid, pose)
-    labels = {"polarization": run["polarization"].values, "subband": list(recipe.image.subbands)}
-    return view_array(*sums.result(), grid, labels)

@@ -44,12 +44,18 @@ class RunViewSums:
         Pixels in the lane frame.
     y_max : float
         Farthest distance ahead of the array that counts, m.
+    rows : slice, optional
+        Rows of the grid that are kept, for a part of the lane; default all. Scans may not reach others, see
+        :meth:`reach`.
     """
 
-    def __init__(self, grid: Grid, y_max: float) -> None:
+    def __init__(self, grid: Grid, y_max: float, rows: slice | None = None) -> None:
         self.grid, self.y_max = grid, y_max
-        self._points = grid.points()
-        self._looks = np.zeros(grid.shape, np.int64)
+        self._window = range(grid.ny)[rows] if rows is not None else range(grid.ny)
+        self._points = np.zeros((len(self._window), grid.nx, 3))
+        self._points[..., 0] = grid.x[None, :]
+        self._points[..., 1] = grid.y[self._window.start : self._window.stop, None]
+        self._looks = np.zeros(self._points.shape[:2], np.int64)
         self._first: NDArray[np.float32] | None = None
         self._second: NDArray[np.float32] | None = None
 
@@ -66,9 +72,10 @@ class RunViewSums:
             Pose of the scan.
         """
         if self._first is None or self._second is None:
-            shape = (*magnitude.shape[:-2], *self.grid.shape)
+            shape = (*magnitude.shape[:-2], *self._looks.shape)
             self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
-        rows = self._rows(grid, pose)
+        reached, start = self.reach(grid, pose), self._window.start
+        rows = slice(reached.start - start, reached.stop - start)
         local = lane_to_scan(self._points[rows], pose)
         row, column = (local[..., 1] - grid.y_min) / grid.dy, (local[..., 0] - grid.x_min) / grid.dx
         values = bilinear(magnitude, row, column).astype(np.float32)
@@ -100,8 +107,59 @@ class RunViewSums:
         view = np.where(self._looks > 1, self._second, self._first)
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
-    def _rows(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
-        """Rows of the run-view that a scan can reach."""
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Give what was gathered, to be taken in by another.
+
+        Returns
+        -------
+        dict
+            ``first`` and ``second`` (..., y, x), the largest and second largest magnitudes, -inf where there are none,
+            ``looks`` (y, x), and ``row``, the first row.
+
+        Raises
+        ------
+        ValueError
+            If no scan was added.
+        """
+        if self._first is None or self._second is None:
+            raise ValueError("images must hold at least one scan, got none")
+        row = np.array(self._window.start)
+        return {"first": self._first, "second": self._second, "looks": self._looks, "row": row}
+
+    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans of the same lane.
+
+        Parameters
+        ----------
+        sums : dict
+            From :meth:`sums`.
+        """
+        if self._first is None or self._second is None:
+            shape = (*sums["first"].shape[:-2], *self._looks.shape)
+            self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
+        start = int(sums["row"]) - self._window.start
+        rows = slice(start, start + len(sums["looks"]))
+        self._looks[rows] += sums["looks"]
+        first, second = self._first[..., rows, :], self._second[..., rows, :]
+        np.maximum(second, sums["second"], out=second)
+        np.maximum(second, np.minimum(first, sums["first"]), out=second)
+        np.maximum(first, sums["first"], out=first)
+
+    def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
+        """Tell which rows of the run-view a scan can reach.
+
+        Parameters
+        ----------
+        grid : Grid
+            Pixels of the scan image.
+        pose : (6,) ndarray
+            Pose of the scan.
+
+        Returns
+        -------
+        slice
+            Rows of the whole grid.
+        """
         x_min, x_max, y_min, y_max = grid.extent()
         corners = np.zeros((4, 3))
         corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (y_min, min(y_max, self.y_max + grid.dy))]

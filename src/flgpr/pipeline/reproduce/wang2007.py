@@ -15,6 +15,7 @@ from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.model import Lane
+from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.detect import detection_of
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, parse_recipe, recipe_text
@@ -23,7 +24,7 @@ from flgpr.pipeline.reproduce.wang2007_examples import save_examples
 from flgpr.pipeline.reproduce.wang2007_lanes import blind_scenes, calibration_scenes, quick_scenes, sensor, store_lane
 from flgpr.pipeline.reproduce.wang2007_page import page_html
 from flgpr.pipeline.result import ResultError, describe_run, read_result, write_result
-from flgpr.pipeline.wang2007 import CleanedRun, detect_with_features
+from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 
@@ -103,8 +104,9 @@ def lane_result(
     pictures = folder / "results" / "examples.npz"
     if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
         run = open_run(store)
-        cleaned = CleanedRun(run, recipe, track)
-        found = detect_with_features(run, recipe, lane, track, cleaned=cleaned)
+        chain = FeatureChain(run, recipe, lane)
+        chain.go(track, ("signature", "gain", "view", "features"))
+        cleaned, found = chain.cleaned, chain.found()
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, found.alarms)

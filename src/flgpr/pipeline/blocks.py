@@ -1,0 +1,271 @@
+"""The chain with features cut into blocks of scans: what can be done anywhere, and what is folded in between.
+
+Every stage is one pass over the scans. ``part`` works on one block and depends on nothing but the run, the recipe and
+the folded results of earlier stages; ``fold`` brings the parts together in the order of the blocks. So the bits of a
+result depend neither on how many work on it, nor where, nor on what was interrupted in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, MutableMapping, Sequence
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.model import Lane
+from flgpr.pipeline.classifier import Classifier
+from flgpr.pipeline.progress import Track, silent
+from flgpr.pipeline.recipe import Recipe
+from flgpr.pipeline.view_evidence import Evidence, EvidenceSums
+from flgpr.pipeline.wang2007 import (
+    Arrays,
+    CleanedRun,
+    Found,
+    background_of,
+    blocks_of,
+    features_of,
+    features_part,
+    gain_part,
+    signature_of,
+    signature_part,
+    whole_imager,
+)
+from flgpr.screen import RunViewSums, prescreen, select, view_array
+
+STAGES = {
+    "signature": "self-signature",
+    "gain": "gain background",
+    "view": "run-view",
+    "features": "features",
+    "evidence": "explaining alarms",
+}
+"""The passes in their order, and what they are called where progress is shown."""
+
+
+class FeatureChain:
+    """The passes of the chain with features over one run.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run with HH, VV and HV or VH.
+    recipe : Recipe
+        Recipe with the table features.
+    lane : Lane
+        The lane.
+    classifier : Classifier, optional
+        Scores the alarms; default: their local contrast.
+    known : mutable mapping of str to dict of ndarray, optional
+        Folded results by stage, kept here and looked up here.
+
+    Raises
+    ------
+    ValueError
+        If the recipe has no table features or does not fit the run.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        recipe: Recipe,
+        lane: Lane,
+        classifier: Classifier | None = None,
+        known: MutableMapping[str, Arrays] | None = None,
+    ) -> None:
+        if recipe.features is None:
+            raise ValueError("recipe must have the table features")
+        self.run, self.recipe, self.lane, self.classifier = run, recipe, lane, classifier
+        self.known: MutableMapping[str, Arrays] = {} if known is None else known
+        self.imager = whole_imager(run, recipe)
+        self.blocks = blocks_of(len(self.imager))
+        self.grid = recipe.run_view.grid(lane)
+
+    def go(self, track: Track = silent, stages: Sequence[str] = tuple(STAGES)) -> None:
+        """Do stages here and now, block after block; those already known are left out.
+
+        Parameters
+        ----------
+        track : Track
+            Shows progress.
+        stages : sequence of str
+            Which, in their order.
+        """
+        for stage in stages:
+            if stage not in self.known:
+                numbers = track(range(len(self.blocks)), STAGES[stage], len(self.blocks))
+                self.known[stage] = self.fold(stage, (self.part(stage, number) for number in numbers))
+
+    def part(self, stage: str, number: int) -> Arrays:
+        """Work on one block.
+
+        Parameters
+        ----------
+        stage : str
+            One of ``STAGES``, the earlier ones being known.
+        number : int
+            Number of the block.
+
+        Returns
+        -------
+        dict of ndarray
+            What the fold of the stage needs of it.
+        """
+        block = self.blocks[number]
+        if stage == "signature":
+            return signature_part(self.imager, self.recipe, block)
+        if stage == "gain":
+            return gain_part(self.imager, self.recipe, block, self.known["signature"])
+        if stage == "view":
+            return self._view_part(block)
+        if stage == "features":
+            parts = features_part(self.cleaned, self.run, self.recipe, self.raised(), block)
+            return {key: value for name, part in parts.items() for key, value in _named(name, part).items()}
+        return self._evidence_part(block)
+
+    def fold(self, stage: str, parts: Iterable[Arrays]) -> Arrays:
+        """Bring the parts of a stage together.
+
+        Parameters
+        ----------
+        stage : str
+            One of ``STAGES``.
+        parts : iterable of dict of ndarray
+            What :meth:`part` gave, in the order of the blocks. They are taken one by one.
+
+        Returns
+        -------
+        dict of ndarray
+            The stage's result.
+        """
+        if stage == "signature":
+            return signature_of(self.recipe, parts)
+        if stage == "gain":
+            return background_of(self.recipe, parts, self.known["signature"])
+        if stage == "view":
+            return self._view(parts)
+        if stage == "features":
+            split = ({name: _under(part, name) for name in _prefixes(part)} for part in parts)
+            return table_arrays(features_of(self.cleaned, self.run, self.recipe, self.raised(), split))
+        return self._evidence_result(parts)
+
+    @cached_property
+    def cleaned(self) -> CleanedRun:
+        """The run's cleaned images; needs the stage ``gain``."""
+        return CleanedRun(self.run, self.recipe, silent, self.known["gain"])
+
+    def raised(self) -> pd.DataFrame:
+        """Give the prescreener's alarms; needs the stage ``view``."""
+        return array_table(self.known["view"], "alarm.")
+
+    def found(self) -> Found:
+        """Give alarms, features and run-view; needs the stage ``features``."""
+        features, classifier = array_table(self.known["features"]), self.classifier
+        single = f"C_{self.recipe.contrast.polarization}_{self.recipe.contrast.subband}"
+        confidence = features[single] if classifier is None else classifier.confidence(features)
+        notes = {"confidence": single if classifier is None else " + ".join(classifier.features)}
+        alarms = self.raised().assign(confidence=confidence, scans=features["scans"])
+        return Found(alarms, features, self._as_view(self.known["view"]), notes)
+
+    def evidence(self) -> tuple[Evidence, xr.DataArray]:
+        """Give what explains the alarms, and the run-view before suppression; needs the stage ``evidence``."""
+        sums = self._evidence_sums()
+        sums.take(_under(self.known["evidence"], "evidence"))
+        return sums.result(), self._as_view(self.known["evidence"])
+
+    def _view_part(self, block: range) -> Arrays:
+        sums = self._window(block)
+        for image, gain, pose in self.cleaned.scans(block):
+            sums.add(self.cleaned.background.magnitude(image, gain), self.cleaned.grid, pose)
+        return sums.sums()
+
+    def _view(self, parts: Iterable[Arrays]) -> Arrays:
+        sums = RunViewSums(self.grid, self.recipe.run_view.y_max)
+        for part in parts:
+            sums.take(part)
+        values, looks = sums.result()
+        screen = self.recipe.prescreen
+        chosen = select(self._as_view({"view": values, "looks": looks}), screen.polarization, screen.subband)
+        alarms = prescreen(chosen, self.lane, screen.radius, screen.density, screen.count)
+        return {"view": values, "looks": looks, **table_arrays(alarms, "alarm.")}
+
+    def _evidence_part(self, block: range) -> Arrays:
+        before, sums, cleaned = self._window(block), self._evidence_sums(), self.cleaned
+        for place in block:
+            image = cleaned.imager.image(int(cleaned.imager.scans[place]))
+            before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
+            sums.add(image.copy(data=cleaned.background.own_coherent(image.values, cleaned.gains[place])))
+        return {**before.sums(), **_named("evidence", sums.sums())}
+
+    def _evidence_result(self, parts: Iterable[Arrays]) -> Arrays:
+        before, sums = RunViewSums(self.grid, self.recipe.run_view.y_max), self._evidence_sums()
+        for part in parts:
+            before.take(part)
+            sums.take(_under(part, "evidence"))
+        values, looks = before.result()
+        return {"view": values, "looks": looks, **_named("evidence", sums.sums())}
+
+    def _evidence_sums(self) -> EvidenceSums:
+        contrast, alarms = self.recipe.contrast, self.found().ranked()[0]
+        return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband)
+
+    def _window(self, block: range) -> RunViewSums:
+        """Make the sums for the rows of the lane that a block reaches."""
+        sums = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0))
+        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
+        rows = [sums.reach(self.cleaned.grid, pose) for pose in poses]
+        begin, end = min(row.start for row in rows), max(row.stop for row in rows)
+        return RunViewSums(self.grid, self.recipe.run_view.y_max, slice(begin, end))
+
+    def _as_view(self, arrays: Arrays) -> xr.DataArray:
+        labels = {"polarization": self.run["polarization"].values, "subband": list(self.recipe.image.subbands)}
+        return view_array(arrays["view"], arrays["looks"], self.grid, labels)
+
+
+def table_arrays(table: pd.DataFrame, prefix: str = "") -> Arrays:
+    """Take a table of numbers apart into one array per column.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Numbers with a plain index.
+    prefix : str
+        What to put before the names.
+
+    Returns
+    -------
+    dict of ndarray
+        The columns.
+    """
+    return {f"{prefix}{name}": table[name].to_numpy() for name in table.columns}
+
+
+def array_table(arrays: Arrays, prefix: str = "") -> pd.DataFrame:
+    """Put a table together again.
+
+    Parameters
+    ----------
+    arrays : dict of ndarray
+        From :func:`table_arrays`, among others.
+    prefix : str
+        What the names of its columns begin with.
+
+    Returns
+    -------
+    DataFrame
+        The table.
+    """
+    return pd.DataFrame({key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)})
+
+
+def _prefixes(part: Arrays) -> list[str]:
+    return list(dict.fromkeys(key.rpartition("|")[0] for key in part))
+
+
+def _named(name: str, part: Arrays) -> Arrays:
+    return {f"{name}|{key}": value for key, value in part.items()}
+
+
+def _under(part: Arrays, name: str) -> Arrays:
+    return {key.rpartition("|")[2]: value for key, value in part.items() if key.rpartition("|")[:2] == (name, "|")}
