@@ -55,11 +55,12 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "show_memory": False,
     "write_computation_times": False,
-    "image_scrapers": ("matplotlib",),
+    "image_scrapers": ("scrapers", "matplotlib"),
     "matplotlib_animations": False,
     "within_subsection_order": "FileNameSortKey",
     "min_reported_time": 1,
     "show_signature": False,
+    "ignore_repr_types": r"matplotlib|Figure|Axes|Colorbar",
     "capture_repr": ("_repr_html_", "__repr__"),
 }
 linkcheck_ignore = [r".*"]

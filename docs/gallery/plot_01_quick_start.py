@@ -35,12 +35,19 @@ alarms.head()
 truth = read_table(lane / "truth.csv", "truth")
 objects = read_table(lane / "objects.csv", "objects")
 found = {one.name: one for one in result.detections}
-shown = {"recipe": result.detections[0], "roadside subtracted": found["roadside-suppressed"]}
-figure, panels = plt.subplots(1, 2, figsize=(9, 6), sharey=True, layout="constrained")
+shown = {
+    "recipe": result.detections[0],
+    "roadside subtracted": found["roadside-suppressed"],
+}
+figure, panels = plt.subplots(
+    1, 2, figsize=(9, 6), sharey=True, layout="constrained"
+)
 for axes, (title, detection) in zip(panels, shown.items(), strict=True):
     view = detection.view.sel(polarization="HH", subband="0.45-1.5")
     decibel = 20 * np.log10(view / view.median())
-    picture = axes.pcolormesh(view.x, view.y, decibel, vmin=0, vmax=30, cmap="magma")
+    picture = axes.pcolormesh(
+        view.x, view.y, decibel, vmin=0, vmax=30, cmap="magma"
+    )
     axes.plot(truth.x, truth.y, "co", mfc="none", ms=16, label="mine")
     axes.plot(objects.x, objects.y, "wx", label="rock or post")
     axes.plot(detection.alarms.x, detection.alarms.y, "w+", ms=9, label="alarm")
@@ -53,7 +60,9 @@ figure.colorbar(picture, ax=panels, shrink=0.6, label="dB over the median")
 # Scoring reads the truth, and says what became of each mine. ``n_false`` counts the false alarms with at least the
 # confidence of the mine's best alarm.
 
-_, scored = tasks.score_result(home / "result", lane / "truth.csv", lane / "objects.csv")
+_, scored = tasks.score_result(
+    home / "result", lane / "truth.csv", lane / "objects.csv"
+)
 tasks.outcome_table(scored).round(2)
 
 # %%
