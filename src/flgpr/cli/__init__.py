@@ -9,6 +9,7 @@ import typer
 from flgpr import __version__
 from flgpr.cli import runs
 from flgpr.cli.exchange import export, import_app
+from flgpr.cli.live import feed, live
 from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
 
 __all__ = ["app"]
@@ -23,6 +24,8 @@ app.registered_commands += runs.app.registered_commands
 app.add_typer(import_app, name="import")
 app.command()(export)
 app.command()(reproduce)
+app.command()(live)
+app.command()(feed)
 app.add_typer(recipe_app, name="recipe")
 app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")

@@ -229,7 +229,9 @@ def simulate(
 
 @app.command()
 def view(
-    paths: Annotated[list[Path], typer.Argument(help="Result folder or run; two results can be compared.")],
+    paths: Annotated[
+        list[Path] | None, typer.Argument(help="Result folder or run; two results can be compared; none with --live.")
+    ] = None,
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let other machines see it.")] = False,
@@ -238,4 +240,4 @@ def view(
 ) -> None:
     """Show results in the browser, read-only and on this machine."""
     with plain_errors():
-        serve(paths, host, port, not no_browser, allow_remote, live, announce=typer.echo)
+        serve(paths or [], host, port, not no_browser, allow_remote, live, announce=typer.echo)

@@ -7,6 +7,7 @@ that the ratios and phases between polarizations, which polarimetry looks at, su
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -499,6 +500,39 @@ class CausalBackground:
             return gain, None
         level = self._tool._spread_out(self._means[3])
         return gain, Background(signature, level, shared, shared_level(level, self._means[2][None]))
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Give what has been learnt, for a later :meth:`restore`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The arrays are not changed by later scans.
+        """
+        found = {"count": np.array(self._count), "shape": np.array(self._tool._shape or (), np.int64)}
+        return found | {f"mean{i}": value for i, value in enumerate(self._means)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what an estimate with the same parameters had learnt.
+
+        Parameters
+        ----------
+        state : mapping of str to ndarray
+            From :meth:`state`.
+
+        Raises
+        ------
+        ValueError
+            If an array is missing.
+        """
+        count = int(state["count"])
+        means = [f"mean{i}" for i in range(min(count + 2, 4) if count else 0)]
+        missing = [name for name in means if name not in state]
+        if missing:
+            raise ValueError(f"state must hold {', '.join(missing)}, which it does not")
+        self._count = count
+        self._tool._shape = tuple(int(n) for n in state["shape"]) or None
+        self._means = [np.asarray(state[name]) for name in means]
 
 
 def _blend(old: Any, new: Any, weight: float) -> Any:

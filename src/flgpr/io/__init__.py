@@ -18,6 +18,20 @@ from flgpr.io.georeferenced import (
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
 from flgpr.io.sample import sample_lane
+from flgpr.io.scan_file import (
+    RunDescription,
+    Scan,
+    ScanFileError,
+    as_run,
+    decode_frame,
+    describe_for_live,
+    encode_frame,
+    encode_scan,
+    parse_description,
+    read_description,
+    scan_of,
+    write_description,
+)
 from flgpr.io.signals import impulse_to_frequency
 from flgpr.io.tables import read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
@@ -30,9 +44,17 @@ __all__ = [
     "FullwaveLane",
     "Imported",
     "MissingExtraError",
+    "RunDescription",
     "RunStoreError",
     "RunWriter",
+    "Scan",
+    "ScanFileError",
+    "as_run",
     "canonical_json",
+    "decode_frame",
+    "describe_for_live",
+    "encode_frame",
+    "encode_scan",
     "explain_file",
     "fit_anchor",
     "georeference",
@@ -41,9 +63,11 @@ __all__ = [
     "impulse_to_frequency",
     "open_arrays",
     "open_run",
+    "parse_description",
     "propose_mapping",
     "read_anchor",
     "read_cphd",
+    "read_description",
     "read_lane",
     "read_manifest",
     "read_nmea",
@@ -52,8 +76,10 @@ __all__ = [
     "read_track",
     "sample_lane",
     "save_run",
+    "scan_of",
     "sha256",
     "write_cphd",
+    "write_description",
     "write_earth_csv",
     "write_earth_geojson",
     "write_geojson",

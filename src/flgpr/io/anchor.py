@@ -166,6 +166,17 @@ class Anchor:
         r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (np.asarray(y) - self.center[1]) ** 2
         return np.asarray(np.sqrt(self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2))
 
+    def georeference(self) -> dict[str, float]:
+        """Give the run attribute ``georeference``: where the lane frame's origin lies and which way its y axis points.
+
+        Returns
+        -------
+        dict
+            ``latitude``, ``longitude`` (degrees, WGS 84) and ``azimuth`` (degrees clockwise from north).
+        """
+        longitude, latitude, _ = (float(value) for value in self.to_geodetic(np.zeros(3)))
+        return {"latitude": latitude, "longitude": longitude, "azimuth": math.degrees(self.azimuth)}
+
     def utm(self) -> str:
         """Name the UTM zone (WGS 84) the lane lies in.
 

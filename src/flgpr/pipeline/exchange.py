@@ -135,7 +135,7 @@ def import_with_mapping(
     arrived = import_mapped(
         mapping, [Path(one) for one in data] if data else None, pose=pose, track=moved, clock_offset=clock_offset
     )
-    store = save_run(arrived.run, output)
+    store = save_run(_tied(arrived.run, anchor), output)
     if arrived.track is not None:
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     return arrived
@@ -164,7 +164,7 @@ def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None
         If an input is not valid or the store exists.
     """
     _fresh(Path(output))
-    run = read_cphd(path, _anchor(anchor))
+    run = _tied(read_cphd(path, _anchor(anchor)), anchor)
     save_run(run, output)
     return run
 
@@ -334,6 +334,12 @@ def _track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
     if tie is None:
         raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
     return read_nmea(path, tie)
+
+
+def _tied(run: xr.Dataset, anchor: PathLike | None) -> xr.Dataset:
+    """Let a run remember where its lane lies, so that results and the viewer know it too."""
+    tie = _anchor(anchor)
+    return run if tie is None else run.assign_attrs(georeference=tie.georeference())
 
 
 def _anchor(anchor: PathLike | None) -> Anchor | None:

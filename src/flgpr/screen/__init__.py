@@ -11,7 +11,7 @@ from flgpr.screen.clusters import (
     prescreen_clusters,
 )
 from flgpr.screen.labels import label_alarms
-from flgpr.screen.prescreen import prescreen
+from flgpr.screen.prescreen import local_maxima, prescreen
 from flgpr.screen.run_view import RunViewSums, run_view, sample_scan, select, view_array
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "fuse_clusters",
     "label_alarms",
     "learn_thresholds",
+    "local_maxima",
     "prescreen",
     "prescreen_clusters",
     "run_view",

@@ -51,17 +51,11 @@ def prescreen(
     ValueError
         If radius or density is not positive or ``view`` is not two-dimensional.
     """
-    if view.dims != ("y", "x"):
-        raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
     if not (radius > 0 and density > 0):
         raise ValueError(f"radius and density must be positive, got {radius} and {density}")
     if count not in ("lane", "view"):
         raise ValueError(f"count must be lane or view, got {count!r}")
-    rows, columns = _maxima(view, radius)
-    values = np.asarray(view.values, dtype=np.float64)
-    table = pd.DataFrame(
-        {"x": view["x"].values[columns], "y": view["y"].values[rows], "magnitude": values[rows, columns]}
-    )
+    table = local_maxima(view, radius)
     inside = table if count == "view" else table[lane.contains(table["x"], table["y"])]
     area = _area_seen(view) if count == "view" else lane.area
     keep = math.floor(density * area / (math.pi * radius**2))
@@ -69,6 +63,36 @@ def prescreen(
         threshold = inside["magnitude"].iloc[keep - 1] if keep else math.inf
         table = table[table["magnitude"] >= threshold]
     return table.reset_index(drop=True)
+
+
+def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
+    """Find the local maxima of a run-view, before the density rule.
+
+    Parameters
+    ----------
+    view : xarray.DataArray
+        Run-view (y, x) in the lane frame; NaN where nothing was seen.
+    radius : float
+        A maximum is the largest pixel within this distance, m.
+
+    Returns
+    -------
+    DataFrame
+        x, y (m), magnitude, ordered from strong to weak; empty if there is none. Pixels on the border of what was seen
+        are never among them.
+
+    Raises
+    ------
+    ValueError
+        If ``view`` is not two-dimensional.
+    """
+    if view.dims != ("y", "x"):
+        raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")
+    rows, columns = _maxima(view, radius)
+    values = np.asarray(view.values, dtype=np.float64)
+    return pd.DataFrame(
+        {"x": view["x"].values[columns], "y": view["y"].values[rows], "magnitude": values[rows, columns]}
+    )
 
 
 def _area_seen(view: xr.DataArray) -> float:

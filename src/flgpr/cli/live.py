@@ -1,0 +1,131 @@
+"""Commands that work scan by scan: live, feed."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flgpr.cli.common import Quiet, plain_errors
+from flgpr.pipeline import live_feed
+from flgpr.pipeline.live import LiveOptions, LiveReport, LiveRun
+from flgpr.pipeline.live_detector import LiveSettings
+from flgpr.pipeline.live_intake import COUNTS
+from flgpr.pipeline.live_vehicle import Vehicle
+
+Lane = Annotated[Path | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
+Socket = Annotated[Path | None, typer.Option(help="Unix socket on which scans come.")]
+
+
+def live(
+    incoming: Annotated[Path | None, typer.Argument(help="Folder that the radar writes scans into.")] = None,
+    recipe: Annotated[str, typer.Option(help="Packaged recipe or TOML file.")] = "wang2007",
+    model: Annotated[Path | None, typer.Option(help="Trained classifier.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for events, snapshot and alarms.")] = Path(
+        "live-result"
+    ),
+    socket: Socket = None,
+    lane: Lane = None,
+    anchor: Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Speed of the vehicle, km/h: tells what it can stop for.")] = None,
+    reaction: Annotated[float, typer.Option(help="Time until the brakes hold, s.")] = 1.5,
+    deceleration: Annotated[float, typer.Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
+    front: Annotated[float, typer.Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
+    looks: Annotated[int, typer.Option(help="Scans that must have seen a place before an alarm.")] = 3,
+    warm_up: Annotated[int, typer.Option(help="Scans that only teach the background.")] = 5,
+    span: Annotated[int | None, typer.Option(help="Scans that the background remembers; default all.")] = None,
+    snapshot: Annotated[int, typer.Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
+    idle: Annotated[float | None, typer.Option(help="End after so many seconds without a scan.")] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the browser.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="With --view: print the address only.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream."""
+    with plain_errors():
+        vehicle = Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
+        options = LiveOptions(
+            recipe, output, incoming, socket, model, lane, anchor, LiveSettings(looks, warm_up, span), vehicle,
+            snapshot, idle, fresh,
+        )  # fmt: skip
+        run = LiveRun(options, (lambda _: None) if quiet else _print)
+        with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:
+            with _stopped_by_signals(run):
+                report = run.run()
+            if not quiet:
+                _tell(report, output)
+            if page is not None:
+                _wait(page)
+
+
+def feed(
+    run: Annotated[Path, typer.Argument(help="Run store.")],
+    incoming: Annotated[Path | None, typer.Argument(help="Folder to write scans into.")] = None,
+    rate: Annotated[float, typer.Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
+    socket: Socket = None,
+    first: Annotated[int, typer.Option(help="First scan.")] = 0,
+    count: Annotated[int | None, typer.Option(help="Number of scans; default all.")] = None,
+    lead: Annotated[float, typer.Option(help="Time between the run's description and its first scan, s.")] = 2.0,
+    quiet: Quiet = False,
+) -> None:
+    """Play a stored run as the radar would write it."""
+    with plain_errors():
+        played = live_feed.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead)
+    if not quiet:
+        typer.echo(f"played {played} scans")
+
+
+def _print(line: str) -> None:
+    sys.stdout.write(line)
+    sys.stdout.flush()
+
+
+def _tell(report: LiveReport, output: Path) -> None:
+    told = asdict(report)
+    latency = told["latency_ms"]
+    if latency["scans"]:
+        typer.echo(
+            f"{report.alarms} alarms; {latency['median']:g} ms from scan to alarms (median), {latency['p95']:g} ms at "
+            f"the 95th percentile, {latency['largest']:g} ms at most; {report.rate:.2f} scans/s",
+            err=True,
+        )
+    for name, count in report.counts.items():
+        if count:
+            typer.echo(f"  {count:6d} {COUNTS[name]}", err=True)
+    typer.echo(f"wrote {output}", err=True)
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(run: LiveRun) -> Iterator[None]:
+    """Let the scan in hand be finished and the last snapshot be written."""
+    before = {number: signal.signal(number, lambda *_: run.stop()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _viewer(output: Path, no_browser: bool) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the viewer in a process of its own: all it shares with detection is the file of events."""
+    command = [sys.executable, "-m", "flgpr", "view", "--live", str(output)] + ["--no-browser"] * no_browser
+    with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
+        try:
+            yield page
+        finally:
+            page.terminate()
+
+
+def _wait(page: subprocess.Popen[bytes]) -> None:
+    typer.echo("the page stays open until interrupted", err=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        page.wait()

@@ -1,0 +1,143 @@
+"""Plays a stored run as a radar would hand it over: scan by scan into a folder or a socket."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from flgpr.io import (
+    RunDescription,
+    describe_for_live,
+    encode_frame,
+    encode_scan,
+    open_run,
+    write_description,
+    write_whole,
+)
+from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
+
+PathLike = str | Path
+
+
+def feed(
+    run: PathLike,
+    folder: PathLike | None = None,
+    rate: float = 4.2,
+    socket_path: PathLike | None = None,
+    first: int = 0,
+    count: int | None = None,
+    lead: float = 0.0,
+    wait: Callable[[float], None] = time.sleep,
+) -> int:
+    """Play a run.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    folder : path, optional
+        Folder to write to; made if need be. Without it, ``socket_path`` must be given.
+    rate : float
+        Scans per second; infinity plays as fast as possible.
+    socket_path : path, optional
+        Unix socket to send to instead.
+    first : int
+        First scan.
+    count : int, optional
+        Number of scans; default all. The end is announced only after the last scan of the run.
+    lead : float
+        Time between the description and the first scan, s: a radar describes itself when it is switched on.
+    wait : callable
+        Waits for that many seconds.
+
+    Returns
+    -------
+    int
+        Number of scans played.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the run cannot be read, the rate is not positive, or the folder holds another run.
+    """
+    if not rate > 0:
+        raise ValueError(f"rate must be positive, got {rate}")
+    if (folder is None) == (socket_path is None):
+        raise ValueError("feed needs a folder or a socket, and not both")
+    dataset = open_run(run)
+    description = describe_for_live(dataset)
+    total = dataset.sizes["scan"]
+    if not 0 <= first < total:
+        raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
+    last = total if count is None else min(first + count, total)
+    sink = _FolderSink(Path(folder)) if folder is not None else _SocketSink(Path(str(socket_path)))
+    with sink:
+        sink.begin(description)
+        if lead > 0:
+            wait(lead)
+        start = time.monotonic()
+        for scan in range(first, last):
+            one = dataset.isel(scan=scan)
+            frame = encode_scan(scan, one["signal"].values, one["pose"].values, float(one["time"]), description.run_id)
+            due = 0.0 if math.isinf(rate) else start + (scan - first) / rate - time.monotonic()
+            if due > 0:
+                wait(due)
+            sink.scan(scan, frame)
+        if last == total:
+            sink.end(total)
+    return last - first
+
+
+class _FolderSink:
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> _FolderSink:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def begin(self, description: RunDescription) -> None:
+        path = self._folder / RUN_FILE
+        text = json.dumps(description.as_json(), indent=1) + "\n"
+        if path.exists() and path.read_text(encoding="utf-8") != text:
+            raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
+        if not path.exists():
+            write_description(description, self._folder)
+
+    def scan(self, number: int, frame: bytes) -> None:
+        write_whole(self._folder / scan_name(number), frame)
+
+    def end(self, scans: int) -> None:
+        write_whole(self._folder / END_FILE, json.dumps({"scans": scans}) + "\n")
+
+
+class _SocketSink:
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._socket.connect(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise ValueError(f"socket must be one that flgpr live listens on, got {path}: {error}") from None
+
+    def __enter__(self) -> _SocketSink:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def begin(self, description: RunDescription) -> None:
+        self._socket.sendall(encode_frame("run", description.as_json()))
+
+    def scan(self, number: int, frame: bytes) -> None:  # noqa: ARG002
+        self._socket.sendall(frame)
+
+    def end(self, scans: int) -> None:
+        self._socket.sendall(encode_frame("end", {"scans": scans}))

@@ -1,0 +1,91 @@
+"""How far a vehicle still drives before it stands, and whether an alarm comes before that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model import lane_to_scan
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle and its brakes.
+
+    Stopping distance ``v·t + v²/(2·a)``: it goes on at its speed v while driver and brakes react, then slows evenly.
+
+    Attributes
+    ----------
+    speed : float or None
+        v, m/s; None where no stopping distance is asked for.
+    reaction : float
+        t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up.
+    deceleration : float
+        a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2.
+    front : float
+        How far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+    """
+
+    speed: float | None = None
+    reaction: float = 1.5
+    deceleration: float = 3.0
+    front: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.speed is not None and not 0 < self.speed < 100:
+            raise ValueError(f"speed must lie between 0 and 360 km/h, got {3.6 * self.speed:g}")
+        if not 0 <= self.reaction < 60:
+            raise ValueError(f"reaction must lie between 0 and 60 s, got {self.reaction}")
+        if not 0.1 <= self.deceleration <= 20:
+            raise ValueError(f"deceleration must lie between 0.1 and 20 m/s², got {self.deceleration}")
+        if not -50 <= self.front <= 50:
+            raise ValueError(f"front must lie between -50 and 50 m, got {self.front}")
+
+    @property
+    def stopping_distance(self) -> float | None:
+        """Distance driven from the alarm to the stand, m; None without a speed."""
+        if self.speed is None:
+            return None
+        return self.speed * self.reaction + self.speed**2 / (2 * self.deceleration)
+
+    def left(self, x: float, y: float, pose: NDArray[np.float64]) -> float:
+        """Distance from the vehicle's front to a place, along its heading.
+
+        Parameters
+        ----------
+        x, y : float
+            Place in the lane frame, m.
+        pose : (6,) ndarray
+            Pose of the vehicle.
+
+        Returns
+        -------
+        float
+            m; negative once the front is past it.
+        """
+        return float(lane_to_scan([x, y, 0.0], pose)[1]) - self.front
+
+    def margin(self, left: float, latency: float) -> float | None:
+        """Room between the stand and an alarm, if the brakes are called for now.
+
+        Parameters
+        ----------
+        left : float
+            Distance left when the scan was taken, m.
+        latency : float
+            How long ago that was, s; the vehicle has gone on since.
+
+        Returns
+        -------
+        float or None
+            m; negative if the vehicle cannot stop before it. None without a speed.
+        """
+        stopping = self.stopping_distance
+        return None if stopping is None or self.speed is None else left - self.speed * latency - stopping

@@ -1,0 +1,283 @@
+"""Where scans come from: a folder that is looked at, a local socket that is listened on. Each in its own thread."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import socket
+import stat
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from flgpr.io import ScanFileError, decode_frame, read_description
+from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+
+_LOOK = 0.01  # s between looks at a folder
+_SETTLED = 0.05  # s after which a folder's time stamp tells of every change
+_PATIENCE = 1.0  # s that a file may stay shorter than it says
+_MOST_WAITING = 32
+_LARGEST = 2**28
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """Something that came.
+
+    Attributes
+    ----------
+    kind : {"run", "frame", "end", "failed"}
+        A description, a frame, the end of the run, or an error that ends the watch.
+    name : str
+        File, or where on the socket.
+    when : float
+        When it had come whole, s since 1970.
+    data : bytes
+        The frame.
+    value : object
+        The description, or the error.
+    """
+
+    kind: Literal["run", "frame", "end", "failed"]
+    name: str
+    when: float
+    data: bytes = b""
+    value: Any = None
+
+
+@dataclass
+class Inbox:
+    """What came and was not taken yet, and whether it is over.
+
+    Attributes
+    ----------
+    arrivals : Queue
+        At most some tens: a source waits rather than filling the memory.
+    stop : Event
+        Set to end the sources.
+    """
+
+    arrivals: queue.Queue[Arrival] = field(default_factory=lambda: queue.Queue(_MOST_WAITING))
+    stop: threading.Event = field(default_factory=threading.Event)
+
+    def put(self, arrival: Arrival) -> bool:
+        """Hand something over; give up when it is over.
+
+        Parameters
+        ----------
+        arrival : Arrival
+            What came.
+
+        Returns
+        -------
+        bool
+            Whether it was handed over.
+        """
+        while not self.stop.is_set():
+            with contextlib.suppress(queue.Full):
+                self.arrivals.put(arrival, timeout=0.1)
+                return True
+        return False
+
+
+class FolderWatch(threading.Thread):
+    """Watches a folder: ``run.json`` first, then every new ``*.scan`` in the order of the names, then ``end.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it need not exist yet.
+    inbox : Inbox
+        Where to hand things over.
+    known : set of str
+        Names that were read before.
+    """
+
+    def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
+        super().__init__(name=f"watch {folder}", daemon=True)
+        self._folder, self._inbox, self._known = folder, inbox, set(known or ())
+        self._began = time.time()
+        self._growing: dict[str, tuple[int, float]] = {}
+        self._described = self._ended = False
+        self._stamp = -1
+
+    def run(self) -> None:
+        """Look until it is over."""
+        while not self._inbox.stop.is_set():
+            try:
+                busy = self._look()
+            except (OSError, ScanFileError) as error:
+                self._inbox.put(Arrival("failed", str(self._folder), time.time(), value=error))
+                return
+            if not busy:
+                self._inbox.stop.wait(_LOOK)
+
+    def _look(self) -> bool:
+        """Look once; tell whether something came."""
+        try:
+            stamp = self._folder.stat().st_mtime_ns
+        except FileNotFoundError:
+            return False
+        settled = time.time_ns() - stamp > _SETTLED * 1e9
+        if stamp == self._stamp and settled and not self._growing:
+            return False
+        if not self._described:
+            description = read_description(self._folder)
+            if description is None:
+                return False
+            self._described = True
+            self._inbox.put(Arrival("run", str(self._folder), time.time(), value=description.as_json()))
+        names = set(os.listdir(self._folder))
+        new = sorted(name for name in names - self._known if name.endswith(SCAN_SUFFIX))
+        found = [name for name in new if self._read(name)]
+        if END_FILE in names and not self._ended and not found and not self._growing:
+            self._ended = True
+            self._inbox.put(Arrival("end", END_FILE, time.time()))
+        self._stamp = stamp if settled and not found else -1
+        return bool(found)
+
+    def _read(self, name: str) -> bool:
+        """Hand a file over, unless it still grows."""
+        path = self._folder / name
+        try:
+            if not stat.S_ISREG(path.lstat().st_mode):
+                self._known.add(name)  # links and folders are no scans
+                return False
+            with path.open("rb") as file:
+                state = os.fstat(file.fileno())
+                data = file.read(_LARGEST) if state.st_size <= _LARGEST else file.read(head_size())
+        except FileNotFoundError:
+            return False
+        if self._grows(name, data, state.st_size):
+            return False
+        self._known.add(name)
+        when = max(state.st_ctime, self._began)
+        return self._inbox.put(Arrival("frame", name, when, data))
+
+    def _grows(self, name: str, data: bytes, size: int) -> bool:
+        """Tell whether a file is shorter than it says and may still be completed."""
+        try:
+            short = frame_size(data) > size
+        except TruncatedFrameError:
+            short = True
+        except ScanFileError:
+            short = False
+        before, since = self._growing.get(name, (-1, 0.0))
+        now = time.time()
+        if short and (size != before or now - since < _PATIENCE):
+            self._growing[name] = (size, now if size != before else since)
+            return True
+        self._growing.pop(name, None)
+        return False
+
+
+class SocketWatch(threading.Thread):
+    """Listens on a Unix socket for frames, one after the other; several senders may come.
+
+    Parameters
+    ----------
+    path : Path
+        The socket to make; only this user may write to it.
+    inbox : Inbox
+        Where to hand things over.
+
+    Raises
+    ------
+    ValueError
+        If something else lies at the path, or another program listens there.
+    """
+
+    def __init__(self, path: Path, inbox: Inbox) -> None:
+        super().__init__(name=f"listen {path}", daemon=True)
+        self._path, self._inbox = path, inbox
+        _make_room(path)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        before = os.umask(0o177)
+        try:
+            self._socket.bind(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise ValueError(f"socket must be a path that can be made, got {path}: {error}") from None
+        finally:
+            os.umask(before)
+        self._socket.listen(4)
+        self._socket.settimeout(0.2)
+
+    def run(self) -> None:
+        """Listen until it is over."""
+        senders: list[threading.Thread] = []
+        with self._socket:
+            while not self._inbox.stop.is_set():
+                with contextlib.suppress(TimeoutError):
+                    sender, _ = self._socket.accept()
+                    senders.append(threading.Thread(target=self._listen, args=(sender,), daemon=True))
+                    senders[-1].start()
+        self._path.unlink(missing_ok=True)
+        for one in senders:
+            one.join(1.0)
+
+    def _listen(self, sender: socket.socket) -> None:
+        sender.settimeout(0.2)
+        with sender:
+            while not self._inbox.stop.is_set():
+                try:
+                    data = self._frame(sender)
+                except (ScanFileError, OSError):
+                    # Where the next frame begins is not known any more.
+                    self._inbox.put(Arrival("frame", "socket", time.time(), b""))
+                    return
+                if data is None or not self._inbox.put(self._sorted(data)):
+                    return
+
+    @staticmethod
+    def _sorted(data: bytes) -> Arrival:
+        now = time.time()
+        with contextlib.suppress(ScanFileError):
+            frame = decode_frame(data)
+            if frame.kind == "run":
+                return Arrival("run", "socket", now, value={k: v for k, v in frame.header.items() if k != "kind"})
+            if frame.kind == "end":
+                return Arrival("end", "socket", now)
+        return Arrival("frame", "socket", now, data)
+
+    def _frame(self, sender: socket.socket) -> bytes | None:
+        """Read a frame; None at the end of the connection or of the watch."""
+        head = self._bytes(sender, head_size())
+        if head is None or len(head) == 0:
+            return None
+        size = frame_size(head)
+        if size > _LARGEST:
+            raise ScanFileError(f"frame must have at most {_LARGEST} bytes, got {size}")
+        rest = self._bytes(sender, size - len(head))
+        return None if rest is None else head + rest
+
+    def _bytes(self, sender: socket.socket, count: int) -> bytes | None:
+        """Read bytes, fewer only where the connection ends; None when the watch is over."""
+        parts: list[bytes] = []
+        left = count
+        while left and not self._inbox.stop.is_set():
+            with contextlib.suppress(TimeoutError):
+                part = sender.recv(min(left, 2**20))
+                if not part:
+                    return b"".join(parts)
+                parts.append(part)
+                left -= len(part)
+        return None if left else b"".join(parts)
+
+
+def _make_room(path: Path) -> None:
+    """Take away a socket that nobody listens on."""
+    if not path.exists() and not path.is_symlink():
+        return
+    if not stat.S_ISSOCK(path.lstat().st_mode):
+        raise ValueError(f"socket must be a new path, got {path}, where something else lies")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            path.unlink()
+            return
+    raise ValueError(f"socket must be free, got {path}, on which another program listens")
