@@ -35,4 +35,4 @@ $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) docs/_build docs/examples docs/api/generated demo-result .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) docs/_build docs/examples demo-result .mypy_cache .pytest_cache .ruff_cache

@@ -18,13 +18,13 @@ version = release = flgpr.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.autosummary",
-    "sphinx.ext.napoleon",
+    "numpydoc",
     "sphinx_gallery.gen_gallery",
     "mathml",
+    "names",
 ]
 exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
-suppress_warnings = ["toc.not_included"]
+suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of docstrings may fit twice
 nitpicky = False
 
 html_theme = "furo"
@@ -39,12 +39,10 @@ templates_path = ["_templates"]
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 
-autosummary_generate = True
 autodoc_typehints = "none"
-autodoc_default_options = {"members": True, "show-inheritance": False}
-napoleon_google_docstring = False
-napoleon_use_rtype = False
-napoleon_use_ivar = True
+autodoc_default_options = {"members": True}
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
@@ -64,3 +62,10 @@ sphinx_gallery_conf = {
     "capture_repr": ("_repr_html_", "__repr__"),
 }
 linkcheck_ignore = [r".*"]
+
+_INHERITED = {"model_config", "set_fit_request", "set_score_request", "set_predict_request", "set_transform_request"}
+
+
+def setup(app):
+    """Leave out what scikit-learn and pydantic put into every class."""
+    app.connect("autodoc-skip-member", lambda *told: True if told[2] in _INHERITED else None)

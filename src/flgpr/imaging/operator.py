@@ -155,12 +155,12 @@ class ImagingOperator:
         ----------
         data : (..., polarization, pair, frequency) array_like of complex
             Received field; leading axes are scans taken with one geometry.
-        out : (..., polarization, subband, *pixels.shape[:-1]) ndarray, optional
+        out : (..., polarization, subband, ``*pixels.shape[:-1]``) ndarray, optional
             Contiguous array of the operator's dtype to put the images in.
 
         Returns
         -------
-        (..., polarization, subband, *pixels.shape[:-1]) ndarray of complex64 or complex128
+        (..., polarization, subband, ``*pixels.shape[:-1]``) ndarray of complex64 or complex128
             One image per polarization and sub-band.
 
         Raises
@@ -179,7 +179,7 @@ class ImagingOperator:
 
         Parameters
         ----------
-        image : (..., polarization, subband, *pixels.shape[:-1]) array_like of complex
+        image : (..., polarization, subband, ``*pixels.shape[:-1]``) array_like of complex
             Reflectivity of every pixel; leading axes are scans.
 
         Returns
