@@ -7,9 +7,9 @@ import xarray as xr
 from flgpr.model import Lane
 from flgpr.pipeline.detect import Detection
 from flgpr.pipeline.recipe import recipe_text
-from flgpr.pipeline.result import read_result, write_result
+from flgpr.pipeline.result import add_files, read_result, write_result
 from flgpr.pipeline.score import score
-from flgpr.pipeline.view_score import write_view_score
+from flgpr.pipeline.view_score import VIEW_SCORE, view_score
 
 POLARIZATIONS, SUBBANDS = ["HH", "VV"], ["0.4-1.1", "1.1-1.7"]
 
@@ -89,5 +89,5 @@ def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
     lane = Lane(-2.5, 2.5, 5.0, length - 5)
     write_result(folder, [detection], recipe_text("demo"), lane, run)
     result = read_result(folder)
-    write_view_score(result.folder, result, score(result, truth), truth)
+    add_files(result.folder, {VIEW_SCORE: view_score(result, score(result, truth), truth)})
     return folder

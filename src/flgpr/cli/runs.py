@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from flgpr.cli.show import info_lines, print_scores, score_summary
 from flgpr.pipeline import scoring_tasks, tasks
 from flgpr.pipeline.classifier import CLASSIFIER_B
 from flgpr.pipeline.exchange import explain_file
+from flgpr.pipeline.result import Result
 from flgpr.pipeline.scoring_tasks import score_alarms
 from flgpr.viewer import serve
 
@@ -40,27 +41,50 @@ def demo(
 
 @app.command()
 def detect(
-    run: Annotated[Path, typer.Argument(help="Run store.")],
+    runs: Annotated[list[Path], typer.Argument(help="Run stores; several make a survey.")],
     output: Output,
     recipe: Annotated[str, typer.Option(help="Packaged recipe or TOML file.")] = "demo",
-    lane: Annotated[Path | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres.")] = None,
+    lane: Annotated[
+        list[Path] | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres; once per run.")
+    ] = None,
     model: Annotated[Path | None, typer.Option(help="Trained classifier, for recipes with features.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, for recipes with features; the result is the same.", min=1)
+    ] = None,
+    lanes_at_once: Annotated[
+        int | None, typer.Option(help="Lanes of a survey worked on at the same time; needs workers.", min=1)
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Raise alarms on a run; truth is not needed and not read."""
+    """Raise alarms on runs; truth is not needed and not read. A run that was stopped is gone on with.
+
+    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
+    """
     with plain_errors(), progress(quiet or as_json) as track:
-        result = tasks.detect_run(run, recipe, output, lane, track, model=model)
-    main, masked = result.detections[0], result.manifest["run"]["masked_scans"]
+        if len(runs) == 1:
+            if lane is not None and len(lane) > 1:
+                raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
+            area = lane[0] if lane else None
+            results = [tasks.detect_run(runs[0], recipe, output, area, track, model=model, workers=workers)]
+        else:
+            results = tasks.detect_runs(
+                runs, recipe, output, lane, track, model=model, workers=workers, lanes_at_once=lanes_at_once
+            )
+    summaries = [_detected(result, quiet or as_json) for result in results]
     if as_json:
-        summary = {"alarms": len(main.alarms), "masked_scans": masked, "result": str(result.folder)}
-        typer.echo(json.dumps(summary))
-    elif not quiet:
+        typer.echo(json.dumps(summaries[0] if len(runs) == 1 else summaries))
+
+
+def _detected(result: Result, silently: bool) -> dict[str, Any]:
+    main, masked = result.detections[0], result.manifest["run"]["masked_scans"]
+    if not silently:
         if masked:
             typer.echo(
                 f"{len(masked)} of {result.manifest['run']['scans']} scans left out for missing sweeps: {masked}"
             )
         typer.echo(f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}")
+    return {"alarms": len(main.alarms), "masked_scans": masked, "result": str(result.folder)}
 
 
 @app.command()

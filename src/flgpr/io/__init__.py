@@ -32,6 +32,7 @@ from flgpr.io.scan_file import (
     scan_of,
     write_description,
 )
+from flgpr.io.sealed import inside, read_limited, seal, unseal
 from flgpr.io.signals import impulse_to_frequency
 from flgpr.io.tables import read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
@@ -61,6 +62,7 @@ __all__ = [
     "import_fullwave",
     "import_mapped",
     "impulse_to_frequency",
+    "inside",
     "open_arrays",
     "open_run",
     "parse_description",
@@ -69,6 +71,7 @@ __all__ = [
     "read_cphd",
     "read_description",
     "read_lane",
+    "read_limited",
     "read_manifest",
     "read_nmea",
     "read_survey",
@@ -77,7 +80,9 @@ __all__ = [
     "sample_lane",
     "save_run",
     "scan_of",
+    "seal",
     "sha256",
+    "unseal",
     "write_cphd",
     "write_description",
     "write_earth_csv",

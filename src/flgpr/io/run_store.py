@@ -289,8 +289,8 @@ class RunWriter:
             {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
         )
         _write_manifest(self._partial, len(scans))
-        (self._partial / JOURNAL).unlink()
         _replace(self._partial, self.path)
+        (self.path / JOURNAL).unlink()  # not before: a kill in between would cost every scan
 
     def _chunk(self, scan: int) -> Path:
         return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"

@@ -7,12 +7,14 @@ result depend neither on how many work on it, nor where, nor on what was interru
 
 from __future__ import annotations
 
-from collections.abc import Iterable, MutableMapping, Sequence
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.model import Lane
 from flgpr.pipeline.classifier import Classifier
@@ -72,12 +74,12 @@ class FeatureChain:
         recipe: Recipe,
         lane: Lane,
         classifier: Classifier | None = None,
-        known: MutableMapping[str, Arrays] | None = None,
+        known: MutableMapping[str, Any] | None = None,
     ) -> None:
         if recipe.features is None:
             raise ValueError("recipe must have the table features")
         self.run, self.recipe, self.lane, self.classifier = run, recipe, lane, classifier
-        self.known: MutableMapping[str, Arrays] = {} if known is None else known
+        self.known: MutableMapping[str, Any] = {} if known is None else known
         self.imager = whole_imager(run, recipe)
         self.blocks = blocks_of(len(self.imager))
         self.grid = recipe.run_view.grid(lane)
@@ -218,7 +220,7 @@ class FeatureChain:
         begin, end = min(row.start for row in rows), max(row.stop for row in rows)
         return RunViewSums(self.grid, self.recipe.run_view.y_max, slice(begin, end))
 
-    def _as_view(self, arrays: Arrays) -> xr.DataArray:
+    def _as_view(self, arrays: Mapping[str, NDArray[Any]]) -> xr.DataArray:
         labels = {"polarization": self.run["polarization"].values, "subband": list(self.recipe.image.subbands)}
         return view_array(arrays["view"], arrays["looks"], self.grid, labels)
 
@@ -241,12 +243,12 @@ def table_arrays(table: pd.DataFrame, prefix: str = "") -> Arrays:
     return {f"{prefix}{name}": table[name].to_numpy() for name in table.columns}
 
 
-def array_table(arrays: Arrays, prefix: str = "") -> pd.DataFrame:
+def array_table(arrays: Mapping[str, NDArray[Any]], prefix: str = "") -> pd.DataFrame:
     """Put a table together again.
 
     Parameters
     ----------
-    arrays : dict of ndarray
+    arrays : mapping of str to ndarray
         From :func:`table_arrays`, among others.
     prefix : str
         What the names of its columns begin with.
@@ -256,7 +258,7 @@ def array_table(arrays: Arrays, prefix: str = "") -> pd.DataFrame:
     DataFrame
         The table.
     """
-    return pd.DataFrame({key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)})
+    return pd.DataFrame({key.removeprefix(prefix): arrays[key] for key in arrays if key.startswith(prefix)})
 
 
 def _prefixes(part: Arrays) -> list[str]:
@@ -267,5 +269,5 @@ def _named(name: str, part: Arrays) -> Arrays:
     return {f"{name}|{key}": value for key, value in part.items()}
 
 
-def _under(part: Arrays, name: str) -> Arrays:
-    return {key.rpartition("|")[2]: value for key, value in part.items() if key.rpartition("|")[:2] == (name, "|")}
+def _under(part: Mapping[str, NDArray[Any]], name: str) -> Arrays:
+    return {key.rpartition("|")[2]: part[key] for key in part if key.rpartition("|")[:2] == (name, "|")}

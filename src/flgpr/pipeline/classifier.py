@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer, hit_weights
-from flgpr.io import sha256, write_whole
+from flgpr.io import inside, read_limited, seal, sha256, unseal, write_whole
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
-FORMAT, VERSION = "flgpr-classifier", 1
+FORMAT, VERSION = "flgpr-classifier", 2
 CLASSIFIER_A = ("C_HH_F1",)
 CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
 """The two classifiers of Wang et al. 2007, Fig. 14."""
@@ -271,7 +271,7 @@ def save_classifier(classifier: Classifier, folder: str | Path, notes: dict[str,
         "notes": classifier.notes | (notes or {}),
         "files": {name: sha256(data) for name, data in content.items()},
     }
-    write_whole(folder / "model.json", json.dumps(model, indent=1) + "\n")
+    write_whole(folder / "model.json", seal(model))
     return folder
 
 
@@ -295,21 +295,32 @@ def load_classifier(folder: str | Path) -> Classifier:
     """
     folder = Path(folder)
     try:
-        model = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        if model["format"] != FORMAT or model["version"] != VERSION:
-            raise ValueError(f"model {folder}: format must be {FORMAT} version {VERSION}")
-        arrays = {name: _checked(folder / name, digest) for name, digest in model["files"].items()}
+        model = _read_model(folder)
+        arrays = {name: _checked(inside(folder, name), digest) for name, digest in model["files"].items()}
         names = tuple(str(name) for name in model["features"])
         normalizer, discriminant = HistogramNormalizer(), FisherDiscriminant()
         normalizer.knots_ = [arrays[f"knots-{i}.npy"] for i in range(len(names))]
         discriminant.direction_, discriminant.threshold_ = arrays["direction.npy"], float(model["threshold"])
     except FileNotFoundError as error:
         raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, OSError) as error:
         raise ValueError(f"model {folder}: model.json cannot be read ({error})") from None
     normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
     discriminant.classes_ = np.array([0, 1])
     return Classifier(names, normalizer, discriminant, model["notes"])
+
+
+def _read_model(folder: Path) -> dict[str, Any]:
+    data = read_limited(folder / "model.json")
+    try:
+        model = json.loads(data)
+        if model["format"] != FORMAT or model["version"] not in (1, VERSION):
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        if model["version"] == 1 and "sha256" not in model:  # had no digest of its own
+            return dict(model)
+        return unseal(data)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"model {folder}: model.json is altered: {error}") from None
 
 
 def _npy(array: FloatArray) -> bytes:

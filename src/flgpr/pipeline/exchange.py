@@ -267,7 +267,7 @@ def export_result(
     if not chosen:
         known = ", ".join(one.name for one in held.detections)
         raise ValueError(f"detection must be one of {known}, got {detection!r}")
-    identity = f"{held.manifest['recipe_sha256'][:16]}-{sha256((held.folder / 'manifest.json').read_bytes())[:16]}"
+    identity = f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}"
     target, tie = Path(output), read_anchor(anchor)
     if to == "geotiff":
         _fresh(target)

@@ -6,6 +6,7 @@ import io
 import json
 import platform
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,13 +17,28 @@ import pandas as pd
 import xarray as xr
 
 import flgpr
-from flgpr.io import read_manifest, read_table, sha256, write_geojson, write_table, write_whole
+from flgpr.io import (
+    canonical_json,
+    inside,
+    read_limited,
+    read_manifest,
+    read_table,
+    seal,
+    sha256,
+    unseal,
+    write_geojson,
+    write_table,
+    write_whole,
+)
 from flgpr.model import Lane, complete_scans
+from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
 from flgpr.pipeline.detect import MAIN, Detection
 from flgpr.pipeline.recipe import Recipe, parse_recipe
-from flgpr.pipeline.view_files import write_view
+from flgpr.pipeline.view_files import plain_json, write_view
 
-FORMAT, VERSION = "flgpr-result", 1
+FORMAT, VERSION = "flgpr-result", 2
+MODEL = "model"
+"""Folder of the classifier inside a result."""
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
 
 
@@ -53,6 +69,10 @@ class Result:
     recipe: Recipe
     lane: Lane
     detections: list[Detection]
+
+    def classifier(self) -> Classifier | None:
+        """Load the classifier that scored the alarms; None if none did."""
+        return load_classifier(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
 
 
 def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, Any]:
@@ -95,7 +115,12 @@ def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, A
 
 
 def write_result(
-    folder: str | Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
+    folder: str | Path,
+    detections: list[Detection],
+    recipe_text: str,
+    lane: Lane,
+    run: dict[str, Any],
+    classifier: Classifier | None = None,
 ) -> Path:
     """Write a result folder; it appears whole or not at all.
 
@@ -111,6 +136,8 @@ def write_result(
         The lane it was run for.
     run : dict
         Description of the run, from :func:`describe_run`.
+    classifier : Classifier, optional
+        What scored the alarms; it is kept with the result.
 
     Returns
     -------
@@ -122,9 +149,7 @@ def write_result(
     FileExistsError
         If something that is no result lies at the path.
     """
-    folder = Path(folder)
-    if folder.exists() and not (folder / "manifest.json").is_file() and (folder.is_file() or any(folder.iterdir())):
-        raise FileExistsError(f"output must be a new folder or an older result, got {folder}, which holds other files")
+    folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = folder.with_name(folder.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
@@ -139,7 +164,47 @@ def write_result(
             write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
     write_view(partial, detections, lane, run)
     write_whole(partial / "recipe.toml", recipe_text)
-    manifest = {
+    if classifier is not None:
+        save_classifier(classifier, partial / MODEL)
+    content = plain_json(_content(partial, detections, recipe_text, lane, run))
+    write_whole(partial / "manifest.json", _manifest(content, {}))
+    old = folder.with_name(folder.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    partial.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def check_free(folder: str | Path) -> Path:
+    """Make sure that a result may be written at a place.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The place.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no result lies there.
+    """
+    folder = Path(folder)
+    if folder.exists() and not (folder / "manifest.json").is_file() and (folder.is_file() or any(folder.iterdir())):
+        raise FileExistsError(f"output must be a new folder or an older result, got {folder}, which holds other files")
+    return folder
+
+
+def _content(
+    home: Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
+) -> dict[str, Any]:
+    return {
         "format": FORMAT,
         "version": VERSION,
         "flgpr": flgpr.__version__,
@@ -150,19 +215,86 @@ def write_result(
         "run": run,
         "detections": [{"name": d.name, "title": d.title, "notes": d.notes} for d in detections],
         "files": {
-            file.relative_to(partial).as_posix(): sha256(file.read_bytes())
-            for file in sorted(partial.rglob("*"))
+            file.relative_to(home).as_posix(): sha256(file.read_bytes())
+            for file in sorted(home.rglob("*"))
             if file.is_file()
         },
     }
-    write_whole(partial / "manifest.json", json.dumps(manifest, indent=1) + "\n")
-    old = folder.with_name(folder.name + ".old")
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
-        folder.rename(old)
-    partial.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
-    return folder
+
+
+def _manifest(content: dict[str, Any], added: dict[str, list[str | None]]) -> bytes:
+    """Seal the content, its identity, and the digests of what is added to the folder later."""
+    return seal({**content, "identity": sha256(canonical_json(content)), "added": added})
+
+
+def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+    """Add files to a result, or replace files added before: pages and scores.
+
+    The manifest first allows the old and the new digests, then the files are written, then the manifest allows the new
+    ones only. So the result can be read whenever this is interrupted.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Result folder.
+    files : mapping of str to bytes or str
+        Content by name.
+
+    Raises
+    ------
+    ResultError
+        If it is no result folder, or its manifest is altered.
+    """
+    folder = Path(folder)
+    manifest = read_result_manifest(folder)
+    data = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    for name in data:
+        (folder / name).parent.mkdir(exist_ok=True)
+    if manifest["version"] > 1:
+        content = {name: value for name, value in manifest.items() if name not in ("identity", "added", "sha256")}
+        added: dict[str, list[str | None]] = dict(manifest["added"])
+        both = {name: [*added.get(name, [None]), sha256(body)] for name, body in data.items()}
+        write_whole(folder / "manifest.json", _manifest(content, added | both))
+    for name, body in data.items():
+        write_whole(folder / name, body)
+    if manifest["version"] > 1:
+        write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
+
+
+def read_result_manifest(folder: str | Path) -> dict[str, Any]:
+    """Read the manifest of a result folder; its files are not looked at.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Returns
+    -------
+    dict
+        The manifest. ``identity`` stays the same when files are added. Results of version 1 had no digest of their
+        manifest and none of added files.
+
+    Raises
+    ------
+    ResultError
+        If it is missing, altered, or of another format.
+    """
+    folder = Path(folder)
+    try:
+        data = read_limited(folder / "manifest.json")
+        manifest = json.loads(data)
+        if manifest["format"] != FORMAT or manifest["version"] not in (1, VERSION):
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        if manifest["version"] == 1:
+            if "sha256" in manifest:
+                raise ValueError("it differs from what was written")
+            return {**manifest, "identity": sha256(data), "added": {}}
+        return unseal(data)
+    except OSError as error:
+        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
 
 
 def read_result(folder: str | Path) -> Result:
@@ -184,21 +316,33 @@ def read_result(folder: str | Path) -> Result:
         If it is no result folder, or one of the files it was written with is missing or altered.
     """
     folder = Path(folder)
+    manifest = read_result_manifest(folder)
     try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        if manifest["format"] != FORMAT or manifest["version"] != VERSION:
-            raise ResultError(f"{folder}: format must be {FORMAT} version {VERSION}")
         for name, digest in manifest["files"].items():
-            if sha256((folder / name).read_bytes()) != digest:
-                raise ResultError(f"{folder}: {name} differs from what was written")
+            _check_file(folder, name, [digest])
+        for name, digests in manifest["added"].items():
+            _check_file(folder, name, digests)
         lane = Lane(**manifest["lane"])
         detections = [_read_detection(folder, entry) for entry in manifest["detections"]]
+        recipe = parse_recipe((folder / "recipe.toml").read_text(encoding="utf-8"), str(folder / "recipe.toml"))
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+    except ResultError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, OSError) as error:
         raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
-    recipe = parse_recipe((folder / "recipe.toml").read_text(encoding="utf-8"), str(folder / "recipe.toml"))
     return Result(folder, manifest, recipe, lane, detections)
+
+
+def _check_file(folder: Path, name: str, digests: list[str | None]) -> None:
+    try:
+        path = inside(folder, name)
+    except ValueError as error:
+        raise ResultError(str(error)) from None
+    if None in digests and not path.exists():
+        return
+    if sha256(path.read_bytes()) not in digests:
+        raise ResultError(f"{folder}: {name} differs from what was written")
 
 
 def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:

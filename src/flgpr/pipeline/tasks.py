@@ -37,13 +37,15 @@ from flgpr.pipeline.classifier import (
 )
 from flgpr.pipeline.detect import detect, lane_of
 from flgpr.pipeline.figures import geometry_figure, looks_of
+from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import Result, describe_run, read_result, write_result
+from flgpr.pipeline.result import Result, add_files, check_free, describe_run, read_result, write_result
 from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.simulation import preview_figure, simulate_to_store
-from flgpr.pipeline.view_score import write_view_score
+from flgpr.pipeline.survey import Note, area_of, detect_lane, detect_survey, executor_for, lane_names, unnoted
+from flgpr.pipeline.view_score import VIEW_SCORE, view_score
 from flgpr.simulate import load_scene
 
 PathLike = str | Path
@@ -57,8 +59,14 @@ def detect_run(
     track: Track = silent,
     report: bool = True,
     model: PathLike | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    note: Note = unnoted,
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
+
+    With a recipe that has features this works block by block and can be stopped and gone on with, see
+    :func:`flgpr.pipeline.survey.detect_lane`.
 
     Parameters
     ----------
@@ -76,6 +84,12 @@ def detect_run(
         Whether to write ``report.html`` now; scoring writes it anew anyway.
     model : path, optional
         Folder of a trained classifier, for recipes with features.
+    workers : int, optional
+        Number of processes, for recipes with features; default this one. The result is the same, bit for bit.
+    scheduler : str, optional
+        Address of a Dask scheduler in place of workers.
+    note : callable
+        Takes a report of every piece of work that was done.
 
     Returns
     -------
@@ -89,6 +103,13 @@ def detect_run(
     """
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
+    if parsed.features is not None:
+        area = area_of(run, parsed, read_lane(lane) if lane is not None else None)
+        with executor_for(workers, scheduler) as executor:
+            return read_result(detect_lane(make_job(run, text, area, output, report, model), executor, track, note))
+    if workers is not None or scheduler is not None:
+        raise ValueError(f"workers and scheduler need a recipe with the table features, got {recipe}")
+    check_free(output)
     dataset = open_run(run)
     area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
     classifier = load_classifier(model) if model is not None else None
@@ -97,8 +118,65 @@ def detect_run(
     result = read_result(folder)
     if report:
         for page in track(["report.html"], "drawing the report", 1):
-            write_whole(folder / page, report_html(result))
-    return result
+            add_files(folder, {page: report_html(result)})
+    return read_result(folder)
+
+
+def detect_runs(
+    runs: Sequence[PathLike],
+    recipe: PathLike,
+    output: PathLike,
+    lanes: Sequence[PathLike] | None = None,
+    track: Track = silent,
+    report: bool = True,
+    model: PathLike | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    lanes_at_once: int | None = None,
+    note: Note = unnoted,
+) -> list[Result]:
+    """Detect on many stored runs; goes on where it was stopped.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores with different names.
+    recipe : str or path
+        Name of a packaged recipe, or a TOML file.
+    output : path
+        Folder that takes a result folder per run, named like it, and ``survey.json``.
+    lanes : sequence of path, optional
+        TOML of each lane, in the same order, in place of the recipe's.
+    track, report, model, workers, scheduler, note
+        As for :func:`detect_run`.
+    lanes_at_once : int, optional
+        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
+
+    Returns
+    -------
+    list of Result
+        The results as written, in the order of the runs.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output would overwrite something else.
+    """
+    text = recipe_text(recipe)
+    if parse_recipe(text, str(recipe)).features is None:
+        names = lane_names(runs)
+        areas = [None] * len(runs) if lanes is None else list(lanes)
+        if len(areas) != len(runs):
+            raise ValueError(f"lanes must be one per run, got {len(areas)} for {len(runs)} runs")
+        found = []
+        for run, name, area in zip(runs, names, areas, strict=True):
+            found.append(detect_run(run, recipe, Path(output) / name, area, track, report, model, workers, scheduler))
+        return found
+    who = executor_for(workers, scheduler)
+    return [
+        read_result(folder)
+        for folder in detect_survey(runs, text, output, lanes, model, report, who, lanes_at_once, track, note)
+    ]
 
 
 def score_result(
@@ -139,10 +217,16 @@ def score_result(
     scored = score(result, targets)
     home = Path(output) if output is not None else result.folder
     home.mkdir(parents=True, exist_ok=True)
-    write_whole(home / "roc.json", roc_json(scored))
-    write_view_score(home, result, scored, targets, others)
+    files: dict[str, bytes | str] = {"roc.json": roc_json(scored)}
+    files[VIEW_SCORE] = view_score(result, scored, targets, others)
     for page in track(["report.html"], "drawing the report", 1):
-        write_whole(home / page, report_html(result, scored, targets, others))
+        files[page] = report_html(result, scored, targets, others)
+    if home.resolve() == result.folder.resolve():
+        add_files(home, files)
+        return read_result(home), scored
+    for name, data in files.items():
+        (home / name).parent.mkdir(exist_ok=True)
+        write_whole(home / name, data)
     return result, scored
 
 
@@ -269,7 +353,7 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
 def replay(
     folder: PathLike, run: PathLike | None = None, track: Track = silent, tolerance: float = 1e-3
 ) -> dict[str, Any]:
-    """Run a result's recipe again and compare.
+    """Run a result's recipe again, with the classifier the result holds, and compare.
 
     Parameters
     ----------
@@ -301,9 +385,11 @@ def replay(
     if now["store_sha256"] != described["store_sha256"]:
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
     text = (old.folder / "recipe.toml").read_text(encoding="utf-8")
-    detections = detect(dataset, old.recipe, old.lane, track)
+    classifier = old.classifier()
+    detections = detect(dataset, old.recipe, old.lane, track, classifier)
     with TemporaryDirectory() as temporary:
-        new = read_result(write_result(Path(temporary) / "result", detections, text, old.lane, now))
+        home = write_result(Path(temporary) / "result", detections, text, old.lane, now, classifier)
+        new = read_result(home)
     files, before = new.manifest["files"], old.manifest["files"]
     differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
     pairs = list(zip(old.detections, new.detections, strict=True))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from flgpr.io import canonical_json, sha256, write_whole
+from flgpr.io import canonical_json, sha256
 from flgpr.pipeline.result import Result
 from flgpr.pipeline.score import Score
 from flgpr.pipeline.view_files import plain_json
@@ -22,15 +21,14 @@ _OWN = ("pd", "n_detected", "pd_low", "pd_high")
 _MOST_DEPTHS = 6
 
 
-def write_view_score(
-    home: Path, result: Result, scored: list[Score], truth: pd.DataFrame, objects: pd.DataFrame | None = None
-) -> None:
-    """Write ``view/score.json``, which names the result it belongs to and its own digest.
+VIEW_SCORE = "view/score.json"
+
+
+def view_score(result: Result, scored: list[Score], truth: pd.DataFrame, objects: pd.DataFrame | None = None) -> bytes:
+    """Make ``view/score.json``, which names the result it belongs to and its own digest.
 
     Parameters
     ----------
-    home : Path
-        Folder that takes ``view/score.json``: the result's or another.
     result : Result
         The result.
     scored : list of Score
@@ -39,12 +37,17 @@ def write_view_score(
         Truth table.
     objects : DataFrame, optional
         Objects to show.
+
+    Returns
+    -------
+    bytes
+        The file.
     """
     classes = depth_classes(truth)
     score = result.recipe.score
     content = plain_json(
         {
-            "result_sha256": sha256((result.folder / "manifest.json").read_bytes()),
+            "result_sha256": result.manifest["identity"],
             "halo": score.halo,
             "truth": _columns(truth),
             "objects": None if objects is None else _columns(objects),
@@ -59,11 +62,9 @@ def write_view_score(
             },
         }
     )
-    view = home / "view"
-    view.mkdir(exist_ok=True)
     body = canonical_json(content)
     head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
-    write_whole(view / "score.json", canonical_json(head)[:-1] + b',"content":' + body + b"}\n")
+    return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
 
 
 def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -243,7 +243,9 @@ class CleanedRun:
         From :func:`background_of`, where it is known already.
     """
 
-    def __init__(self, run: xr.Dataset, recipe: Recipe, track: Track, background: Arrays | None = None) -> None:
+    def __init__(
+        self, run: xr.Dataset, recipe: Recipe, track: Track, background: Mapping[str, NDArray[Any]] | None = None
+    ) -> None:
         table, whole = recipe.image, recipe.image.grid()
         if background is None:
             imager = whole_imager(run, recipe)
@@ -252,13 +254,12 @@ class CleanedRun:
             first = signature_of(recipe, (signature_part(imager, recipe, block) for block in done))
             done = track(blocks, "gain background", len(blocks))
             background = background_of(recipe, (gain_part(imager, recipe, block, first) for block in done), first)
-        self.estimate = dict(background)
         self.gains: FloatArray = background["gains"]
         reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
         rows = min(whole.ny, int(np.ceil((reach - whole.y_min) / whole.dy)) + 1)
         self.grid = Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
         self.imager = ScanImager(run, self.grid, table.subbands, table.window, table.tolerance)
-        self.whole_background = Background(**{name: value for name, value in background.items() if name != "gains"})
+        self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
         self.background: Background = self.whole_background.cropped(rows)
 
     def __len__(self) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.io import canonical_json, open_run, sha256
+from flgpr.io import canonical_json, open_run, read_limited, sha256, unseal
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
@@ -39,8 +39,11 @@ class ResultFiles:
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
         try:
-            self._manifest = (self.folder / "manifest.json").read_bytes()
-            self._digests: dict[str, str] = json.loads(self._manifest)["files"]
+            data = read_limited(self.folder / "manifest.json")
+            manifest = json.loads(data)
+            manifest = {"identity": sha256(data), **manifest} if manifest["version"] == 1 else unseal(data)
+            self._identity: str = manifest["identity"]
+            self._digests: dict[str, str] = manifest["files"]
         except (OSError, ValueError, KeyError, TypeError):
             raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
         if "view/index.json" not in self._digests:
@@ -82,7 +85,7 @@ class ResultFiles:
             raise ViewError("view/score.json cannot be read") from None
         if sha256(body) != stored.get("sha256"):
             raise ViewError("view/score.json differs from what was written")
-        if stored["content"]["result_sha256"] != sha256(self._manifest):
+        if stored["content"]["result_sha256"] != self._identity:
             raise ViewError("view/score.json belongs to another result; run flgpr score again")
         return body
 

@@ -1,0 +1,128 @@
+"""JSON files that carry their own digest, and names that must stay inside their folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from flgpr.io.files import canonical_json, sha256
+
+MOST_BYTES = 256 * 2**20
+"""Largest sealed file that is read."""
+
+
+def seal(content: Mapping[str, Any]) -> bytes:
+    """Write a JSON object with its own SHA-256 as the last entry.
+
+    Parameters
+    ----------
+    content : mapping
+        Anything JSON can hold, without NaN and without the entry ``sha256``.
+
+    Returns
+    -------
+    bytes
+        The only form in which :func:`unseal` takes it.
+
+    Raises
+    ------
+    ValueError
+        If the content holds NaN, infinity or the entry ``sha256``.
+    """
+    if "sha256" in content:
+        raise ValueError("content must not hold the entry sha256, which is added")
+    whole = {**content, "sha256": sha256(canonical_json(content))}
+    return json.dumps(whole, indent=1, allow_nan=False).encode() + b"\n"
+
+
+def unseal(data: bytes) -> dict[str, Any]:
+    """Read what :func:`seal` wrote.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+
+    Returns
+    -------
+    dict
+        The content and ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        If any byte differs from what was written.
+    """
+    try:
+        whole = json.loads(data)
+        content = {name: value for name, value in whole.items() if name != "sha256"}
+        same = seal(content) == data
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise ValueError(f"it cannot be read ({error})") from None
+    if not same:
+        raise ValueError("it differs from what was written")
+    return dict(whole)
+
+
+def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read a file that must not be huge.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most : int
+        Largest size, bytes.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    ValueError
+        If it is larger.
+    OSError
+        If it cannot be read.
+    """
+    with path.open("rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"{path}: it must hold at most {most / 2**20:g} MiB, got more")
+    return data
+
+
+def inside(root: Path, name: str) -> Path:
+    """Find a file of a folder and make sure that it lies there.
+
+    Parameters
+    ----------
+    root : Path
+        The folder.
+    name : str
+        Path relative to it, with forward slashes.
+
+    Returns
+    -------
+    Path
+        The file's path.
+
+    Raises
+    ------
+    ValueError
+        If the name is absolute or leads upwards, or a symbolic link leads out of the folder.
+    """
+    pure = PurePosixPath(name)
+    if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:
+        raise ValueError(f"{root}: names must be relative and stay inside, got {name!r}")
+    path = root / pure
+    try:
+        real = path.resolve()
+    except (OSError, RuntimeError):
+        raise ValueError(f"{root}: {name} is a symbolic link that leads nowhere") from None
+    if not real.is_relative_to(root.resolve()):
+        raise ValueError(f"{root}: {name} leads out of the folder, to {real}")
+    return path

@@ -1,0 +1,21 @@
+"""One small lane, detected once, that every test of this folder compares with."""
+
+import pytest
+
+from flgpr.io import save_run
+from flgpr.pipeline import tasks
+from robust import DetectedLane
+from small_lane import LANE_TOML, small_recipe, small_run
+
+
+@pytest.fixture(scope="session")
+def lane(tmp_path_factory):
+    home = tmp_path_factory.mktemp("lane")
+    run = small_run(scans=50, step=0.15, tones=24).assign_attrs(title="small")
+    save_run(run, home / "run.zarr")
+    (home / "small.toml").write_text(small_recipe())
+    (home / "lane.toml").write_text(LANE_TOML)
+    result = tasks.detect_run(
+        home / "run.zarr", home / "small.toml", home / "result", home / "lane.toml", report=False
+    )  # fmt: skip
+    return DetectedLane(home, result)

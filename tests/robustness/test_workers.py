@@ -1,0 +1,168 @@
+"""Who does the work, and how often it is stopped, does not change a byte."""
+
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import time
+
+import pandas as pd
+import pytest
+
+from flgpr.io import save_run
+from flgpr.pipeline import tasks
+from flgpr.pipeline.checkpoint import WorkError, begin
+from flgpr.pipeline.executors import Processes
+from robust import content, small_job
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
+    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False)
+    assert content(result.folder) == lane.content
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+
+
+def test_detection_in_memory_finds_the_same(lane):
+    from flgpr.io import open_run
+    from flgpr.pipeline.detect import detect
+    from flgpr.pipeline.recipe import load_recipe
+
+    found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
+    pd.testing.assert_frame_equal(found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12)
+    pd.testing.assert_frame_equal(found.features, lane.features, check_dtype=False, rtol=1e-12)
+
+
+def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
+    """Kill one of two workers when half is done: the others' pieces are not done again."""
+    done, victims = [], []
+
+    def note(report):
+        done.append((report["stage"], report["block"]))
+        if len(done) == 6 and not victims:
+            victims.append(int(report["worker"].split(":")[1]))
+            os.kill(victims[0], signal.SIGKILL)
+
+    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note)
+    assert content(result.folder) == lane.content
+    assert len(victims) == 1
+    assert len(done) == len(set(done)) == 5 * (lane.blocks + 1) + 1
+
+
+def test_workers_end_when_their_driver_is_killed(lane, tmp_path):
+    context = multiprocessing.get_context("forkserver")
+    ours, theirs = context.Pipe()
+    driver = context.Process(target=_drive, args=(theirs,))
+    driver.start()
+    pids = ours.recv()
+    driver.kill()
+    driver.join()
+    end = time.monotonic() + 20
+    while any(_alive(pid) for pid in pids) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(_alive(pid) for pid in pids)
+
+
+def _drive(pipe):
+    with Processes(2) as pool:
+        pipe.send([report["pid"] for report in pool.run(_pid, [(), ()])])
+        time.sleep(60)
+
+
+def _pid():
+    time.sleep(0.3)
+    return {"pid": os.getpid()}
+
+
+def _alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_an_error_of_a_worker_is_the_drivers(lane, tmp_path):
+    with Processes(1) as pool, pytest.raises(ValueError, match="not here"):
+        list(pool.run(_fail, [()]))
+
+
+def _fail():
+    raise ValueError("not here")
+
+
+def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
+    run = lane.opened.load()
+    shutil.copytree(lane.run, tmp_path / "a.zarr")
+    save_run(run.isel(scan=slice(0, 30)), tmp_path / "b.zarr")
+    done = []
+    where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
+    options = {"lanes": [lane.area, lane.area], "report": False, "workers": 2, "note": done.append}
+    first = tasks.detect_runs(*where, **options)
+    assert content(first[0].folder) == lane.content
+    assert {report["lane"] for report in done} == {"a", "b"}
+    told = json.loads((tmp_path / "out" / "survey.json").read_text())
+    assert [row["lane"] for row in told] == ["a", "b"]
+    assert [row["scans"] for row in told] == [50, 30]
+    (tmp_path / "out" / "b" / "alarms.csv").unlink()
+    done.clear()
+    again = tasks.detect_runs(*where, **options)
+    assert {report["lane"] for report in done} == {"b"}
+    assert content(again[1].folder) == content(first[1].folder)
+    with pytest.raises(ValueError, match="different names"):
+        tasks.detect_runs([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
+    with pytest.raises(ValueError, match="at once"):
+        tasks.detect_runs(*where, lanes_at_once=2)
+
+
+def test_a_work_folder_of_another_job_is_begun_anew_and_one_in_use_is_left_alone(lane, tmp_path):
+    job = small_job(lane, tmp_path / "result")
+    with begin(job.work, {"job": 1}) as work:
+        work["signature"] = {"a": lane.opened["frequency"].values}
+        with pytest.raises(WorkError, match="another process"), begin(job.work, {"job": 1}):
+            pass
+    with begin(job.work, {"job": 1}) as work:
+        assert list(work) == ["signature"]
+    with begin(job.work, {"job": 2}) as work:
+        assert list(work) == []
+    (job.work / "notes.txt").write_text("mine")
+    with pytest.raises(FileExistsError, match=r"notes\.txt"), begin(job.work, {"job": 2}):
+        pass
+
+
+def test_a_damaged_part_is_made_again(lane, tmp_path):
+    """Whatever happens to the files of a work folder, the result is right or there is an error."""
+    job = small_job(lane, tmp_path / "result")
+    tasks.detect_run(*lane.arguments, tmp_path / "other", lane.area, report=False)
+    with begin(job.work, job.identity()):
+        pass
+    stopped = Stopper(3 * lane.blocks)
+    with pytest.raises(KeyboardInterrupt):
+        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped)
+    files = sorted(job.work.glob("*.arrays"))
+    assert len(files) >= 3
+    for file, at in zip(files, (5, 200, -9), strict=False):
+        data = bytearray(file.read_bytes())
+        data[at] ^= 1
+        file.write_bytes(data)
+    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False)
+    assert content(result.folder) == lane.content
+
+
+class Stopper:
+    def __init__(self, after):
+        self.left = after
+
+    def __call__(self, report):
+        self.left -= 1
+        if not self.left:
+            raise KeyboardInterrupt
+
+
+def test_recipes_without_features_have_no_blocks(tmp_path):
+    from flgpr.io import sample_lane
+
+    with pytest.raises(ValueError, match="workers"):
+        tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", workers=2)
+    assert list(tmp_path.iterdir()) == []
