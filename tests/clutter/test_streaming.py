@@ -145,3 +145,20 @@ def test_a_span_follows_a_self_signature_that_changes():
 def test_bad_input(scans, call, words):
     with pytest.raises(ValueError, match=words):
         call(scans)
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 4])
+@pytest.mark.parametrize("plane", [(40, 34), (9, 31)])
+def test_spreading_out_is_the_mean_over_the_pixels_that_were_looked_at(step, plane):
+    tool = BackgroundEstimator(*WINDOWS, step=step)
+    tool._shape = (1, 2, *plane)
+    coarse = np.random.default_rng(4).uniform(1, 2, (2, -(-plane[0] // step), -(-plane[1] // step)))
+    level = tool._spread_out(coarse)[0]
+    for y, x in ((0, 0), (5, 7), (plane[0] - 1, plane[1] - 1), (plane[0] // 2, 3)):
+        near = [
+            coarse[:, v // step, u // step]
+            for v in range(max(y - 5, 0), min(y + 6, plane[0]))
+            for u in range(max(x - 4, 0), min(x + 5, plane[1]))
+            if v % step == 0 and u % step == 0
+        ]
+        np.testing.assert_allclose(level[:, y, x], np.mean(near, axis=0), rtol=1e-6)

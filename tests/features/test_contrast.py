@@ -3,7 +3,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.features import PatchShape, local_contrast
+from flgpr.features import ContrastSums, PatchShape, local_contrast
+from flgpr.model import Grid
 from reference.wang2007 import equation_7_contrast
 
 X, Y = -2.0 + 0.1 * np.arange(41), 1.0 + 0.1 * np.arange(61)
@@ -66,3 +67,15 @@ def test_an_alarm_nobody_sees_has_no_contrast_and_no_alarms_no_rows(images):
 def test_bad_patches(bad):
     with pytest.raises(ValueError, match="patch"):
         PatchShape(**bad)
+
+
+def test_gathered_scan_by_scan_it_is_the_same(images):
+    rng = np.random.default_rng(8)
+    alarms = pd.DataFrame({"x": rng.uniform(-2.5, 2.5, 40), "y": rng.uniform(0.5, 8.5, 40)}, index=np.arange(40) + 7)
+    whole = local_contrast(images, alarms, "HH", "F1", y_max=4.5)
+    sums = ContrastSums(alarms, Grid(X[0], Y[0], X.size, Y.size, 0.1, 0.1), 4.5)
+    for one in images:
+        sums.add(np.abs(one.values[0, 0]), np.asarray(one.attrs["pose"]))
+    pd.testing.assert_frame_equal(sums.table(), whole, rtol=1e-5)
+    assert 0 < whole["scans"].gt(0).sum() < 40
+    assert sums.table().index.tolist() == alarms.index.tolist()

@@ -22,7 +22,7 @@ from flgpr.kernels.background import (
     residual,
     subtract_and_divide,
 )
-from flgpr.kernels.filters import mean_filter, median_stack
+from flgpr.kernels.filters import median_stack
 
 FloatArray = NDArray[np.float64]
 MagnitudeArray = NDArray[np.float32]
@@ -391,15 +391,11 @@ class BackgroundEstimator:
         """Mean filter, which is linear and so can come once after the mean over the scans."""
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
-        step, plane = self.step, self._shape[2:]
-        there = np.zeros(plane)
-        there[::step, ::step] = 1
-        share = mean_filter(there, self.mean_size)
-        level = np.empty((len(medians), *plane), np.float32)
-        for one, median in zip(level, medians, strict=True):
-            values = np.zeros(plane)
-            values[::step, ::step] = median
-            one[:] = mean_filter(values, self.mean_size) / share
+        row, column = (_nodes(n, size // 2, self.step) for n, size in zip(self._shape[2:], self.mean_size, strict=True))
+        sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
+        rows = sums[:, row[1]] - sums[:, row[0]]
+        count = (row[1] - row[0])[:, None] * (column[1] - column[0])
+        level = ((rows[:, :, column[1]] - rows[:, :, column[0]]) / count).astype(np.float32)
         if not (level > 0).all():
             raise ValueError("gain background must be positive everywhere, got zero: images equal their self-signature")
         return level.reshape(self._shape)
@@ -533,6 +529,12 @@ class CausalBackground:
         self._count = count
         self._tool._shape = tuple(int(n) for n in state["shape"]) or None
         self._means = [np.asarray(state[name]) for name in means]
+
+
+def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First of every ``step``-th pixel inside the window of each of ``count`` pixels, and the one after the last."""
+    centre = np.arange(count)
+    return -(-np.maximum(centre - half, 0) // step), np.minimum(centre + half, count - 1) // step + 1
 
 
 def _blend(old: Any, new: Any, weight: float) -> Any:

@@ -1,7 +1,7 @@
 """From alarms to numbers: patches, local contrast, ratios and polarimetric decompositions."""
 
 from flgpr.features.alarm_features import FEATURES, POLARIMETRIC, FeatureSettings, FeatureSums
-from flgpr.features.contrast import PatchShape, local_contrast
+from flgpr.features.contrast import ContrastSums, PatchShape, local_contrast
 from flgpr.features.polarimetry import cameron, entropy_alpha
 from flgpr.features.range_cuts import clean_pixels, clutter_cuts, cuts_at, quiet_pixels, range_cuts, stack_channels
 from flgpr.features.registration import Registration, register_fiducials
@@ -17,6 +17,7 @@ from flgpr.features.templates import (
 __all__ = [
     "FEATURES",
     "POLARIMETRIC",
+    "ContrastSums",
     "FeatureSettings",
     "FeatureSums",
     "PatchShape",

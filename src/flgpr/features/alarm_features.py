@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.features.contrast import PatchShape
 from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
-from flgpr.kernels.patches import INNER, MEAN, OUTER, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
+from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.model import Grid, lane_to_scan
 
 FEATURES = ("M_VV", "C_VV", "R_VV_HV", "M_HH", "C_HH", "R_HH_HV", "P_H", "P_alpha", "P_tau", "P_psi")
@@ -96,7 +96,7 @@ class FeatureSums:
         self._centres = np.zeros((len(alarms), 3))
         self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
         self._order = np.argsort(self._centres[:, 1], kind="stable")
-        self._regions = _codes(self.settings.patch)
+        self._regions = self.settings.patch.codes()
         shape = (len(alarms), len(self.subbands))
         self._peak = {name: np.full(shape, -np.inf) for name in ("HH", "VV")}
         self._sum = {name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")}
@@ -239,11 +239,6 @@ class FeatureSums:
             self._angle[name][seen] += weight * value.mean(axis=(-2, -1)).T
         self._turn[seen] += weight * np.exp(2j * psi).mean(axis=(-2, -1)).T
         self._angle["weight"][seen] += weight
-
-
-def _codes(patch: PatchShape) -> NDArray[np.int8]:
-    codes = np.where(patch.region(patch.guard), 0, OUTER)
-    return np.where(patch.region(patch.inner), INNER, codes).astype(np.int8)
 
 
 def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:

@@ -10,8 +10,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.kernels.patches import INNER, OUTER, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import lane_to_scan
+from flgpr.model import Grid, lane_to_scan
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,72 @@ class PatchShape:
         """Mask (y, x) of the central ``pixels`` (cross-track, down-track)."""
         offset = np.abs(np.arange(self.size) - self.size // 2)
         return (offset[:, None] <= pixels[1] // 2) & (offset[None, :] <= pixels[0] // 2)
+
+    def codes(self) -> NDArray[np.int8]:
+        """Regions of the patch's pixels (y, x) as :func:`flgpr.kernels.patches.region_statistics` wants them."""
+        codes = np.where(self.region(self.guard), 0, OUTER)
+        return np.where(self.region(self.inner), INNER, codes).astype(np.int8)
+
+
+class ContrastSums:
+    """What :func:`local_contrast` computes, gathered scan by scan from plain arrays.
+
+    Parameters
+    ----------
+    alarms : DataFrame
+        x, y in the lane frame, m.
+    grid : Grid
+        Pixels of the images to come, in the scan frame.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+    patch : PatchShape, optional
+        Patch; default the paper's.
+    """
+
+    def __init__(self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None) -> None:
+        self._grid, self._y_max, self._patch = grid, y_max, patch or PatchShape()
+        self._index = alarms.index
+        self._centres = np.zeros((len(alarms), 3))
+        self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._weighted, self._weight, self._scans = (np.zeros(len(alarms)) for _ in range(3))
+
+    def add(self, magnitude: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
+        """Take one scan in.
+
+        Parameters
+        ----------
+        magnitude : (y, x) ndarray of float32
+            Cleaned magnitudes of the channel.
+        pose : (6,) ndarray
+            Pose of the scan.
+        """
+        grid, patch = self._grid, self._patch
+        local = lane_to_scan(self._centres, pose)
+        seen = np.flatnonzero(local[:, 1] <= self._y_max)
+        if not seen.size:
+            return
+        row, column = (local[seen, 1] - grid.y_min) / grid.dy, (local[seen, 0] - grid.x_min) / grid.dx
+        offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / grid.dx
+        out = np.empty((seen.size, 1, 1, 4))
+        region_statistics(np.ascontiguousarray(magnitude)[None], row, column, offset, patch.codes()[None], out)
+        peak, mean, spread = (out[:, 0, 0, name] for name in (PEAK, OUTER_MEAN, OUTER_STD))
+        good = np.isfinite(peak) & (spread > 0)
+        seen, peak, mean, spread = seen[good], peak[good], mean[good], spread[good]
+        self._weighted[seen] += peak * (peak - mean) / spread
+        self._weight[seen] += peak
+        self._scans[seen] += 1
+
+    def table(self) -> pd.DataFrame:
+        """Compute the contrast from the sums.
+
+        Returns
+        -------
+        DataFrame
+            As :func:`local_contrast`.
+        """
+        with np.errstate(invalid="ignore"):
+            columns = {"contrast": self._weighted / self._weight, "scans": self._scans}
+            return pd.DataFrame(columns, index=self._index)
 
 
 def local_contrast(

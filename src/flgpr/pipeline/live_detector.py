@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numba
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.clutter import CausalBackground
-from flgpr.features import FEATURES, FeatureSettings, FeatureSums, local_contrast
+from flgpr.features import FEATURES, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.imaging import ScanImager
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
@@ -364,13 +367,17 @@ class LiveDetector:
         return float(counts.sum()) * spacing**2
 
     def _confidence(self, alarms: pd.DataFrame) -> pd.DataFrame:
+        with _one_thread():
+            return self._features(alarms)
+
+    def _features(self, alarms: pd.DataFrame) -> pd.DataFrame:
         contrast = self.recipe.contrast
         if self.classifier is None:
             p, s = self._channel(contrast.polarization, contrast.subband)
-            images = (self._as_image(one, p, s) for one in self.history)
-            channel = contrast.polarization, contrast.subband
-            found = local_contrast(images, alarms, *channel, self.recipe.run_view.y_max, contrast.patch())
-            return found.rename(columns={"contrast": "confidence"})
+            single = ContrastSums(alarms, self.grid, self.recipe.run_view.y_max, contrast.patch())
+            for one in self.history:
+                single.add(one.magnitude[p, s], one.pose)
+            return single.table().rename(columns={"contrast": "confidence"})
         table = self.recipe.features or FeaturesTable()
         settings = FeatureSettings(contrast.patch(), table.inner, self.recipe.run_view.y_max, table.psi)
         sums = FeatureSums(alarms, self.description.polarization, self.subbands, self.grid, settings)
@@ -380,16 +387,6 @@ class LiveDetector:
         features = sums.table()
         confidence = self.classifier.confidence(features)
         return pd.DataFrame({"confidence": confidence, "scans": features["scans"]}, index=alarms.index)
-
-    def _as_image(self, one: CleanedScan, p: int, s: int) -> xr.DataArray:
-        coords = {
-            "polarization": [self.description.polarization[p]],
-            "subband": [self.subbands[s]],
-            "y": self.grid.y,
-            "x": self.grid.x,
-        }
-        values = one.magnitude[p : p + 1, s : s + 1]
-        return xr.DataArray(values, coords, ("polarization", "subband", "y", "x"), attrs={"pose": one.pose})
 
     def _match(self, found: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:
         """Give every maximum the name of the open alarm next to it, the strongest first, or a new one."""
@@ -438,6 +435,17 @@ class LiveDetector:
 
     def _margin(self) -> float:
         return self.recipe.prescreen.radius + 2 * self.recipe.run_view.spacing
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let kernels run in this thread alone: for a few alarms, waking others takes longer than the work."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 def _needed_subbands(recipe: Recipe, classifier: Classifier | None) -> list[str]:
