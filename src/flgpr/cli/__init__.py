@@ -10,6 +10,7 @@ from flgpr import __version__
 from flgpr.cli import runs
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
+from flgpr.cli.simulation import simulate
 from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
 
 __all__ = ["app"]
@@ -21,6 +22,7 @@ app = typer.Typer(
     add_completion=False,
 )
 app.registered_commands += runs.app.registered_commands
+app.command()(simulate)
 app.add_typer(import_app, name="import")
 app.command()(export)
 app.command()(reproduce)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from flgpr.cli.common import Output, Quiet, plain_errors
+from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline import exchange, tasks
+from flgpr.pipeline.fullwave import import_gprmax_results
 
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 
@@ -24,6 +25,23 @@ def import_fullwave(
     """Import a full-wave lane; truth and objects are written beside the run if the archive tells."""
     with plain_errors():
         written = tasks.import_fullwave_lane(archive, output)
+    if not quiet:
+        for path in written:
+            typer.echo(f"wrote {path}")
+
+
+@import_app.command("gprmax")
+def import_gprmax(
+    folder: Annotated[Path, typer.Argument(help="Folder of flgpr simulate --engine gprmax, with all results.")],
+    output: Output,
+    keep_direct: Annotated[
+        bool, typer.Option("--keep-direct", help="Leave the direct wave from transmitter to receiver in the data.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Import gprMax results of decks that flgpr wrote; truth, objects and lane are written beside the run."""
+    with plain_errors(), progress(quiet) as track:
+        written = import_gprmax_results(folder, output, keep_direct, track)
     if not quiet:
         for path in written:
             typer.echo(f"wrote {path}")

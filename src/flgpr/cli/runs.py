@@ -1,4 +1,4 @@
-"""Commands on runs and results: demo, detect, train, score, info, replay, simulate, view."""
+"""Commands on runs and results: demo, detect, train, score, info, replay, view."""
 
 from __future__ import annotations
 
@@ -228,27 +228,6 @@ def replay(
         )
     if not outcome["agrees"]:
         raise typer.Exit(1)
-
-
-@app.command()
-def simulate(
-    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Run store to make.")] = None,
-    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
-    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
-    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
-    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin again where a stopped run left scans.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene."""
-    with plain_errors(), progress(quiet) as track:
-        if output is None and preview is None:
-            raise ValueError("simulate needs --output or --preview, got neither")
-        written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart)
-    if not quiet:
-        for path in written:
-            typer.echo(f"wrote {path}")
 
 
 @app.command()

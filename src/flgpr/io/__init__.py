@@ -15,6 +15,7 @@ from flgpr.io.georeferenced import (
     write_geotiff,
     write_kml,
 )
+from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
 from flgpr.io.sample import sample_lane
@@ -43,6 +44,8 @@ __all__ = [
     "ArrayInfo",
     "Explanation",
     "FullwaveLane",
+    "GprmaxOutput",
+    "GprmaxRun",
     "Imported",
     "MissingExtraError",
     "RunDescription",
@@ -70,6 +73,7 @@ __all__ = [
     "read_anchor",
     "read_cphd",
     "read_description",
+    "read_gprmax",
     "read_lane",
     "read_limited",
     "read_manifest",

@@ -13,6 +13,7 @@ import numpy as np
 
 from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.extras import optional
+from flgpr.io.gprmax import explain_gprmax, is_gprmax
 from flgpr.model import POLARIZATIONS
 
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
@@ -48,7 +49,7 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     Parameters
     ----------
     path : str or Path
-        HDF5, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
+        HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
     limit : int
         Largest file and array, bytes.
 
@@ -74,6 +75,8 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     if re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head):
         return _explain_nmea(path)
     opened = open_arrays(path, limit)
+    if opened.kind == "HDF5 file" and is_gprmax(path):
+        return Explanation(path, "result of gprMax", explain_gprmax(path))
     return Explanation(path, opened.kind, [_line(opened, info) for info in opened.arrays.values()], _propose(opened))
 
 

@@ -84,10 +84,14 @@ def _write_beside(store: Path, simulator: Simulator) -> list[Path]:
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)
-    lane = simulator.scene.lane
-    text = "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
-    write_whole(store.with_name(f"{store.stem}-lane.toml"), text)
+    write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(simulator.scene))
     return [*written, store.with_name(f"{store.stem}-lane.toml")]
+
+
+def lane_text(scene: Scene) -> str:
+    """Write a scene's lane as TOML, the form :func:`flgpr.io.read_lane` reads."""
+    lane = scene.lane
+    return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
 
 
 def _hash(part: Scene | Sensor) -> str:

@@ -37,6 +37,7 @@ from flgpr.pipeline.classifier import (
 )
 from flgpr.pipeline.detect import detect, lane_of
 from flgpr.pipeline.figures import geometry_figure, looks_of
+from flgpr.pipeline.fullwave import write_gprmax_decks
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import load_recipe, parse_recipe, recipe_text
@@ -46,7 +47,7 @@ from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.simulation import preview_figure, simulate_to_store
 from flgpr.pipeline.survey import Note, area_of, detect_lane, detect_survey, executor_for, lane_names, unnoted
 from flgpr.pipeline.view_score import VIEW_SCORE, view_score
-from flgpr.simulate import load_scene
+from flgpr.simulate import Scene, load_scene
 
 PathLike = str | Path
 
@@ -453,11 +454,58 @@ def simulate_lane(
     world, array = load_scene(scene), load_sensor(sensor)
     written = []
     if preview is not None:
-        preview_figure(world, seed).savefig(preview, dpi=100, format="png", metadata={"Software": None})
-        written.append(Path(preview))
+        written.append(_write_preview(world, seed, preview))
     if output is not None:
         written += simulate_to_store(world, array, seed, output, errors, track, resume)
     return written
+
+
+def write_gprmax_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
+) -> tuple[list[Path], list[str]]:
+    """Write a scene file as gprMax input files, or draw it.
+
+    Parameters
+    ----------
+    scene, sensor, seed, preview
+        As in :func:`simulate_lane`.
+    output : path, optional
+        Folder to make, see :func:`flgpr.pipeline.fullwave.write_gprmax_decks`.
+    cells_per_wavelength, max_cells : float
+        As there.
+
+    Returns
+    -------
+    written : list of Path
+        What was written.
+    lines : list of str
+        Size of the model, and what was left out, in words.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If an input is not valid or the folder exists.
+    """
+    world, array = load_scene(scene), load_sensor(sensor)
+    written, lines = [], []
+    if preview is not None:
+        written.append(_write_preview(world, seed, preview))
+    if output is not None:
+        decks = write_gprmax_decks(world, array, seed, output, cells_per_wavelength, max_cells)
+        lines = [*decks.summary, *(f"left out: {one}" for one in decks.omissions)]
+        written.append(Path(output))
+    return written, lines
+
+
+def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
+    preview_figure(scene, seed).savefig(path, dpi=100, format="png", metadata={"Software": None})
+    return Path(path)
 
 
 def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:

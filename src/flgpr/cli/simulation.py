@@ -1,0 +1,46 @@
+"""Commands that simulate: lanes by our own physics, or as decks for a full-wave solver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flgpr.cli.common import Quiet, plain_errors, progress
+from flgpr.pipeline import tasks
+
+ENGINES = ("flgpr", "gprmax")
+
+
+def simulate(
+    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Run store to make, or folder of decks.")
+    ] = None,
+    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
+    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin again where a stopped run left scans.")] = False,
+    engine: Annotated[str, typer.Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")] = (
+        "flgpr"
+    ),
+    cells: Annotated[float, typer.Option(help="gprmax: cells per wavelength at the highest tone in the soil.")] = 10.0,
+    max_cells: Annotated[float, typer.Option(help="gprmax: largest model that is written.")] = 3e8,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene."""
+    with plain_errors(), progress(quiet) as track:
+        if engine not in ENGINES:
+            raise ValueError(f"engine must be one of {', '.join(ENGINES)}, got {engine!r}")
+        if output is None and preview is None:
+            raise ValueError("simulate needs --output or --preview, got neither")
+        if engine == "gprmax":
+            written, lines = tasks.write_gprmax_lane(scene, sensor, seed, output, preview, cells, max_cells)
+        else:
+            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart)
+            lines = []
+    if not quiet:
+        for line in [*lines, *(f"wrote {path}" for path in written)]:
+            typer.echo(line)

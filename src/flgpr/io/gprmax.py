@@ -1,0 +1,415 @@
+"""Results of gprMax, the open full-wave solver: its HDF5 files, and runs put together from those of a folder of decks.
+
+gprMax 3 ends its files in ``.out``, gprMax 4 in ``.h5``; the layout is the same: the root's attributes tell version,
+time step and number of steps, ``rxs/rx1`` and so on hold the fields ``Ex`` to ``Hz`` in time with ``Name`` and
+``Position`` as attributes, ``srcs/src1`` and so on ``Type`` and ``Position``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.io.arrays import LIMIT, open_arrays
+
+FORMAT = "flgpr-gprmax-1"
+MANIFEST = "manifest.json"
+ENDINGS = (".h5", ".out")
+_FIELDS = ("Ex", "Ey", "Ez", "Hx", "Hy", "Hz", "Ix", "Iy", "Iz")
+
+
+@dataclass(frozen=True)
+class GprmaxReceiver:
+    """What was recorded at a node.
+
+    Attributes
+    ----------
+    name : str
+        As given in the input file.
+    position : (3,) ndarray
+        Of the node in the model, m.
+    fields : dict of str to (time,) ndarray
+        "Ex" and so on, V/m or A/m.
+    """
+
+    name: str
+    position: NDArray[np.float64]
+    fields: dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class GprmaxOutput:
+    """A result file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    version, title : str
+        Of gprMax, and of the model.
+    time_step : float
+        s; the electric field's first sample is at time 0.
+    steps : int
+        Number of time steps.
+    cell : (3,) ndarray
+        Edges of a cell, m.
+    receivers : dict of str to GprmaxReceiver
+        By name.
+    sources : list of (str, (3,) ndarray)
+        Type and position (m) of every source.
+    """
+
+    path: Path
+    version: str
+    title: str
+    time_step: float
+    steps: int
+    cell: NDArray[np.float64]
+    receivers: dict[str, GprmaxReceiver]
+    sources: list[tuple[str, NDArray[np.float64]]]
+
+    def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a field.
+
+        Parameters
+        ----------
+        receiver : str
+            Name of the receiver.
+        component : str
+            "Ex" and so on.
+        frequency : (frequency,) ndarray
+            Hz.
+
+        Returns
+        -------
+        (frequency,) ndarray of complex
+            V/m per Hz; an electric field, whose first sample is at time 0.
+
+        Raises
+        ------
+        ValueError
+            If the file holds no such receiver or field.
+        """
+        if receiver not in self.receivers or component not in self.receivers[receiver].fields:
+            raise ValueError(f"{self.path}: no {component} of a receiver named {receiver!r}")
+        return fourier(self.receivers[receiver].fields[component], self.time_step, frequency)
+
+
+def is_gprmax(path: str | Path) -> bool:
+    """Tell whether an HDF5 file that is known to be sound comes from gprMax."""
+    with h5py.File(path, "r") as file:
+        return "gprMax" in file.attrs
+
+
+def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
+    """Read a result file of gprMax 3 or 4.
+
+    Parameters
+    ----------
+    path : str or Path
+        The HDF5 file.
+    limit : int
+        Largest file, bytes.
+
+    Returns
+    -------
+    GprmaxOutput
+        What it holds.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is damaged or no result of gprMax.
+    """
+    path = Path(path)
+    open_arrays(path, limit)  # looks at the file in a child process first
+    with h5py.File(path, "r") as file:
+        if "gprMax" not in file.attrs:
+            raise ValueError(
+                f"{path}: the root must have the attribute gprMax, it has {', '.join(file.attrs) or 'none'}"
+            )
+        told = {name: _attribute(file, name, path) for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")}
+        step, steps = float(told["dt"]), int(told["Iterations"])
+        if not (np.isfinite(step) and step > 0 and steps > 0):
+            raise ValueError(f"{path}: dt and Iterations must be greater than 0, got {step:g} s and {steps}")
+        receivers = {}
+        for group in _numbered(file, "rxs"):
+            one = _receiver(group, steps, path)
+            receivers[one.name] = one
+        sources = [
+            (_text(group.attrs.get("Type", "")), np.asarray(_attribute(group, "Position", path), dtype=np.float64))
+            for group in _numbered(file, "srcs")
+        ]
+        return GprmaxOutput(
+            path, _text(told["gprMax"]), _text(file.attrs.get("Title", "")), step, steps,
+            np.asarray(told["dx_dy_dz"], dtype=np.float64), receivers, sources,
+        )  # fmt: skip
+
+
+def _numbered(file: Any, name: str) -> list[Any]:
+    groups = file.get(name)
+    if not isinstance(groups, h5py.Group):
+        return []
+    return [
+        groups[key] for key in sorted(groups, key=lambda key: (len(key), key)) if isinstance(groups[key], h5py.Group)
+    ]
+
+
+def _attribute(item: Any, name: str, path: Path) -> Any:
+    if name not in item.attrs:
+        raise ValueError(
+            f"{path}: {item.name} must have the attribute {name}, it has {', '.join(item.attrs) or 'none'}"
+        )
+    return item.attrs[name]
+
+
+def _text(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
+def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
+    fields = {}
+    for name in _FIELDS:
+        if name in group:
+            values = np.asarray(group[name][()], dtype=np.float64)
+            if values.shape != (steps,):
+                raise ValueError(f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}")
+            fields[name] = values
+    position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
+    return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
+
+
+def fourier(
+    values: NDArray[np.float64], time_step: float, frequency: NDArray[np.float64], start: float = 0.0
+) -> NDArray[np.complex128]:
+    """Fourier integral of samples.
+
+    Parameters
+    ----------
+    values : (time,) ndarray
+        Samples.
+    time_step : float
+        s.
+    frequency : (frequency,) ndarray
+        Hz.
+    start : float
+        Time of the first sample, s.
+
+    Returns
+    -------
+    (frequency,) ndarray of complex
+        ``Σ values·exp(-j2πft)·Δt``.
+    """
+    time = start + time_step * np.arange(values.size)
+    out = [np.exp(-2j * np.pi * f * time) @ values for f in frequency]
+    return np.asarray(out, dtype=np.complex128) * time_step
+
+
+def explain_gprmax(path: Path) -> list[str]:
+    """Tell what a result file holds, in words.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    list of str
+        A line per fact.
+    """
+    told = read_gprmax(path)
+    highest = 299_792_458.0 / (10 * told.cell.max())
+    lines = [
+        f"result of gprMax {told.version}: {told.title or 'no title'}",
+        f"{told.steps} time steps of {1e12 * told.time_step:.4g} ps, {1e9 * told.steps * told.time_step:.4g} ns",
+        f"cells of {' x '.join(f'{1000 * c:g}' for c in told.cell)} mm, ten per wavelength in air up to "
+        f"{highest / 1e9:.3g} GHz",
+        *(f"source {kind or 'of unknown type'} at {_place(position)}" for kind, position in told.sources),
+    ]
+    for one in list(told.receivers.values())[:8]:
+        bad = sum(int(np.count_nonzero(~np.isfinite(v))) for v in one.fields.values())
+        lines.append(
+            f"receiver {one.name} at {_place(one.position)}: {', '.join(one.fields)}"
+            + (f", {bad} values not finite" if bad else "")
+        )
+    if len(told.receivers) > 8:
+        lines.append(f"and {len(told.receivers) - 8} more receivers")
+    beside = path.with_name(MANIFEST)
+    if beside.is_file():
+        lines.append(f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}")
+    else:
+        lines.append("no manifest.json beside it: only folders that flgpr simulate --engine gprmax made become runs")
+    return lines
+
+
+def _place(position: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{v:.3f}" for v in position) + ") m"
+
+
+def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
+    """Read the manifest of a folder of gprMax decks.
+
+    Parameters
+    ----------
+    folder : str or Path
+        What ``flgpr simulate --engine gprmax`` made.
+
+    Returns
+    -------
+    dict
+        As :class:`flgpr.simulate.Decks` describes it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If the manifest is missing or damaged.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise ValueError(f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, it does not")
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if manifest["format"] != FORMAT:
+            raise ValueError(f"format must be {FORMAT}, got {manifest['format']!r}")
+        missing = [name for name in _NEEDED if name not in manifest]
+        if missing:
+            raise ValueError(f"missing: {', '.join(missing)}")
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: the manifest is damaged or of another version ({error})") from None
+    return manifest
+
+
+_NEEDED = ("title", "polarization", "tones", "tx_position", "rx_position", "pose", "time", "waveform", "grid", "runs")
+
+
+class GprmaxRun:
+    """The results of a folder of decks as the scans of a run.
+
+    A pair's field over the transmitter's current moment, its direct wave (from the run of air alone) taken off, times
+    j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr: it is what an ideal receiver
+    records, V/m per A·m, as the simulator's own dipoles do.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder with ``manifest.json`` and the results of all its input files.
+    keep_direct : bool
+        Leave the direct wave from transmitter to receiver in the data.
+
+    Attributes
+    ----------
+    manifest : dict
+        The manifest.
+    frequency : (frequency,) ndarray
+        Hz.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If the manifest is damaged or results are missing.
+    """
+
+    def __init__(self, folder: str | Path, keep_direct: bool = False) -> None:
+        self.folder, self.keep_direct = Path(folder), keep_direct
+        self.manifest = read_manifest_of_decks(folder)
+        tones = self.manifest["tones"]
+        self.frequency = tones["start"] + tones["step"] * np.arange(tones["count"], dtype=np.float64)
+        wanted = {run["file"] for run in self.manifest["runs"]}
+        if not keep_direct:
+            wanted |= {run["free"] for run in self.manifest["runs"]}
+        missing = sorted(name for name in wanted if self._found(name) is None)
+        if missing:
+            raise ValueError(
+                f"{folder}: {len(missing)} of {len(wanted)} results are missing, {missing[0]}{ENDINGS[0]} (or "
+                f"{ENDINGS[1]}) among them: run gprMax on {missing[0]}.in"
+            )
+        self._air: dict[str, GprmaxOutput] = {}
+
+    def __len__(self) -> int:
+        return len(self.manifest["pose"])
+
+    def scan(self, index: int) -> NDArray[np.complex64]:
+        """Put a scan together.
+
+        Parameters
+        ----------
+        index : int
+            Number of the scan.
+
+        Returns
+        -------
+        (polarization, pair, frequency) ndarray of complex64
+            Field over current moment; a sweep with values that are not finite is NaN.
+
+        Raises
+        ------
+        ValueError
+            If a result is damaged or does not fit its input file.
+        """
+        labels = self.manifest["polarization"]
+        pairs = len(self.manifest["tx_position"])
+        signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)
+        for run in (run for run in self.manifest["runs"] if run["scan"] == index):
+            scene = read_gprmax(self._found(run["file"]) or "")
+            air = None if self.keep_direct else self._read_air(run["free"])
+            self._check(scene)
+            moment = self._moment(scene)
+            for pair, receiver in zip(run["pairs"], run["receivers"], strict=True):
+                for row, label in enumerate(labels):
+                    if label[0] == run["transmit"]:
+                        field = self._field(scene, receiver[label[1]])
+                        if air is not None:
+                            field = field - self._field(air, receiver[label[1]])
+                        signal[row, pair] = 1j * field / moment
+        return signal.astype(np.complex64)
+
+    def _found(self, name: str) -> Path | None:
+        return next((p for p in (self.folder / f"{name}{end}" for end in ENDINGS) if p.is_file()), None)
+
+    def _read_air(self, name: str) -> GprmaxOutput:
+        if name not in self._air:
+            self._air = {name: read_gprmax(self._found(name) or "")}
+        return self._air[name]
+
+    def _check(self, output: GprmaxOutput) -> None:
+        grid = self.manifest["grid"]
+        if np.abs(output.cell - grid["cell"]).max() > 1e-6 * grid["cell"]:
+            raise ValueError(f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, got {output.cell}")
+        if output.steps * output.time_step < 0.99 * grid["time_window"]:
+            raise ValueError(
+                f"{output.path}: must reach {grid['time_window']:g} s, got {output.steps * output.time_step:g} s"
+            )
+
+    def _field(self, output: GprmaxOutput, parts: list[Any]) -> NDArray[np.complex128]:
+        total = np.zeros(self.frequency.size, dtype=np.complex128)
+        for name, component, weight in parts:
+            total += weight * output.spectrum(name, f"E{component}", self.frequency)
+        return total
+
+    def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
+        """Spectrum of the whole dipole's current moment, A·m per Hz: current, at half steps, times a cell's edge."""
+        waveform = self.manifest["waveform"]
+        if waveform["type"] != "gaussiandotnorm":
+            raise ValueError(f"{self.folder}: waveform.type must be gaussiandotnorm, got {waveform['type']!r}")
+        time = output.time_step * (np.arange(output.steps) + 0.5)
+        centre = float(waveform["frequency"])
+        late, width = time - 1 / centre, 2 * (np.pi * centre) ** 2
+        current = -np.sqrt(2 * width * np.e) * late * np.exp(-width * late**2)
+        start = 0.5 * output.time_step
+        return fourier(current, output.time_step, self.frequency, start) * float(output.cell[0])

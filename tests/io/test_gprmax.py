@@ -1,0 +1,188 @@
+"""Results of gprMax, made here in its documented layout: dipoles in air, and one point that scatters."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
+from flgpr.model import Sensor
+from flgpr.pipeline.fullwave import import_gprmax_results, write_gprmax_decks
+from flgpr.simulate import Scene
+
+SPEED = 299_792_458.0
+TONES = 600e6 + 50e6 * np.arange(15)
+
+
+def dipole_field(direction, offset, component, frequency):
+    """Field of a short dipole of unit moment in air, near and far (Balanis 2016, Sec. 4.2), times j; V/m per A·m."""
+    distance = np.linalg.norm(offset)
+    ray, kr = offset / distance, 2 * np.pi * frequency / SPEED * distance
+    size = 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi * distance) * np.exp(-1j * kr)
+    along = (ray @ direction) * ray[component]
+    return size * (direction[component] * (1 - 1j / kr - 1 / kr**2) - along * (1 - 3j / kr - 3 / kr**2))
+
+
+def write_output(path, deck, point=None):
+    """Write what gprMax would: each receiver's component of the fields of all dipoles, and of a scattering point."""
+    lines = [line.split(": ", 1) for line in deck.splitlines()]
+    told = {name: value for name, value in lines}
+    cell = float(told["#dx_dy_dz"].split()[0])
+    step = cell / (SPEED * np.sqrt(3))
+    steps = round(float(told["#time_window"]) / step)
+    # The fields are made at the bins of a long record, so that echoes do not fold back.
+    count = 4 * steps
+    f = np.fft.rfftfreq(count, step)[1:]
+    words = [value.split() for name, value in lines if name == "#waveform"]
+    amplitude = [float(w[1]) for w in words]
+    centre = float(words[0][2])
+    time = (np.arange(count) + 0.5) * step - 1 / centre
+    width = 2 * np.pi**2 * centre**2
+    current = -np.sqrt(2 * width * np.e) * time * np.exp(-width * time**2)
+    moment = np.fft.rfft(current)[1:] * np.exp(-1j * np.pi * f * step) * cell
+    dipoles = [value.split() for name, value in lines if name == "#hertzian_dipole"]
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"gprMax": "3.1.7", "Title": told["#title"], "Iterations": steps, "dt": step})
+        file.attrs["dx_dy_dz"] = (cell, cell, cell)
+        for n, (_, *place, _) in enumerate(dipoles):
+            group = file.create_group(f"srcs/src{n + 1}")
+            group.attrs.update({"Type": "HertzianDipole", "Position": np.array(place, float)})
+        receivers = [value.split() for name, value in lines if name == "#rx"]
+        for n, (*place, name, wanted) in enumerate(receivers):
+            component = "xyz".index(wanted[1])
+            at = np.array(place, float) + cell / 2 * (np.arange(3) == component)
+            total = np.zeros(f.size, complex)
+            for (axis, *source, _), size in zip(dipoles, amplitude, strict=True):
+                unit = np.eye(3)["xyz".index(axis)]
+                start = np.array(source, float) + cell / 2 * unit
+                total += size * dipole_field(unit, at - start, component, f)
+                if point is not None:
+                    there = np.array([dipole_field(unit, point - start, c, f) for c in range(3)])
+                    back = [dipole_field(np.eye(3)[c], at - point, component, f) for c in range(3)]
+                    total += size * 1e-3 * (there * back).sum(axis=0)
+            spectrum = np.concatenate([[0], -1j * total * moment])
+            group = file.create_group(f"rxs/rx{n + 1}")
+            group.attrs.update({"Name": name, "Position": np.array(place, float)})
+            group[wanted] = np.fft.irfft(spectrum, count)[:steps].astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Decks of an empty scene, their results, and where the scattering point is.
+
+    The antennas lie on nodes of the 19 mm grid, which keeps the results small.
+    """
+    sensor = Sensor(
+        name="two dipoles", source="test", polarization=("HH", "VV", "HV"), height=0.475, tilt=0.3,
+        tx=((0.0, 0.0, 0.0),), rx=((0.38, 0.0, 0.0), (-0.342, 0.095, 0.0)),
+        tones={"start": 600e6, "step": 50e6, "count": 15}, antenna={"kind": "dipole"},
+    )  # fmt: skip
+    scene = Scene(
+        length=0.8, x_min=-0.3, x_max=0.3, surface={"rms_height": 0.0}, track={"positions": (0.03,)},
+        soil={"model": "fixed", "permittivity": 1.0}, targets=[{"kind": "metal", "x": 0.0, "y": 0.5, "radius": 0.05}],
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("gprmax") / "decks"
+    decks = write_gprmax_decks(scene, sensor, 1, folder, cells_per_wavelength=12)
+    place = np.array([0.1, 0.7, 0.1])
+    for name, text in decks.files.items():
+        if name.endswith(".in"):
+            scatterer = None if name.startswith("air") else place - decks.manifest["grid"]["origin"]
+            write_output(folder / name.replace(".in", ".out"), text, scatterer)
+    return folder, place
+
+
+def test_results_become_a_run_with_the_echo_of_the_point(folder, tmp_path):
+    results, place = folder
+    import_gprmax_results(results, tmp_path / "run.zarr")
+    run = open_run(tmp_path / "run.zarr")
+    np.testing.assert_allclose(run["frequency"], TONES)
+    assert run["signal"].shape == (1, 3, 2, 15)
+    tx, rx = (run[f"{end}_position"].values + run["pose"].values[0, :3] for end in ("tx", "rx"))
+    tilted = np.array([0.0, np.sin(0.3), np.cos(0.3)])
+    for row, (send, receive) in enumerate(((np.eye(3)[0], np.eye(3)[0]), (tilted, tilted), (np.eye(3)[0], tilted))):
+        for pair in range(2):
+            there = [dipole_field(send, place - tx[pair], c, TONES) for c in range(3)]
+            back = [sum(receive[k] * dipole_field(np.eye(3)[c], rx[pair] - place, k, TONES) for k in range(3))
+                    for c in range(3)]  # fmt: skip
+            wanted = 1e-3 * sum(a * b for a, b in zip(there, back, strict=True))
+            got = run["signal"].values[0, row, pair]
+            assert np.abs(got - wanted).max() < 0.01 * np.abs(wanted).max()
+    assert read_lane(tmp_path / "run-lane.toml").y_max == 0.8
+    assert (tmp_path / "run-truth.csv").read_text().count("metal") == 1
+    assert run.attrs["fullwave"]["omissions"]
+
+
+def test_the_direct_wave_can_be_kept(folder):
+    results, _ = folder
+    kept, taken = GprmaxRun(results, keep_direct=True).scan(0), GprmaxRun(results).scan(0)
+    tx, rx = np.array([0.0, 0.0, 0.0]), np.array([0.38, 0.0, 0.0])
+    direct = dipole_field(np.eye(3)[0], rx - tx, 0, TONES)
+    np.testing.assert_allclose((kept - taken)[0, 0], direct, atol=0.01 * np.abs(direct).max())
+
+
+def test_info_explains_a_result(folder):
+    results, _ = folder
+    told = explain_file(next(results.glob("scan*.out")))
+    assert told.kind == "result of gprMax"
+    text = "\n".join(told.lines)
+    assert "gprMax 3.1.7" in text
+    assert "source HertzianDipole at" in text
+    assert "receiver r0n0" in text
+    assert "manifest.json beside it" in text
+
+
+def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
+    results, _ = folder
+    copy = tmp_path / "decks"
+    copy.mkdir()
+    for path in results.iterdir():
+        (copy / path.name).write_bytes(path.read_bytes())
+    one = next(copy.glob("scan*.out"))
+    whole = one.read_bytes()
+
+    def refused(match):
+        with pytest.raises(ValueError, match=match):
+            import_gprmax_results(copy, tmp_path / "run.zarr")
+        assert not (tmp_path / "run.zarr").exists()
+
+    one.write_bytes(whole[: len(whole) // 2])
+    refused("damaged or of another kind")
+    one.write_bytes(whole)
+    for change, match in (
+        (lambda f: f.attrs.pop("dt"), "must have the attribute dt"),
+        (lambda f: f.attrs.pop("gprMax"), "must have the attribute gprMax"),
+        (lambda f: f.attrs.update({"dx_dy_dz": (0.1, 0.1, 0.1)}), "cells must be"),
+        (lambda f: f.pop("rxs/rx1"), "no Ex of a receiver named 'r0n0'"),
+        (lambda f: f.attrs.update({"Iterations": 7}), "must hold 7 values"),
+    ):
+        one.write_bytes(whole)
+        with h5py.File(one, "r+") as file:
+            change(file)
+        refused(match)
+    one.unlink()
+    refused("1 of 4 results are missing, scan000-tx00-")
+    manifest = copy / "manifest.json"
+    manifest.write_text(json.dumps({"format": "other"}))
+    refused("format must be")
+    manifest.unlink()
+    refused("must hold the manifest.json")
+    with pytest.raises(FileNotFoundError, match="nothing"):
+        import_gprmax_results(tmp_path / "nothing", tmp_path / "run.zarr")
+    with pytest.raises(FileExistsError):
+        write_gprmax_decks(Scene(), None, 1, copy)
+
+
+def test_a_result_with_values_that_are_not_finite_is_a_missing_sweep(folder, tmp_path):
+    results, _ = folder
+    copy = tmp_path / "decks"
+    copy.mkdir()
+    for path in results.iterdir():
+        (copy / path.name).write_bytes(path.read_bytes())
+    one = next(copy.glob("scan*-H.out"))
+    with h5py.File(one, "r+") as file:
+        file["rxs/rx1/Ex"][50] = np.nan
+    assert read_gprmax(one).steps > 100
+    import_gprmax_results(copy, tmp_path / "run.zarr")
+    valid = open_run(tmp_path / "run.zarr")["valid"].values[0]
+    np.testing.assert_array_equal(valid, [[False, True], [True, True], [True, True]])
