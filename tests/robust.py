@@ -12,14 +12,19 @@ from flgpr.pipeline.wang2007 import blocks_of
 from small_lane import LANE
 
 
-def content(folder):
-    """Digests of all files of a result, and what its manifest tells of the run but for its path."""
+def digests(folder):
+    """Digests of all files of a folder."""
     folder = Path(folder)
-    files = {
+    return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def content(folder):
+    """Digests of all files of a result, and what its manifest tells of the run but for its path."""
+    files = digests(folder)
     del files["manifest.json"]
     manifest = read_result(folder).manifest
     described = {name: value for name, value in manifest["run"].items() if name != "path"}

@@ -217,3 +217,27 @@ def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
     moved[1, 0, 0] += 0.01
     with pytest.raises(ValueError, match="keep its form"):
         import_fullwave(rewrite(fullwave_archive, tmp_path / "d.npz", tx_xyz_m=moved))
+
+
+def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_run, tmp_path, monkeypatch):
+    want = {p.relative_to(tmp_path / "w"): p.read_bytes() for p in files_of(save_run(small_run, tmp_path / "w"))}
+    append, seen = RunWriter.append, []
+
+    def stopping(writer, *scan):
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        seen.append(len(writer))
+        append(writer, *scan)
+
+    monkeypatch.setattr(RunWriter, "append", stopping)
+    with pytest.raises(KeyboardInterrupt):
+        save_run(small_run.assign(signal=2 * small_run["signal"]), tmp_path / "a", resume=True)
+    seen.clear()
+    with pytest.raises(KeyboardInterrupt):
+        save_run(small_run, tmp_path / "a", resume=True)
+    assert seen == [0, 1]
+    seen[:] = [None] * 3
+    save_run(small_run, tmp_path / "a", resume=True)
+    assert seen == [None, None, None, 2, 3]
+    assert {p.relative_to(tmp_path / "a"): p.read_bytes() for p in files_of(tmp_path / "a")} == want
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "w"]

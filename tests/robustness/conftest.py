@@ -13,7 +13,7 @@ def lane(tmp_path_factory):
     home = tmp_path_factory.mktemp("lane")
     run = small_run(scans=50, step=0.15, tones=24).assign_attrs(title="small")
     save_run(run, home / "run.zarr")
-    (home / "small.toml").write_text(small_recipe())
+    (home / "small.toml").write_text(small_recipe().replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]"))
     (home / "lane.toml").write_text(LANE_TOML)
     result = tasks.detect_run(
         home / "run.zarr", home / "small.toml", home / "result", home / "lane.toml", report=False

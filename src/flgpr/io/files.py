@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 
-def sha256(data: bytes) -> str:
+def sha256(data: bytes | memoryview) -> str:
     """Hexadecimal SHA-256 of bytes.
 
     Parameters

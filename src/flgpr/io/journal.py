@@ -47,6 +47,10 @@ class JournalError(ValueError):
     """What was begun is something else, or another process is at it."""
 
 
+class OtherRunError(JournalError):
+    """What was begun is another run."""
+
+
 class Journal:
     """The journal in a folder, held by one process at a time.
 
@@ -115,7 +119,7 @@ class Journal:
         if lines and lines[0].get("format") == _FORMAT:
             difference = _difference(lines[0]["about"], json.loads(canonical_json(about)))
             if difference:
-                raise JournalError(f"{self.path.parent} holds another unfinished run: {difference}")
+                raise OtherRunError(f"{self.path.parent} holds another unfinished run: {difference}")
             self.scans = [_scan(line) for line in lines[1:]]
             self._ends = np.cumsum([len(text) + 1 for text in texts[: len(lines)]]).tolist()
             self.keep(len(self.scans))

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,7 +22,7 @@ from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByt
 from zarr.codecs import Crc32cCodec
 
 from flgpr.io.files import canonical_json, sha256, sync_directory, sync_file, write_whole
-from flgpr.io.journal import JOURNAL, Journal, JournalError, WrittenScan
+from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 
 FORMAT, VERSION = "flgpr-run", 1
@@ -207,7 +208,7 @@ class RunWriter:
         try:
             self._journal = Journal(self._partial, about, resume)
         except JournalError as error:
-            raise RunStoreError(str(error)) from None
+            raise RunStoreError(str(error)) from error
         self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
         self._drop_what_is_not_sure()
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
@@ -333,7 +334,7 @@ class RunWriter:
         )
 
 
-def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False) -> Path:
+def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False) -> Path:
     """Write a run as a Zarr v3 store.
 
     Parameters
@@ -344,6 +345,8 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False) -> Path
         Folder to make.
     overwrite : bool
         Replace a run that is already there.
+    resume : bool
+        Go on where writing exactly this run was stopped, even by a kill; what is left of another run is thrown away.
 
     Returns
     -------
@@ -362,11 +365,29 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False) -> Path
         run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
     )
     attrs = {str(key): value for key, value in run.attrs.items()}
-    with RunWriter(path, frequency, polarization, tx_position, rx_position, attrs, overwrite) as writer:
-        for scan in range(run.sizes["scan"]):
+    begin = partial(RunWriter, path, frequency, polarization, tx_position, rx_position, attrs, overwrite)
+    with begin() if not resume else _resumed(begin, Path(path), _digests(run)) as writer:
+        for scan in range(len(writer), run.sizes["scan"]):
             one = run.isel(scan=scan)
             writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
     return Path(path)
+
+
+def _resumed(begin: Callable[..., RunWriter], path: Path, inputs: dict[str, Any]) -> RunWriter:
+    try:
+        return begin(resume=True, inputs=inputs)
+    except RunStoreError as error:
+        if not isinstance(error.__cause__, OtherRunError):
+            raise
+    shutil.rmtree(path.with_name(path.name + ".partial"))
+    return begin(resume=True, inputs=inputs)
+
+
+def _digests(run: xr.Dataset) -> dict[str, Any]:
+    """Digests of all that a run's scans hold."""
+    return {
+        name: sha256(np.ascontiguousarray(run[name].values).view(np.uint8).data) for name in ("signal", "pose", "time")
+    }
 
 
 def open_run(path: str | Path) -> xr.Dataset:

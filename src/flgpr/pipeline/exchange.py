@@ -94,7 +94,7 @@ def import_with_mapping(
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     latency: float = 0.0,
 ) -> Imported:
-    """Import data files by a mapping and store the run.
+    """Import data files by a mapping and store the run. A stopped import goes on with the scan it was at.
 
     Parameters
     ----------
@@ -135,9 +135,10 @@ def import_with_mapping(
     arrived = import_mapped(
         mapping, [Path(one) for one in data] if data else None, pose=pose, track=moved, clock_offset=clock_offset
     )
-    store = save_run(_tied(arrived.run, anchor), output)
-    if arrived.track is not None:
+    store, run = Path(output), _tied(arrived.run, anchor)
+    if arrived.track is not None:  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
+    save_run(run, store, resume=True)
     return arrived
 
 
@@ -165,7 +166,7 @@ def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None
     """
     _fresh(Path(output))
     run = _tied(read_cphd(path, _anchor(anchor)), anchor)
-    save_run(run, output)
+    save_run(run, output, resume=True)
     return run
 
 

@@ -339,15 +339,18 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
     ValueError, FileNotFoundError, FileExistsError
         If the archive is not valid or the store exists.
     """
-    lane = import_fullwave(archive)
-    store = save_run(lane.run, output)
-    written = [store]
+    store = Path(output)
+    if store.exists():
+        raise FileExistsError(f"output must not exist yet, got {store}")
+    lane, written = import_fullwave(archive), [store]
+    store.parent.mkdir(parents=True, exist_ok=True)
     for name, table in (("truth", lane.truth), ("objects", lane.objects)):
         if table is not None:
             path = store.with_name(f"{store.stem}-{name}.csv")
             write_table(table, path)
             write_geojson(table, path.with_suffix(".geojson"))
             written.append(path)
+    save_run(lane.run, store, resume=True)
     return written
 
 

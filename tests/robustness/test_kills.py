@@ -1,0 +1,148 @@
+"""Kill an import and a detection again and again: nothing breaks, and the end is the same to the byte.
+
+Half of the kills come at a random one of the file operations, which is exact and repeatable; half at a random time.
+``FLGPR_KILLS`` tells how many kills of each there are.
+"""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from flgpr.io import open_run
+from flgpr.pipeline import tasks
+from flgpr.pipeline.result import ResultError, read_result
+from robust import content, digests
+
+KILLS = int(os.environ.get("FLGPR_KILLS", "10"))
+MOST_IN_A_ROW = 4
+OPERATIONS = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir"}
+
+
+def counted(home, last, pipe, work, arguments):
+    """Do work in this process and send the number of file operations under a folder; die at the last one."""
+    count = 0
+
+    def watch(event, about):
+        nonlocal count
+        if event in OPERATIONS and about and str(home) in str(about[0]):
+            count += 1
+            if count == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(watch)
+    work(*arguments)
+    pipe.send(count)
+
+
+class Killer:
+    """Runs work in child processes and kills them."""
+
+    def __init__(self, seed, home, work):
+        self.rng, self.home, self.work = np.random.default_rng(seed), home, work
+        self.context = multiprocessing.get_context("forkserver")
+        self.context.set_forkserver_preload(["flgpr.pipeline.lane_work", "robust"])
+        self.kills = 0
+        ours, theirs = self.context.Pipe()
+        child = self.start(None, theirs, home / "probe")
+        child.join()
+        self.operations = ours.recv()
+        assert child.exitcode == 0
+
+    def start(self, last, pipe, output):
+        child = self.context.Process(target=counted, args=(self.home, last, pipe, self.work, (output,)))
+        child.start()
+        return child
+
+    def attack(self, output):
+        """Start once and kill; tell whether it got through before."""
+        _, theirs = self.context.Pipe()
+        if self.kills % 2:
+            child = self.start(int(self.rng.integers(1, self.operations + 1)), theirs, output)
+            child.join()
+        else:
+            child = self.start(None, theirs, output)
+            child.join(float(self.rng.uniform(0.0, 1.0)))
+            child.kill()
+            child.join()
+        through = child.exitcode == 0
+        assert through or child.exitcode == -signal.SIGKILL
+        self.kills += not through
+        return through
+
+    def siege(self, output, check):
+        """Kill up to a few times, checking in between, then let it end."""
+        for _ in range(int(self.rng.integers(1, MOST_IN_A_ROW + 1))):
+            through = self.attack(output)
+            check()
+            if through or self.kills >= KILLS:
+                break
+        self.work(output)
+
+
+def test_kills_of_a_detection(lane, tmp_path):
+    def check():
+        """What is there is whole or absent."""
+        if (tmp_path / "result" / "manifest.json").exists():
+            try:
+                read_result(tmp_path / "result")
+            except ResultError as error:
+                pytest.fail(str(error))
+
+    killer = Killer(7, tmp_path, Detection(lane.run, lane.recipe, lane.area))
+    want = content(tmp_path / "probe")
+    while killer.kills < KILLS:
+        killer.siege(tmp_path / "result", check)
+        assert content(tmp_path / "result") == want
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["probe", "result"]
+        shutil.rmtree(tmp_path / "result")
+
+
+class Detection:
+    """A detection that may have been done already."""
+
+    def __init__(self, *arguments):
+        self.arguments = arguments
+
+    def __call__(self, output):
+        run, recipe, area = self.arguments
+        tasks.detect_run(run, recipe, output, area, report=False)
+
+
+class Import:
+    """An import that may have been done already."""
+
+    def __init__(self, archive):
+        self.archive = archive
+
+    def __call__(self, output):
+        store = output / "run.zarr"
+        if not store.exists():
+            tasks.import_fullwave_lane(self.archive, store)
+
+
+def test_kills_of_an_import(fullwave_archive, tmp_path):
+    arrays = dict(np.load(fullwave_archive))
+    scans = np.arange(24) % 3
+    moved = {name: arrays[name][scans] + 0.0 for name in ("data", "tx_xyz_m", "rx_xyz_m")}
+    for name in ("tx_xyz_m", "rx_xyz_m"):
+        moved[name] = arrays[name][:1] + np.arange(24)[:, None, None] * [0.0, 0.1, 0.0]
+    moved["data"] = moved["data"][..., :20] * np.exp(1j * np.arange(24))[:, None, None, None, None]
+    np.savez(tmp_path / "long.npz", **{**arrays, **moved, "frequency_hz": arrays["frequency_hz"][:20]})
+
+    def check():
+        """A store that is there is whole."""
+        if (tmp_path / "out" / "run.zarr").exists():
+            open_run(tmp_path / "out" / "run.zarr").load()
+
+    killer = Killer(8, tmp_path, Import(tmp_path / "long.npz"))
+    want = digests(tmp_path / "probe")
+    assert sum("signal/c/" in name for name in want) == 24
+    while killer.kills < KILLS:
+        killer.siege(tmp_path / "out", check)
+        assert digests(tmp_path / "out") == want
+        shutil.rmtree(tmp_path / "out")
