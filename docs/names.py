@@ -1,4 +1,8 @@
-"""Turn a name such as `flgpr.scoring.roc` in running text into a link to its description."""
+"""Links that read well in the sources, too.
+
+A name such as `flgpr.scoring.roc` in running text links to its description, and a link to an example's program leads to
+the page that was made of it.
+"""
 
 import re
 
@@ -6,6 +10,7 @@ from docutils import nodes
 from sphinx import addnodes
 
 NAME = re.compile(r"flgpr(\.\w+)+")
+EXAMPLE = re.compile(r"\]\(((?:\.\./)?)gallery/(plot_\w+)\.py\)")
 
 
 def _link(app, doctree):
@@ -26,7 +31,12 @@ def _link(app, doctree):
         literal.replace_self(target)
 
 
+def _to_pages(app, docname, source):
+    source[0] = EXAMPLE.sub(r"](\1examples/\2.rst)", source[0])
+
+
 def setup(app):
-    """Register the transform."""
+    """Register both."""
     app.connect("doctree-read", _link)
+    app.connect("source-read", _to_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
