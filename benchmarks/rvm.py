@@ -86,7 +86,7 @@ def evidence(X: NDArray[Any], y: NDArray[Any], gamma: float, machine: Any) -> fl
     good = alpha > 0
     t = y.astype(float)
     rows = np.ascontiguousarray(K[good])
-    return float(relevance.laplace(rows, t, np.ones(len(t)), 0.0, alpha[good], weights[good])[4])
+    return float(relevance.laplace(rows, t, 0.0, alpha[good], weights[good])[4])
 
 
 def error(fit: Callable[..., Any], X: NDArray[Any], y: NDArray[Any], gamma: float) -> float:

@@ -47,7 +47,7 @@ def test_mode_covariance_and_evidence_are_tippings(problem):
     active, alpha = np.array([3, 17, 40, 80]), np.array([0.2, 1.0, 0.05, 2.0])
     rows = np.ascontiguousarray(design[:, active].T)
     mean, covariance, residual, curvature, evidence, found = relevance.laplace(
-        rows, t.astype(float), np.ones(80), 0.3, alpha, np.zeros(4)
+        rows, t.astype(float), 0.3, alpha, np.zeros(4)
     )
     w, slow, B, y = tipping2001.mode_and_covariance(design[:, active], t, alpha, 0.3)
     assert found
@@ -67,9 +67,9 @@ def test_laplaces_evidence_is_near_the_integral():
     joint = (t * c - np.logaddexp(0, c)).sum(axis=-1) - 0.5 * (alpha * w**2).sum(axis=-1)
     integral = np.log(np.exp(joint).sum() * (grid[1] - grid[0]) ** 2) + 0.5 * np.log(alpha / (2 * np.pi)).sum()
     rows = np.ascontiguousarray(design.T)
-    evidence = relevance.laplace(rows, t.astype(float), np.ones(40), 0.0, alpha, np.zeros(2))[4]
+    evidence = relevance.laplace(rows, t.astype(float), 0.0, alpha, np.zeros(2))[4]
     assert evidence == pytest.approx(integral, abs=0.05)
-    far = relevance.laplace(rows, t.astype(float), np.ones(40), 0.0, 100 * alpha, np.zeros(2))[4]
+    far = relevance.laplace(rows, t.astype(float), 0.0, 100 * alpha, np.zeros(2))[4]
     assert abs(far - integral) > 0.5  # the test could fail: other precisions have another evidence
 
 
@@ -90,14 +90,33 @@ def test_candidates_have_the_textbook_gain(problem):
     design, t = problem
     active, alpha = np.array([5, 60]), np.array([0.1, 0.2])
     rows = np.ascontiguousarray(design.T)
-    posterior = relevance.laplace(rows[active], t.astype(float), np.ones(80), 0.0, alpha, np.zeros(2))
+    posterior = relevance.laplace(rows[active], t.astype(float), 0.0, alpha, np.zeros(2))
     allowed = np.ones(81, bool)
-    best, gain, s_best, q_best = relevance.candidates(rows, rows**2, allowed, active, posterior[1:4], 0.0)
+    best, gain, s_best, q_best = relevance.candidates(
+        rows, relevance.single(rows), allowed, active, posterior[1:4], 0.0, 1e-5
+    )
     s, q = tipping2001.sparsity_and_quality(design, t, active, alpha)
     gains = np.where(q**2 > s, 0.5 * (q**2 / s - 1 - np.log(np.maximum(q**2 / s, 1e-9))), 0)
     gains[active] = 0
     assert best == gains.argmax()
     assert (gain, s_best, abs(q_best)) == pytest.approx((gains.max(), s[best], abs(q[best])), rel=1e-6)
+    every = relevance.entries(rows, allowed, active, posterior[1:4], 0.0)[0]
+    np.testing.assert_allclose(every, gains, rtol=1e-5, atol=1e-8)
+    ranked = relevance.ranking(relevance.single(rows), allowed, active, posterior[1:4], 0.0)
+    np.testing.assert_allclose(ranked, gains, rtol=1e-3, atol=1e-4)
+
+
+def test_single_actions_end_where_none_is_left(problem):
+    design, t = problem
+    rows = np.ascontiguousarray(design.T)
+    active, alpha, _ = relevance.climb(rows, relevance.single(rows), t.astype(float), 0.0, np.ones(81, bool), 0.0, 1000)
+    w, covariance, *_ = tipping2001.mode_and_covariance(design[:, active], t, alpha)
+    np.testing.assert_allclose(alpha, (1 - alpha * np.diag(covariance)) / w**2, rtol=5e-3)
+    s, q = tipping2001.sparsity_and_quality(design, t, active, alpha)
+    outside = np.setdiff1d(np.arange(81), active)
+    assert (q[outside] ** 2 <= s[outside] * (1 + 1e-2)).all()
+    # The whole fit begins there among others, and can only be better.
+    assert fit_sparse(design, t).log_evidence >= tipping2001.log_evidence(design[:, active], t, alpha) - 1e-6
 
 
 @pytest.mark.parametrize("seed", [1, 2])

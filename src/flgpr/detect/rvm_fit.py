@@ -17,6 +17,8 @@ Algorithm = Literal["fast", "ard"]
 ALGORITHMS = ("fast", "ard")
 PRUNE = 1e9
 """Precision at which a weight counts as zero ("ard")."""
+LATE = 5
+"""Most functions that enter after the ascents."""
 NEAR = 1e-3
 """Change of log α at which "ard" has done its part."""
 
@@ -79,7 +81,8 @@ def fit_sparse(
         Fixed part of the argument of σ.
     algorithm : {"fast", "ard"}
         "fast" adds and removes basis functions one by one (Tipping & Faul 2003). The evidence has many local maxima, so
-        it starts ``n_starts`` times from different first functions and exchanges members of the best models. "ard"
+        it starts ``n_starts`` times, once by the best single action at a time and else from different first functions,
+        and exchanges members of the best models. "ard"
         begins with all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the last
         digits of the precisions come from the fast ascent, no function entering.
     rate : float or "auto"
@@ -122,28 +125,48 @@ def _threads() -> ThreadpoolController:
 
 
 def _ascend(
-    rows: FloatArray, t: FloatArray, offset: float, rate: float, n_starts: int, start: SparseFit | None, *options: Any
-) -> SparseFit:
-    square, weight, allowed = rows**2, np.ones(t.size), np.ones(len(rows), np.bool_)
-    fixed = (rows, square, t, weight, offset, allowed, rate)
+    rows: FloatArray, t: FloatArray, offset: float, rate: float, n_starts: int, start: SparseFit | None, tol: float,
+    max_iter: int,
+) -> SparseFit:  # fmt: skip
+    every = np.ones(len(rows), np.bool_)
+    fixed = (rows, relevance.single(rows), t, offset, every, rate)
     if start is not None:
-        fits = [relevance.ascend(*fixed, start.active, start.alpha, start.mean, allowed, *options)]
+        fits = [relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter)]
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-        fits = [relevance.ascend(*fixed, *empty, first, *options) for first in _first(len(rows), n_starts)]
+        fits = [relevance.ascend(*fixed, *relevance.climb(*fixed, max_iter), every, tol, max_iter)]
+        fits += [relevance.ascend(*fixed, *empty, first, tol, max_iter) for first in _first(len(rows), n_starts - 1)]
     iterations = sum(fit[5] for fit in fits)
     fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
     # Starts often end in the same model; to improve it twice would be in vain.
     different = list({tuple(np.sort(fit[0])): fit for fit in reversed(fits)}.values())[::-1][: max(1, n_starts // 3)]
-    improved = [relevance.exchange(*fixed, fit, *options) for fit in different]
+    improved = [relevance.exchange(*fixed, fit, tol, max_iter) for fit in different]
     iterations += sum(new[5] - old[5] for new, old in zip(improved, different, strict=True))
-    best = max(improved, key=lambda fit: relevance.penalised(fit, rate))
+    best = _complete(fixed, max(improved, key=lambda fit: relevance.penalised(fit, rate)), tol, max_iter)
     return _sorted(*best[:5], iterations, best[6], rate)
+
+
+def _complete(fixed: tuple[Any, ...], fit: Any, tol: float, max_iter: int) -> Any:
+    """Let in what gains by double precision and was not seen in single precision, which ranks the functions."""
+    rows, _, t, offset, every, rate = fixed
+    for _ in range(LATE):
+        active, alpha, mean = fit[:3]
+        posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
+        gain, s, q = relevance.entries(rows, every, active, posterior[1:4], rate)
+        new = int(gain.argmax())
+        if gain[new] <= tol:
+            break
+        more = np.append(alpha, 1 / relevance.best_variance(s[new], q[new], rate))
+        trial = relevance.ascend(*fixed, np.append(active, new), more, np.append(mean, 0.0), every, tol, max_iter)
+        if relevance.penalised(trial, rate) <= relevance.penalised(fit, rate):
+            break
+        fit = trial
+    return fit
 
 
 def _first(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
     """Which functions may enter first: all, then every n-th from the last (the bias) back, from the one before, ..."""
-    masks = [np.ones(count, np.bool_)]
+    masks = [np.ones(count, np.bool_)] if n_starts else []
     for k in range(min(n_starts - 1, count)):
         mask = np.zeros(count, np.bool_)
         mask[count - 1 - k :: -(n_starts - 1)] = True
@@ -153,12 +176,12 @@ def _first(count: int, n_starts: int) -> list[NDArray[np.bool_]]:
 
 def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: float, max_iter: int) -> SparseFit:
     """Tipping 2001, Eq. 16: α = γ/w² for all weights together; with a rate the root of w²α² - γα - rate."""
-    active, weight = np.arange(len(rows)), np.ones(t.size)
+    active = np.arange(len(rows))
     alpha, mean = np.ones(len(rows)), np.zeros(len(rows))
     iteration = 0
     while iteration < max_iter:
         iteration += 1
-        mean, covariance, *_ = relevance.laplace(rows[active], t, weight, offset, alpha, mean)
+        mean, covariance, *_ = relevance.laplace(rows[active], t, offset, alpha, mean)
         determined = np.maximum(1 - alpha * np.diag(covariance), 1e-12)
         power = np.maximum(mean**2, 1e-300)
         new = (determined + np.sqrt(determined**2 + 4 * power * rate)) / (2 * power)
@@ -169,7 +192,7 @@ def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: flo
             break
     closed = np.zeros(len(rows), np.bool_)
     fit = relevance.ascend(
-        rows, rows**2, t, weight, offset, closed, rate, active, alpha, mean, closed, tol, max_iter
+        rows, relevance.single(rows), t, offset, closed, rate, active, alpha, mean, closed, tol, max_iter
     )  # fmt: skip
     return _sorted(*fit[:5], iteration + fit[5], fit[6], rate)
 
