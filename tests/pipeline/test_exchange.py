@@ -148,3 +148,19 @@ def test_an_anchor_is_told(anchor):
     assert told["azimuth_deg"] == pytest.approx(37, abs=1e-3)
     assert max(told["residuals_m"]) < 0.001
     json.dumps(told)
+
+
+def test_an_anchored_import_remembers_where_its_lane_lies(anchor, tmp_path):
+    """What the viewer's cursor shows is where the anchor's points were surveyed."""
+    np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([5.0, 6.0, 7.0]))
+    (tmp_path / "m.toml").write_text(MAPPING)
+    (tmp_path / "s.csv").write_text("x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 3)
+    files = {"survey": tmp_path / "s.csv", "anchor": anchor}
+    exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", **files)
+    run = open_run(tmp_path / "r.zarr")
+    tied = run.attrs["georeference"]
+    origin, ahead = on_the_ellipsoid(np.array([[0.0, 0.0, 0.0], [0.0, 50.0, 0.0]]))
+    assert (tied["longitude"], tied["latitude"]) == pytest.approx(tuple(origin), abs=1e-8)
+    east, north = (ahead - origin) * [111_320 * np.cos(np.radians(origin[1])), 111_200]
+    assert np.degrees(np.arctan2(east, north)) % 360 == pytest.approx(tied["azimuth"] % 360, abs=0.3)
+    assert describe_run(run)["georeference"] == tied

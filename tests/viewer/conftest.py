@@ -3,6 +3,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from watching import CHROMIUM, FLAGS, Watched
 
 from flgpr.viewer import Viewer
 
@@ -34,3 +35,27 @@ def serving():
 def shown(demo):
     with running([demo[0].folder]) as viewer:
         yield viewer
+
+
+@pytest.fixture(scope="module")
+def browser():
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    if not CHROMIUM:
+        pytest.skip("needs chromium")
+    with sync_api.sync_playwright() as play:
+        instance = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield instance
+        instance.close()
+
+
+@pytest.fixture
+def watch(browser):
+    pages = []
+
+    def start(viewer, **options):
+        pages.append(Watched(browser, viewer, **options))
+        return pages[-1]
+
+    yield start
+    for page in pages:
+        page.close()

@@ -7,99 +7,18 @@ import re
 import shutil
 import statistics
 
-import matplotlib
 import numpy as np
 import pytest
-from PIL import Image
+from long_lane import make_long_lane
+from watching import viridis
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-from long_lane import make_long_lane  # noqa: E402
-
-CHROMIUM = shutil.which("chromium") or ""
-pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs chromium")
-FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update",
-]  # fmt: skip
 ROWS = 12_000
-
-
-def viridis(share):
-    return 255 * np.array(matplotlib.colormaps["viridis"](share)[:3])
 
 
 @pytest.fixture(scope="module")
 def long_lanes(tmp_path_factory):
     home = tmp_path_factory.mktemp("long")
     return [make_long_lane(home / "one", ROWS, 3), make_long_lane(home / "two", ROWS // 4, 9)]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as play:
-        instance = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield instance
-        instance.close()
-
-
-class Watched:
-    """A page whose requests and errors are kept."""
-
-    def __init__(self, browser, viewer, **options):
-        options = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"} | options
-        self.context = browser.new_context(accept_downloads=True, **options)
-        self.page = self.context.new_page()
-        self.requests, self.errors = [], []
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda line: line.type in ("error", "warning") and self.errors.append(line.text))
-        self.origin = f"http://127.0.0.1:{viewer.port}/"
-        self.page.goto(viewer.url)
-        self.until("performance.getEntriesByName('flgpr:first-picture').length > 0")
-
-    def close(self):
-        self.context.close()
-        assert self.errors == []
-        own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
-        assert own
-        assert all(url.startswith(self.origin) for url in own)
-
-    def saved(self, button):
-        self.page.click("#export-menu summary")
-        with self.page.expect_download() as info:
-            self.page.click(button)
-        self.page.click("#export-menu summary")
-        return info.value.suggested_filename, info.value.path().read_bytes()
-
-    def pixels(self):
-        """The lane's picture as an array, once what was asked for is drawn."""
-        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        seen = Image.open(io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box())))
-        return np.asarray(seen.convert("RGB")).astype(int)
-
-    def until(self, code):
-        """Wait for a condition; by asking again, since the page allows no script from strings."""
-        for _ in range(400):
-            if self.page.evaluate(code):
-                return
-            self.page.wait_for_timeout(50)
-        raise AssertionError(code)
-
-    def text(self, selector):
-        return self.page.inner_text(selector)
-
-
-@pytest.fixture
-def watch(browser):
-    pages = []
-
-    def start(viewer, **options):
-        pages.append(Watched(browser, viewer, **options))
-        return pages[-1]
-
-    yield start
-    for page in pages:
-        page.close()
 
 
 def test_the_picture_is_the_run_view(watch, shown, demo):
@@ -382,24 +301,6 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
         )
     assert len(spent) == 4
     assert len(drawn) >= 30  # the picture was drawn while it moved, not once at the end
-
-
-def test_live_events_appear(watch, serving, tmp_path):
-    lines = [
-        {"event": "start", "title": "yard", "lane": {"x_min": -3, "x_max": 3, "y_min": 0, "y_max": 60}},
-        {"event": "scan", "scan": 0, "pose": [0, 2, 5, 0, 0, 0]},
-        {"event": "alarm", "alarm_id": "a1", "x": 1.0, "y": 12.5, "confidence": 4.5, "latency_ms": 80},
-        {"event": "scan", "scan": 1, "pose": [0, 4, 5, 0, 0, 0]},
-    ]
-    file = tmp_path / "live.jsonl"
-    file.write_text("".join(json.dumps(line) + "\n" for line in lines[:1]))
-    with serving([], live=tmp_path) as viewer:
-        one = watch(viewer)
-        with file.open("a") as out:
-            out.write("".join(json.dumps(line) + "\n" for line in lines[1:]))
-        one.until("document.querySelector('#live-words')?.textContent.includes('2 scans')")
-        assert "1 alarms, 80 ms" in one.text("#live-words")
-        assert "8.5 m ahead: a1" in one.text("#live")
 
 
 def test_an_altered_file_is_told_and_not_drawn(watch, serving, demo, tmp_path):

@@ -22,6 +22,17 @@ ROUTES = [
     "data/0/tile/0/0/0", "data/0/evidence/0/0", "data/9/index.json", "nowhere",
 ]  # fmt: skip
 
+ANCHOR = """
+crs = "EPSG:4326"
+accuracy = 0.02
+azimuth_deg = 30.0
+azimuth_accuracy_deg = 0.1
+[[point]]
+lane = [0.0, 0.0]
+longitude = 11.0
+latitude = 48.0
+"""
+
 
 def ask(viewer, path, method="GET", token=None, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", viewer.port, timeout=10)
@@ -221,8 +232,18 @@ def test_live_events_come_line_by_line(tmp_path, serving):
         assert again["restarted"]
         assert again["events"] == [{"event": "start"}]
         assert ask(viewer, "data/live?after=-1").status == 404
+    lines = ('{"event":"view","halves":"' + "A" * 1000 + '"}\n') * 9000
+    file.write_text(lines)
+    with serving([], live=tmp_path) as viewer:
+        offset, count, more = 0, 0, True
+        while more:
+            answer = json.loads(ask(viewer, f"data/live?after={offset}").body)
+            offset, count, more = answer["next"], count + len(answer["events"]), answer["more"]
+    assert (count, offset) == (9000, len(lines))
     assert LiveFile(file).after(0) == LiveFile(tmp_path).after(0)
-    assert LiveFile(tmp_path / "other.jsonl").after(5) == {"events": [], "next": 0, "bad": 0, "restarted": True}
+    assert LiveFile(tmp_path / "other.jsonl").after(5) == {
+        "events": [], "next": 0, "bad": 0, "restarted": True, "more": False,
+    }  # fmt: skip
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
@@ -243,3 +264,14 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
         [sys.executable, "-c", code, str(demo[0].folder)], capture_output=True, text=True, check=True, timeout=60
     )
     assert int(done.stdout) < 300 * 1024
+
+
+def test_an_anchor_ties_what_is_shown_to_the_earth(serving, demo, tmp_path):
+    (tmp_path / "anchor.toml").write_text(ANCHOR)
+    with serving([demo[0].folder], anchor=tmp_path / "anchor.toml") as viewer:
+        tied = json.loads(ask(viewer, "data/session.json").body)["georeference"]
+    assert tied["latitude"] == pytest.approx(48.0, abs=1e-6)
+    assert tied["longitude"] == pytest.approx(11.0, abs=1e-6)
+    assert tied["azimuth"] == pytest.approx(30.0, abs=1e-6)
+    with serving([demo[0].folder]) as viewer:
+        assert json.loads(ask(viewer, "data/session.json").body)["georeference"] is None

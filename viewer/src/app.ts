@@ -8,7 +8,7 @@ import { savePng, saveSvg, type FigureParts } from "./figure";
 import { extentOf, geographic } from "./geo";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
-import type { Live } from "./live";
+import type { Live, LiveAlarm, LiveRows } from "./live";
 import { drawOverlay, hitTest, labelOf, secondOf, showLegend, type Overlay } from "./overlay";
 import { Notes } from "./notes";
 import type { Pen } from "./pen";
@@ -16,6 +16,10 @@ import { curveOf, equalFalse, RocPlot, showCounts, thresholdsOf, type Operating 
 import { LABELS } from "./symbols";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View, type Box } from "./view";
+
+/** Length of lane in sight when the picture follows the vehicle, and how much of it lies behind the vehicle, m. */
+const FOLLOWED = 34;
+const BEHIND = 6;
 
 export type Compare = "off" | "swipe" | "blink";
 
@@ -45,6 +49,7 @@ export class App {
   private waiting = 0;
   private fitting = true;
   private marked = false;
+  follow = false;
   private evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
 
@@ -88,6 +93,103 @@ export class App {
 
   get detection(): Detection | undefined {
     return detectionOf(this.source, this.a.set);
+  }
+
+  // ---------------------------------------------------------------- live
+
+  /** A live run is known: take its lane, lattice and channel as the source's. */
+  begin(live: Live): void {
+    const { index } = this.source;
+    const own = this.source.title === "live";
+    if (!own) return this.redraw();
+    const [polarization, subband] = live.channel;
+    this.tiles.drop(this.source.id);
+    Object.assign(index, { title: live.title, georeference: live.georeference, channel: live.channel, grid: live.grid, tile_rows: 512 });
+    index.layers = live.grid ? [{ detection: "live", stage: "live", polarization, subband, percentiles: { "50": 0 }, levels: [{ file: "", rows: 0 }] }] : [];
+    index.detections = [live.detection()];
+    this.a = { source: 0, set: "live", polarization, subband };
+    this.b = { ...this.a };
+    this.picture.recolour(this.colours);
+    this.extend(live);
+    el("roc").hidden = el("list").hidden = false;
+    el("subset").hidden = el("roc-plot").hidden = el("explain").hidden = true;
+    this.detectionChanged();
+    this.showChoices();
+    this.setFollow(live.lane === null || this.view.length > 80);
+    this.resized();
+  }
+
+  /** Rows of a live run-view came. */
+  grow(live: Live, { row, median, halves }: LiveRows): void {
+    const { index, id, title } = this.source;
+    const layer = index.layers[0];
+    if (title !== "live" || !layer || !live.grid) return;
+    index.grid = live.grid;
+    layer.levels[0]!.rows = live.grid.ny;
+    this.picture.repaint(id, 0, this.tiles.put(id, 0, row, live.grid.nx, index.tile_rows, halves));
+    if (Math.abs(median - (layer.percentiles["50"] ?? 0)) > 0.75) {
+      layer.percentiles["50"] = median;
+      this.picture.recolour(this.colours);
+    }
+    if (live.lane === null) this.extend(live);
+  }
+
+  /** Scans and alarms of a live run came. */
+  went(live: Live, fresh: LiveAlarm[]): void {
+    if (this.source.title === "live") {
+      const { index } = this.source;
+      const id = this.selected === null ? null : this.detection?.alarms.alarm_id?.[this.selected];
+      const ticked = new Set([...this.ticked].map((row) => this.detection?.alarms.alarm_id?.[row]));
+      const [least, last] = [this.threshold, this.row >= this.thresholds.length - 1];
+      index.detections = [live.detection()];
+      const names = index.detections[0]!.alarms.alarm_id!;
+      this.thresholds = thresholdsOf(this.source, "live");
+      const at = this.thresholds.findIndex((one) => one !== null && least !== null && one <= least);
+      this.row = last || least === null ? (last ? this.thresholds.length - 1 : 0) : at < 0 ? this.thresholds.length - 1 : this.thresholds[at] === least ? at : Math.max(at - 1, 0);
+      live.least = last ? -Infinity : (least ?? Infinity);
+      el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));
+      this.ticked = new Set(names.flatMap((name, row) => (ticked.has(name) ? [row] : [])));
+      this.selected = id ? (names.indexOf(id) >= 0 ? names.indexOf(id) : null) : null;
+      index.scans = { x: live.track.map((one) => one.x), y: live.track.map((one) => one.y), z: [], heading: live.track.map((one) => one.heading), masked: [] };
+      this.evidence.key = "";
+      this.showAlarm();
+      this.showThreshold();
+    }
+    const told = fresh.filter((one) => one.confidence >= live.least && !one.final && (live.distance(one) ?? 1) > 0);
+    if (told.length) {
+      const nearest = told.reduce((a, b) => ((live.distance(b) ?? Infinity) < (live.distance(a) ?? Infinity) ? b : a));
+      this.say(`New alarm: ${live.words(nearest)}${told.length > 1 ? `, and ${told.length - 1} more` : ""}`);
+    }
+    this.keepUp(live);
+    this.redraw();
+  }
+
+  setFollow(follow: boolean): void {
+    this.follow = follow;
+    el("follow").setAttribute("aria-pressed", String(follow));
+    if (!follow || !this.live) return;
+    this.fitting = false;
+    this.view.fill = true;
+    this.view.scale = Math.min(this.view.along / Math.min(FOLLOWED, 6 * this.view.breadth), (0.96 * this.view.across) / this.view.breadth);
+    this.keepUp(this.live);
+    this.redraw();
+  }
+
+  private keepUp(live: Live): void {
+    if (!this.follow || !live.here) return;
+    this.view.x = (this.view.extent.x_min + this.view.extent.x_max) / 2;
+    this.view.y = live.here.y + this.view.along / this.view.scale / 2 - BEHIND;
+  }
+
+  /** A lane without an end is as long as what was seen of it. */
+  private extend(live: Live): void {
+    const { grid, lane } = live;
+    if (!grid) return;
+    const x = { x_min: grid.x - grid.dx / 2, x_max: grid.x + (grid.nx - 0.5) * grid.dx };
+    const seen = grid.y + Math.max(grid.ny * grid.dy, 20);
+    this.source.index.lane = lane ?? { x_min: -1.5, x_max: 1.5, y_min: grid.y, y_max: seen };
+    this.view.extent = lane ? { ...x, y_min: Math.min(lane.y_min, grid.y), y_max: lane.y_max } : { ...x, y_min: grid.y, y_max: seen };
+    el("overview").hidden = this.view.length < 8 * this.view.breadth;
   }
 
   // ---------------------------------------------------------------- choices
@@ -200,6 +302,10 @@ export class App {
 
   setThreshold(row: number): void {
     this.row = Math.min(Math.max(row, 0), this.thresholds.length - 1);
+    if (this.live) {
+      this.live.least = this.source.title !== "live" || this.row >= this.thresholds.length - 1 ? -Infinity : (this.threshold ?? Infinity);
+      this.live.report();
+    }
     const [a, b] = this.operating();
     this.roc.move(a, b);
     this.showThreshold();
@@ -269,7 +375,11 @@ export class App {
 
   select(row: number | null, move = false): void {
     this.selected = row;
-    if (row !== null && move) this.view.show(this.detection!.alarms.x[row]!, this.detection!.alarms.y[row]!);
+    if (row !== null && move) {
+      const before = this.view.y;
+      this.view.show(this.detection!.alarms.x[row]!, this.detection!.alarms.y[row]!);
+      if (this.follow && this.view.y !== before) this.setFollow(false);
+    }
     this.showAlarm();
     this.showList();
     this.redraw();
@@ -520,6 +630,7 @@ export class App {
 
   moved(): void {
     this.fitting = false;
+    if (this.follow) this.setFollow(false);
     this.view.hold();
     this.redraw();
   }
@@ -538,6 +649,7 @@ export class App {
 
   fit(): void {
     this.fitting = true;
+    if (this.follow) this.setFollow(false);
     this.view.fit();
     this.redraw();
   }

@@ -64,6 +64,7 @@ export function setLabel(source: Source, name: string): string {
 }
 
 const MOST_TILES = 600;
+const UNSEEN = 0x7e00;
 
 /** Tiles as they came, the least recently used forgotten first. */
 export class Tiles {
@@ -89,6 +90,27 @@ export class Tiles {
 
   peek(source: number, layer: number, level: number, tile: number): Uint16Array | null {
     return this.held.get(`data/${source}/tile/${layer}/${level}/${tile}`) ?? null;
+  }
+
+  /** Take rows of a run-view that grows; gives the tiles that changed. */
+  put(source: number, layer: number, row: number, nx: number, tileRows: number, values: Uint16Array): number[] {
+    const changed: number[] = [];
+    const end = row + values.length / nx;
+    for (let tile = Math.floor(row / tileRows); tile * tileRows < end; tile++) {
+      const key = `data/${source}/tile/${layer}/0/${tile}`;
+      const data = this.held.get(key) ?? new Uint16Array(tileRows * nx).fill(UNSEEN);
+      const first = Math.max(row, tile * tileRows);
+      const last = Math.min(end, (tile + 1) * tileRows);
+      data.set(values.subarray((first - row) * nx, (last - row) * nx), (first - tile * tileRows) * nx);
+      this.held.set(key, data);
+      changed.push(tile);
+    }
+    return changed;
+  }
+
+  /** Forget what came of a source. */
+  drop(source: number): void {
+    for (const key of [...this.held.keys()]) if (key.startsWith(`data/${source}/`)) this.held.delete(key);
   }
 
   private async fetch(key: string): Promise<void> {

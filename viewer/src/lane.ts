@@ -30,6 +30,11 @@ export class Picture {
     this.painted.clear();
   }
 
+  /** Paint tiles anew when they are next drawn. */
+  repaint(source: number, layer: number, tiles: number[]): void {
+    for (const tile of tiles) for (const turned of [true, false]) this.painted.delete(`${source}/${layer}/0/${tile}/${turned}`);
+  }
+
   static box(width: number, height: number): Box {
     return {
       left: MARGIN.left,
@@ -161,7 +166,7 @@ export class Picture {
     return bitmap;
   }
 
-  /** The whole lane in a strip, from the coarsest level. */
+  /** The whole lane in a strip, from the coarsest level, which is one tile unless the lane still grows. */
   overview(context: CanvasRenderingContext2D, choice: Choice, box: Box): void {
     const source = this.sources[choice.source];
     const grid = source?.index.grid;
@@ -169,23 +174,25 @@ export class Picture {
     const layer = source?.index.layers[number];
     if (!source || !grid || !layer) return;
     const level = layer.levels.length - 1;
-    const data = this.tiles.get(choice.source, number, level, 0);
-    if (!data) return;
+    const extent = this.view.extent;
+    const scale = (box.width / (extent.y_max - extent.y_min)) * grid.dy * 2 ** level;
+    const start = ((grid.y - grid.dy / 2 - extent.y_min) * box.width) / (extent.y_max - extent.y_min);
     const turned = this.view.turned;
     this.view.turned = false;
-    const bitmap = this.paint(`${choice.source}/${number}/${level}/0`, data, grid.nx, this.table(layer.percentiles["50"] ?? 0));
-    this.view.turned = turned;
-    context.imageSmoothingEnabled = true;
-    const extent = this.view.extent;
-    const scale = box.width / (extent.y_max - extent.y_min);
-    const start = (grid.y - grid.dy / 2 - extent.y_min) * scale;
-    const length = layer.levels[level]!.rows * grid.dy * 2 ** level * scale;
     context.save();
     context.beginPath();
     context.rect(box.left, box.top, box.width, box.height);
     context.clip();
-    context.drawImage(bitmap, box.left + start, box.top, length, box.height);
+    context.imageSmoothingEnabled = true;
+    for (let tile = 0; tile * source.index.tile_rows < layer.levels[level]!.rows; tile++) {
+      const data = this.tiles.get(choice.source, number, level, tile);
+      if (!data) continue;
+      const bitmap = this.paint(`${choice.source}/${number}/${level}/${tile}`, data, grid.nx, this.table(layer.percentiles["50"] ?? 0));
+      const [from, rows] = [tile * source.index.tile_rows * scale, (data.length / grid.nx) * scale];
+      context.drawImage(bitmap, box.left + start + from, box.top, rows, box.height);
+    }
     context.restore();
+    this.view.turned = turned;
   }
 
   /** Value of a choice under a point of the lane, from the finest tile that has arrived. */

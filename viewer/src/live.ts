@@ -1,105 +1,281 @@
 import { getJson } from "./data";
 import { el, fixed, make } from "./dom";
-import type { Lane } from "./types";
+import type { Detection, Georeference, Grid, Lane } from "./types";
 
 interface Event {
   event?: string;
   scan?: number;
   pose?: number[];
+  outcome?: string;
   alarm_id?: string;
+  state?: string;
   x?: number;
   y?: number;
   confidence?: number;
+  magnitude?: number;
+  scans?: number;
+  left_m?: number;
+  in_time?: boolean;
+  margin_m?: number;
   latency_ms?: number;
-  lane?: Lane;
+  lane?: Lane | null;
+  grid?: Omit<Grid, "ny"> | null;
+  channel?: [string, string];
+  georeference?: Georeference | null;
+  vehicle?: { front?: number; stopping_distance?: number | null };
   title?: string;
+  row?: number;
+  rows?: number;
+  median_db?: number;
+  halves?: string;
+  words?: string;
+  [count: string]: unknown;
 }
-interface Answer { events: Event[]; next: number; bad: number; restarted: boolean }
-export interface LiveAlarm { id: string; x: number; y: number; confidence: number }
+interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean }
+export interface LiveAlarm {
+  id: string;
+  x: number;
+  y: number;
+  confidence: number;
+  magnitude: number | null;
+  scans: number | null;
+  final: boolean;
+  inTime: boolean | null;
+}
+export interface LiveRows { row: number; rows: number; median: number; halves: Uint16Array }
 
 const number = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
+const FAULTS: Record<string, string> = {
+  out_of_order: "out of order",
+  duplicate: "duplicate",
+  late: "too late",
+  still: "standing",
+  corrupt: "corrupt",
+  masked: "with missing sweeps",
+  pose_filled: "with a pose filled in",
+  pose_missing: "without a pose",
+  refused: "refused",
+  missing: "missing",
+};
+const LISTED = 8;
 
-/** Follows live.jsonl: `start`, `scan` with a pose, `alarm` and `end` events; what it does not know it leaves alone. */
+function halves(text: string): Uint16Array {
+  const bytes = Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+  return new Uint16Array(bytes.buffer, 0, bytes.length >> 1);
+}
+
+/** What the page does with what came. */
+export interface LiveHandlers {
+  /** The run is known: its lane, run-view lattice, channel, tie to the Earth. */
+  began: (live: Live) => void;
+  /** Rows of the run-view. */
+  rows: (rows: LiveRows) => void;
+  /** All of a poll was taken in; the alarms that came first, with the state they have now. */
+  changed: (fresh: LiveAlarm[]) => void;
+}
+
+/** Follows live.jsonl: `start`, `scan`, `view`, `alarm`, `counts`, `problem`, `resume` and `end`; what it does not know it leaves alone. */
 export class Live {
-  readonly track: { x: number; y: number; heading: number }[] = [];
-  readonly alarms: LiveAlarm[] = [];
+  readonly track: { scan: number; x: number; y: number; heading: number }[] = [];
+  readonly alarms = new Map<string, LiveAlarm>();
   lane: Lane | null = null;
+  grid: Grid | null = null;
+  channel: [string, string] = ["", ""];
+  georeference: Georeference | null = null;
+  front = 0;
+  stopping: number | null = null;
+  title = "";
   private offset = 0;
-  private scans = 0;
+  private scans = new Set<number>();
   private bad = 0;
+  private counts: Record<string, number> = {};
+  private problem = "";
   private latency: number[] = [];
   private ended = false;
-  private title = "";
+  private caughtUp = false;
 
-  constructor(private readonly changed: (first: boolean) => void) {}
+  constructor(private readonly handlers: LiveHandlers) {}
 
   start(): void {
     el("live").hidden = false;
     void this.poll();
   }
 
-  /** Ground distance from the vehicle to an alarm along its heading, m; negative once it is passed. */
-  distance(alarm: LiveAlarm): number | null {
-    const here = this.track[this.track.length - 1];
+  get here(): { x: number; y: number; heading: number } | null {
+    return this.track[this.track.length - 1] ?? null;
+  }
+
+  /** Ground distance from the vehicle's front to an alarm along its heading, m; negative once it is passed. */
+  distance(alarm: { x: number; y: number }): number | null {
+    const { here } = this;
     if (!here) return null;
-    return (alarm.x - here.x) * Math.sin(here.heading) + (alarm.y - here.y) * Math.cos(here.heading);
+    return (alarm.x - here.x) * Math.sin(here.heading) + (alarm.y - here.y) * Math.cos(here.heading) - this.front;
+  }
+
+  /** Ground distance across the heading, m, right positive. */
+  aside(alarm: { x: number; y: number }): number {
+    const { here } = this;
+    return here ? (alarm.x - here.x) * Math.cos(here.heading) - (alarm.y - here.y) * Math.sin(here.heading) : alarm.x;
+  }
+
+  /** The alarms as the page shows those of a result. */
+  detection(): Detection {
+    const all = [...this.alarms.values()];
+    const column = <T>(take: (alarm: LiveAlarm) => T): T[] => all.map(take);
+    return {
+      name: "live",
+      title: this.title,
+      alarms: { alarm_id: column((one) => one.id), x: column((one) => one.x), y: column((one) => one.y), confidence: column((one) => one.confidence) },
+      features: { scans: column((one) => one.scans), magnitude: column((one) => one.magnitude) },
+      contributions: null,
+      training: null,
+    };
   }
 
   private async poll(): Promise<void> {
+    let again = document.hidden ? 2000 : 200;
     try {
       const answer = await getJson<Answer>(`data/live?after=${this.offset}`);
-      if (answer.restarted) {
-        this.track.length = this.alarms.length = this.latency.length = 0;
-        this.scans = this.bad = 0;
-        this.ended = false;
-      }
+      if (answer.restarted) this.forget();
       this.offset = answer.next;
       this.bad += answer.bad;
-      const first = this.lane === null;
-      for (const event of answer.events) this.take(event);
+      const fresh = new Map<string, LiveAlarm>();
+      for (const event of answer.events) this.take(event, fresh);
       if (answer.events.length || answer.restarted) {
+        this.handlers.changed(this.caughtUp && !answer.more ? [...fresh.keys()].flatMap((id) => this.alarms.get(id) ?? []) : []);
         this.report();
-        this.changed(first && this.lane !== null);
       }
-      if (answer.events.length > 5000) return void this.poll();
-    } catch {
-      el("live").textContent = "Live: the server does not answer.";
+      this.caughtUp ||= !answer.more;
+      if (answer.more) again = 0;
+    } catch (error) {
+      el("live").textContent = `Live: the server does not answer (${(error as Error).message}).`;
     }
-    setTimeout(() => void this.poll(), document.hidden ? 2000 : 400);
+    setTimeout(() => void this.poll(), again);
   }
 
-  private take(event: Event): void {
-    if (event.event === "start") {
-      this.title = String(event.title ?? "");
-      const lane = event.lane;
-      if (lane && [lane.x_min, lane.x_max, lane.y_min, lane.y_max].every(number)) this.lane = lane;
-    } else if (event.event === "scan") {
-      this.scans++;
-      const [x, y, , heading] = event.pose ?? [];
-      if (number(x) && number(y)) this.track.push({ x, y, heading: number(heading) ? heading : 0 });
-    } else if (event.event === "alarm" && number(event.x) && number(event.y)) {
-      const alarm = { id: String(event.alarm_id ?? `live-${this.alarms.length + 1}`), x: event.x, y: event.y, confidence: number(event.confidence) ? event.confidence : 0 };
-      const known = this.alarms.findIndex((one) => one.id === alarm.id);
-      if (known >= 0) this.alarms[known] = alarm;
-      else this.alarms.push(alarm);
-      if (number(event.latency_ms)) this.latency.push(event.latency_ms);
-    } else if (event.event === "end") this.ended = true;
+  private forget(): void {
+    this.track.length = this.latency.length = 0;
+    this.alarms.clear();
+    this.scans.clear();
+    this.bad = 0;
+    this.counts = {};
+    this.problem = "";
+    this.ended = false;
+  }
+
+  private take(event: Event, fresh: Map<string, LiveAlarm>): void {
+    if (event.event === "start") this.begin(event);
+    else if (event.event === "scan") this.takeScan(event);
+    else if (event.event === "view") this.takeView(event);
+    else if (event.event === "alarm" && number(event.x) && number(event.y)) this.takeAlarm(event, event.x, event.y, fresh);
+    else if (event.event === "counts" || event.event === "end") {
+      for (const name of Object.keys(FAULTS)) if (number(event[name])) this.counts[name] = event[name];
+      this.ended ||= event.event === "end";
+    } else if (event.event === "problem") this.problem = String(event.words ?? "");
+    else if (event.event === "resume") this.ended = false;
     else this.bad++;
   }
 
-  private report(): void {
+  private begin(event: Event): void {
+    this.title = String(event.title ?? "");
+    this.ended = false;
+    const { lane, grid } = event;
+    if (lane && [lane.x_min, lane.x_max, lane.y_min, lane.y_max].every(number)) this.lane = lane;
+    if (grid && [grid.x, grid.y, grid.nx, grid.dx, grid.dy].every(number)) this.grid = { ...grid, ny: 0 };
+    if (Array.isArray(event.channel)) this.channel = [String(event.channel[0]), String(event.channel[1])];
+    this.georeference = event.georeference ?? null;
+    this.front = number(event.vehicle?.front) ? event.vehicle.front : 0;
+    this.stopping = number(event.vehicle?.stopping_distance) ? event.vehicle.stopping_distance : null;
+    this.handlers.began(this);
+  }
+
+  private takeScan(event: Event): void {
+    const [x, y, , heading] = event.pose ?? [];
+    if (!number(x) || !number(y)) return;
+    const scan = number(event.scan) ? event.scan : this.track.length;
+    this.scans.add(scan);
+    const one = { scan, x, y, heading: number(heading) ? heading : 0 };
+    const at = this.track.findIndex((other) => other.scan >= scan);
+    if (at < 0) this.track.push(one);
+    else if (this.track[at]!.scan === scan) this.track[at] = one;
+    else this.track.splice(at, 0, one);
+    if (number(event.latency_ms) && event.outcome === "taken") this.latency.push(event.latency_ms);
+  }
+
+  private takeView(event: Event): void {
+    const { row, rows, halves: text } = event;
+    if (!this.grid || !number(row) || !number(rows) || row < 0 || typeof text !== "string") return;
+    const values = halves(text);
+    if (values.length !== rows * this.grid.nx) {
+      this.bad++;
+      return;
+    }
+    this.grid.ny = Math.max(this.grid.ny, row + rows);
+    this.handlers.rows({ row, rows, median: number(event.median_db) ? event.median_db : 0, halves: values });
+  }
+
+  private takeAlarm(event: Event, x: number, y: number, fresh: Map<string, LiveAlarm>): void {
+    const id = String(event.alarm_id ?? `live-${this.alarms.size + 1}`);
+    if (event.state === "withdrawn") {
+      this.alarms.delete(id);
+      fresh.delete(id);
+      return;
+    }
+    const alarm = {
+      id,
+      x,
+      y,
+      confidence: number(event.confidence) ? event.confidence : 0,
+      magnitude: number(event.magnitude) ? event.magnitude : null,
+      scans: number(event.scans) ? event.scans : null,
+      final: event.state === "final",
+      inTime: typeof event.in_time === "boolean" ? event.in_time : null,
+    };
+    if (!this.alarms.has(id)) fresh.set(id, alarm);
+    this.alarms.set(id, alarm);
+    if (number(event.latency_ms) && !this.track.length) this.latency.push(event.latency_ms);
+  }
+
+  /** Alarms ahead of the vehicle that a threshold lets through, the nearest first. */
+  ahead(least: number): { alarm: LiveAlarm; left: number }[] {
+    return [...this.alarms.values()]
+      .map((alarm) => ({ alarm, left: this.distance(alarm) }))
+      .filter((one): one is { alarm: LiveAlarm; left: number } => one.left !== null && one.left > 0 && one.alarm.confidence >= least)
+      .sort((a, b) => a.left - b.left);
+  }
+
+  /** An alarm as it is said: where it lies from the vehicle. */
+  words(alarm: LiveAlarm): string {
+    const left = this.distance(alarm);
+    const aside = this.aside(alarm);
+    const place = left === null ? `at y ${fixed(alarm.y, 1)} m` : left > 0 ? `${fixed(left, 1)} metres ahead` : "passed";
+    const late = alarm.inTime === false && left !== null && left > 0 ? ", too near to stop" : "";
+    return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, confidence ${fixed(alarm.confidence, 2)}`;
+  }
+
+  least = -Infinity;
+
+  report(): void {
     const sorted = [...this.latency].sort((a, b) => a - b);
     const late = sorted.length ? `, ${fixed(sorted[Math.min(Math.floor(0.95 * sorted.length), sorted.length - 1)]!, 0)} ms at the 95th percentile` : "";
-    const here = this.track[this.track.length - 1];
-    const words = `${this.scans} scans, ${this.alarms.length} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${this.bad ? `; ${this.bad} lines not understood` : ""}${this.ended ? "; ended" : ""}`;
-    const ahead = this.alarms
-      .map((alarm) => ({ alarm, left: this.distance(alarm) }))
-      .filter((one): one is { alarm: LiveAlarm; left: number } => one.left !== null && one.left > 0)
-      .sort((a, b) => a.left - b.left)
-      .slice(0, 8);
+    const { here } = this;
+    const missing = this.bad ? `; ${this.bad} lines not understood` : "";
+    const words = `${this.scans.size} scans, ${this.alarms.size} alarms${late}${here ? `; vehicle at y ${fixed(here.y, 1)} m` : ""}${missing}${this.ended ? "; ended" : ""}`;
+    const parts: (Node | string)[] = [make("h2", {}, `Live ${this.title}`), make("p", { id: "live-words" }, words)];
+    if (this.stopping !== null) parts.push(make("p", { class: "soft" }, `Stopping distance ${fixed(this.stopping, 1)} m`));
+    const faults = Object.entries(FAULTS).flatMap(([name, what]) => (this.counts[name] ? [`${this.counts[name]} ${what}`] : []));
+    if (faults.length) parts.push(make("p", { id: "live-faults", class: "soft", title: this.problem }, `Scans: ${faults.join(", ")}`));
+    const all = this.ahead(this.least);
     const list = make("ul", { "aria-label": "Alarms ahead" });
-    for (const { alarm, left } of ahead)
-      list.append(make("li", {}, make("b", {}, `${fixed(left, 1)} m`), ` ahead: ${alarm.id}, x ${fixed(alarm.x, 2)} m, confidence ${fixed(alarm.confidence, 2)}`));
-    el("live").replaceChildren(make("h2", {}, `Live ${this.title}`), make("p", { id: "live-words" }, words), list);
+    for (const { alarm, left } of all.slice(0, LISTED)) {
+      const aside = this.aside(alarm);
+      const far = `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}`;
+      const stop = alarm.inTime === false ? [make("em", {}, " too near")] : [];
+      const place = make("span", {}, make("b", {}, `${fixed(left, 1)} m`), ` ahead: ${alarm.id}, ${far}`, ...stop);
+      list.append(make("li", { class: alarm.inTime === false ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, fixed(alarm.confidence, 2))));
+    }
+    if (all.length > LISTED) list.append(make("li", {}, `and ${all.length - LISTED} more`));
+    parts.push(list);
+    el("live").replaceChildren(...parts);
   }
 }

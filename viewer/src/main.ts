@@ -3,7 +3,7 @@ import { getJson, loadSources } from "./data";
 import { el } from "./dom";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
-import type { Source, Verdict } from "./types";
+import type { Georeference, Source, Verdict } from "./types";
 
 function input(id: string, act: (field: HTMLInputElement) => void, event = "input"): void {
   el<HTMLInputElement>(id).addEventListener(event, (e) => act(e.target as HTMLInputElement));
@@ -48,6 +48,7 @@ function wireButtons(app: App): void {
   click("zoom-fit", () => app.fit());
   click("zoom-true", () => app.trueScale());
   click("turn", () => app.turn());
+  click("follow", () => app.setFollow(!app.follow));
   click("previous", () => app.step(-1));
   click("next", () => app.step(1));
   click("close", () => app.select(null));
@@ -139,8 +140,8 @@ function wirePointer(app: App): void {
 }
 
 /** A source without pictures for a live run that has no result yet. */
-function liveSource(live: Live): Source {
-  const lane = live.lane ?? { x_min: -5, x_max: 5, y_min: 0, y_max: 100 };
+function liveSource(): Source {
+  const lane = { x_min: -5, x_max: 5, y_min: 0, y_max: 100 };
   return {
     id: 0,
     title: "live",
@@ -162,19 +163,19 @@ function liveSource(live: Live): Source {
 async function start(): Promise<void> {
   document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   fillHelp();
-  const session = await getJson<{ results: string[]; live: boolean }>("data/session.json");
+  const session = await getJson<{ results: string[]; live: boolean; georeference: Georeference | null }>("data/session.json");
   const sources = await loadSources(session.results);
   let app: App | null = null;
-  const live = session.live
-    ? new Live((first) => {
-        if (app && first && !session.results.length && live?.lane) {
-          app.view.extent = app.source.index.lane = live.lane;
-          app.fit();
-        }
-        app?.redraw();
+  const live: Live | null = session.live
+    ? new Live({
+        began: (one) => app?.begin(one),
+        rows: (rows) => live && app?.grow(live, rows),
+        changed: (fresh) => live && app?.went(live, fresh),
       })
     : null;
-  if (!sources.length && live) sources.push(liveSource(live));
+  if (!sources.length && live) sources.push(liveSource());
+  for (const { index } of sources) index.georeference = session.georeference ?? index.georeference;
+  el("follow").hidden = !live;
   app = new App(sources);
   app.live = live;
   const title = sources.map((one) => one.title).join(" / ");

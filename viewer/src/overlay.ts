@@ -49,7 +49,7 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
     pen.path(corners, true, { stroke: SHADOW, width: 2.5, alpha: 0.5 });
     pen.path(corners, true, { stroke: "#ffffff", width: 1.2, dash: [7, 4] });
   }
-  if (show.scans || !detections.length) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
+  if (show.scans || (!detections.length && !overlay.live)) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
   const crowded = (detection?.alarms.x.length ?? 0) > 400 && view.along / view.scale > 250;
   const size = crowded ? 4 : 6;
   if (show.truth) drawTruth(pen, view, overlay, crowded ? 4 : 5);
@@ -73,7 +73,7 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
     const atEnd = px > view.box.left + view.box.width - 90;
     pen.text(px + (atEnd ? -r - 4 : r + 4), py - r + 6, name, { anchor: atEnd ? "end" : "start", fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
   }
-  if (overlay.live) drawLive(pen, view, overlay.live);
+  if (overlay.live) drawLive(pen, view, overlay, overlay.live);
 }
 
 function drawScan(pen: Pen, view: View, x: number, y: number, heading: number, masked: boolean): void {
@@ -108,22 +108,44 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
   });
 }
 
-function drawLive(pen: Pen, view: View, live: Live): void {
+const STOP = "#ff7a59";
+const LABELLED = 8;
+
+function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
   const points = live.track.map(({ x, y }) => view.toScreen(x, y));
   if (points.length > 1) pen.path(points, false, { stroke: "#ffe45c", width: 1.5, alpha: 0.8 });
-  for (const alarm of live.alarms) {
-    const [px, py] = view.toScreen(alarm.x, alarm.y);
-    if (!inBox(view, px, py)) continue;
-    drawAlarm(pen, px, py, "plain");
-    const left = live.distance(alarm);
-    if (left !== null && left > 0) pen.text(px + 10, py - 7, `${fixed(left, 1)} m`, { fill: "#ffffff", halo: SHADOW, size: 11 });
+  const { here } = live;
+  if (here && live.stopping !== null) {
+    const ahead = live.front + live.stopping;
+    const [sine, cosine] = [Math.sin(here.heading), Math.cos(here.heading)];
+    const half = (view.extent.x_max - view.extent.x_min) / 2;
+    const ends = [-half, half].map((across) => view.toScreen(here.x + ahead * sine + across * cosine, here.y + ahead * cosine - across * sine));
+    pen.path(ends, false, { stroke: SHADOW, width: 4, alpha: 0.6 });
+    pen.path(ends, false, { stroke: STOP, width: 2, dash: [9, 5] });
   }
-  const here = live.track[live.track.length - 1];
+  const own = overlay.detection?.name === "live";
+  const labelled = new Set(live.ahead(live.least).slice(0, LABELLED).map(({ alarm }) => alarm.id));
+  for (const alarm of live.alarms.values()) {
+    const [px, py] = view.toScreen(alarm.x, alarm.y);
+    if (!overlay.show.alarms || alarm.confidence < live.least || !inBox(view, px, py)) continue;
+    const left = live.distance(alarm);
+    const ahead = left !== null && left > 0;
+    if (!own) drawAlarm(pen, px, py, "plain");
+    if (ahead && alarm.inTime === false) drawLate(pen, px, py);
+    if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: alarm.inTime === false ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: alarm.inTime === false });
+  }
   if (here) {
     const [px, py] = view.toScreen(here.x, here.y);
     pen.ellipse(px, py, 11, 11, { fill: "#ffe45c", stroke: SHADOW, width: 2 });
     drawScan(pen, view, here.x, here.y, here.heading, false);
   }
+}
+
+/** An alarm that the vehicle cannot stop before: an octagon about its ring. */
+function drawLate(pen: Pen, x: number, y: number): void {
+  const corners = Array.from({ length: 8 }, (_, i): [number, number] => [x + 11 * Math.cos(((i + 0.5) * Math.PI) / 4), y + 11 * Math.sin(((i + 0.5) * Math.PI) / 4)]);
+  pen.path(corners, true, { stroke: SHADOW, width: 4.5 });
+  pen.path(corners, true, { stroke: STOP, width: 2.2 });
 }
 
 /** What lies under the pointer, alarms first. */
@@ -145,6 +167,8 @@ export function hitTest(view: View, overlay: Overlay, px: number, py: number): H
     const row = near(alarms.x, alarms.y, overlay.visible);
     if (row >= 0) {
       const label = labelOf(source, detection, row);
+      const ahead = overlay.live?.alarms.get(alarms.alarm_id?.[row] ?? "");
+      if (ahead && detection.name === "live") return { kind: "alarm", row, words: overlay.live!.words(ahead).replaceAll(", ", "\n") };
       const words = `${alarms.alarm_id?.[row] ?? ""}\n${LABELS[label] ?? label}\nconfidence ${digits(alarms.confidence[row], 4)} (rank ${row + 1})`;
       return { kind: "alarm", row, words };
     }
@@ -179,6 +203,7 @@ export function showLegend(list: HTMLElement, overlay: Overlay): void {
   const labels = new Set(detection?.alarms.x.map((_, row) => labelOf(source, detection, row)) ?? []);
   const short: Record<string, string> = { detection: "hit", false: "false alarm", ignored: "in halo", outside: "outside", plain: "alarm" };
   for (const label of ["plain", "detection", "false", "ignored", "outside"]) if (labels.has(label)) add(short[label]!, (pen) => drawAlarm(pen, 10, 10, label, 5.5));
+  if (overlay.live && overlay.live.stopping !== null) add("too near to stop", (pen) => drawLate(pen, 10, 10));
   if (second) add("alarm of B", (pen) => drawAlarm(pen, 10, 10, "plain", 5, true));
   if (overlay.show.truth) for (const kind of source.score?.kinds ?? []) add(kind, (pen) => drawTarget(pen, 10, 10, kind, 0.4, false));
   if (overlay.show.truth && source.score?.truth.x.length) add("missed", (pen) => drawTarget(pen, 10, 10, "", 0.4, true));

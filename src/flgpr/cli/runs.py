@@ -240,7 +240,8 @@ def view(
     allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let other machines see it.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only.")] = False,
     live: Annotated[Path | None, typer.Option(help="JSON lines of a live detection to follow.")] = None,
+    anchor: Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")] = None,
 ) -> None:
     """Show results in the browser, read-only and on this machine."""
     with plain_errors():
-        serve(paths or [], host, port, not no_browser, allow_remote, live, announce=typer.echo)
+        serve(paths or [], host, port, not no_browser, allow_remote, live, anchor=anchor, announce=typer.echo)

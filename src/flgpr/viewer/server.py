@@ -21,6 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from flgpr.io import read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.session import LIVE_FILE, LiveFile, Source, ViewError, open_source
 
@@ -52,6 +53,8 @@ class Viewer:
         File of live events (``*.jsonl``) to follow, or the folder that holds ``live.jsonl``.
     score : path, optional
         Folder the first result's score was written to, if not its own.
+    anchor : path, optional
+        TOML that ties the lane to the Earth, for results and runs that do not know where they lie.
 
     Raises
     ------
@@ -72,7 +75,9 @@ class Viewer:
         allow_remote: bool = False,
         live: str | Path | None = None,
         score: str | Path | None = None,
+        anchor: str | Path | None = None,
     ) -> None:
+        self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
             raise ValueError("paths must name a result or a run to view, got none")
         if not is_loopback(host):
@@ -134,7 +139,8 @@ class Viewer:
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
         titles = [source.title for source in self._sources]
-        return _answer(json.dumps({"results": titles, "live": self._live is not None}).encode(), _JSON)
+        told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        return _answer(json.dumps(told).encode(), _JSON)
 
     def _index(self, request: Request) -> Response:
         return _answer(self._source(request).index_bytes(), _JSON)
@@ -171,6 +177,7 @@ def serve(
     allow_remote: bool = False,
     live: str | Path | None = None,
     score: str | Path | None = None,
+    anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
 ) -> None:
     """Show results in the browser until interrupted.
@@ -179,7 +186,7 @@ def serve(
     ----------
     paths : path or sequence of path
         Result folders or runs; with two, they can be compared.
-    host, port, allow_remote, live, score
+    host, port, allow_remote, live, score, anchor
         As for :class:`Viewer`.
     open_browser : bool
         Whether to open the page.
@@ -192,7 +199,7 @@ def serve(
         As :class:`Viewer`.
     """
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()

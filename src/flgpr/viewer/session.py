@@ -13,7 +13,7 @@ from flgpr.io import canonical_json, open_run, read_limited, sha256, unseal
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
-_LIVE_BYTES = 2**20
+_LIVE_BYTES = 2**22
 
 
 class ViewError(ValueError):
@@ -251,7 +251,8 @@ class LiveFile:
         -------
         dict
             ``events``; ``next``, the offset to ask for then; ``bad``, lines that were no JSON object. A line without
-            its end is left for the next time; a file that was begun anew is read from its start (``restarted``).
+            its end is left for the next time; a file that was begun anew is read from its start (``restarted``);
+            ``more`` tells that there is more already.
         """
         try:
             with self._path.open("rb") as file:
@@ -261,7 +262,7 @@ class LiveFile:
                 file.seek(start)
                 data = file.read(_LIVE_BYTES)
         except OSError:
-            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0}
+            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0, "more": False}
         whole = data[: data.rfind(b"\n") + 1]
         if not whole and len(data) == _LIVE_BYTES:
             whole = data
@@ -275,7 +276,8 @@ class LiveFile:
                 events.append(event)
             else:
                 bad += bool(line.strip())
-        return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted}
+        more = len(data) == _LIVE_BYTES
+        return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
 
 
 Source = ResultFiles | RunFiles

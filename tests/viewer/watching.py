@@ -1,0 +1,69 @@
+"""A page in Debian's headless Chromium whose requests and errors are kept."""
+
+import io
+import shutil
+
+import matplotlib
+import numpy as np
+from PIL import Image
+
+CHROMIUM = shutil.which("chromium") or ""
+FLAGS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update",
+]  # fmt: skip
+
+
+def viridis(share):
+    return 255 * np.array(matplotlib.colormaps["viridis"](share)[:3])
+
+
+class Watched:
+    """A page whose requests and errors are kept."""
+
+    def __init__(self, browser, viewer, **options):
+        options = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"} | options
+        self.context = browser.new_context(accept_downloads=True, **options)
+        self.page = self.context.new_page()
+        self.requests, self.errors, self.closed = [], [], False
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda line: line.type in ("error", "warning") and self.errors.append(line.text))
+        self.origin = f"http://127.0.0.1:{viewer.port}/"
+        self.page.goto(viewer.url)
+        self.until("performance.getEntriesByName('flgpr:first-picture').length > 0")
+
+    def close(self):
+        """Close the page, before its server ends where it asks all the time, and look at what it did."""
+        if self.closed:
+            return
+        self.closed = True
+        self.context.close()
+        assert self.errors == []
+        own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
+        assert own
+        assert all(url.startswith(self.origin) for url in own)
+
+    def saved(self, button):
+        self.page.click("#export-menu summary")
+        with self.page.expect_download() as info:
+            self.page.click(button)
+        self.page.click("#export-menu summary")
+        return info.value.suggested_filename, info.value.path().read_bytes()
+
+    def pixels(self):
+        """The lane's picture as an array, once what was asked for is drawn."""
+        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        seen = Image.open(io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box())))
+        return np.asarray(seen.convert("RGB")).astype(int)
+
+    def until(self, code):
+        """Wait for a condition; by asking again, since the page allows no script from strings."""
+        for _ in range(400):
+            if self.page.evaluate(code):
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError(code)
+
+    def text(self, selector):
+        return self.page.inner_text(selector)
