@@ -10,6 +10,7 @@ import typer
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline import exchange, tasks
 from flgpr.pipeline.fullwave import import_gprmax_results
+from flgpr.pipeline.memory import parse_size
 
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 
@@ -62,12 +63,22 @@ def import_mapped(
         tuple[float, float, float], typer.Option(help="Positioning antenna in the vehicle frame, m: x y z.")
     ] = (0.0, 0.0, 0.0),
     latency: Annotated[float, typer.Option(help="How late the track's time stamps are, s.")] = 0.0,
+    max_memory: Annotated[str, typer.Option(help="Largest array that is read.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
     """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
         exchange.import_with_mapping(
-            mapping, output, list(data) if data else None, survey, track, anchor, clock_offset, lever_arm, latency
+            mapping,
+            output,
+            list(data) if data else None,
+            survey,
+            track,
+            anchor,
+            clock_offset,
+            lever_arm,
+            latency,
+            parse_size(max_memory),
         )
     if not quiet:
         typer.echo(f"wrote {output}")

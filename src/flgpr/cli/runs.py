@@ -13,6 +13,7 @@ from flgpr.cli.show import info_lines, print_scores, score_summary
 from flgpr.pipeline import scoring_tasks, tasks
 from flgpr.pipeline.classifier import CLASSIFIER_B
 from flgpr.pipeline.exchange import explain_file
+from flgpr.pipeline.memory import parse_size
 from flgpr.pipeline.result import Result
 from flgpr.pipeline.scoring_tasks import score_alarms
 from flgpr.viewer import serve
@@ -54,6 +55,9 @@ def detect(
     lanes_at_once: Annotated[
         int | None, typer.Option(help="Lanes of a survey worked on at the same time; needs workers.", min=1)
     ] = None,
+    max_memory: Annotated[
+        str, typer.Option(help="Memory of each process; what would take more is refused beforehand.")
+    ] = "2GB",
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -62,15 +66,13 @@ def detect(
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
     """
     with plain_errors(), progress(quiet or as_json) as track:
-        if len(runs) == 1:
-            if lane is not None and len(lane) > 1:
-                raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
-            area = lane[0] if lane else None
-            results = [tasks.detect_run(runs[0], recipe, output, area, track, model=model, workers=workers)]
+        options: dict[str, Any] = {"model": model, "workers": workers, "max_memory": parse_size(max_memory)}
+        if len(runs) > 1:
+            results = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
+        elif lane is not None and len(lane) > 1:
+            raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
-            results = tasks.detect_runs(
-                runs, recipe, output, lane, track, model=model, workers=workers, lanes_at_once=lanes_at_once
-            )
+            results = [tasks.detect_run(runs[0], recipe, output, lane[0] if lane else None, track, **options)]
     summaries = [_detected(result, quiet or as_json) for result in results]
     if as_json:
         typer.echo(json.dumps(summaries[0] if len(runs) == 1 else summaries))

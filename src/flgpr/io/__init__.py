@@ -3,6 +3,7 @@
 from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
 from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.explain import Explanation, explain_file, propose_mapping
 from flgpr.io.extras import MissingExtraError
 from flgpr.io.files import canonical_json, sha256, write_whole
@@ -39,6 +40,7 @@ from flgpr.io.tables import read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 
 __all__ = [
+    "MAX_MEMORY",
     "Anchor",
     "ArrayFile",
     "ArrayInfo",

@@ -15,12 +15,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import MissingExtraError, optional
 from flgpr.io.matfile import read_mat
 from flgpr.io.textarrays import read_text_table
 
-LIMIT = 8 * 2**30
+LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""
+_MOST_EXPANSION, _SMALL = 200, 64 * 2**20
+"""Arrays above the second number of bytes may take this many times their room in the file, not more."""
 _PATIENCE = 120.0  # s
 
 
@@ -91,8 +94,8 @@ class ArrayFile:
         size = int(np.prod([float(n) for n in info.shape])) * _width(info.dtype)
         if size > self.limit:
             raise ValueError(
-                f"{self.path}: {name} must hold at most {self.limit / 2**30:g} GiB, got shape {info.shape} of "
-                f"{info.dtype}, {size / 2**30:.3g} GiB"
+                f"{self.path}: {name} must hold at most {self.limit / 1e9:g} GB, got shape {info.shape} of "
+                f"{info.dtype}, {size / 1e9:.3g} GB"
             )
         with _Plainly(self.path, self.kind):
             values = _as_complex(np.asarray(self._read(name)))
@@ -128,13 +131,11 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     if not path.is_file():
         raise FileNotFoundError(f"file not found: {path}")
     if path.stat().st_size > limit:
-        raise ValueError(
-            f"{path}: a file must hold at most {limit / 2**30:g} GiB, got {path.stat().st_size / 2**30:.3g} GiB"
-        )
+        raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
     opener = _opener(path)
     kind = _KINDS[opener]
     with _Plainly(path, kind):
-        infos, read = opener(path)
+        infos, read = opener(path) if opener is not _open_mat else _open_mat(path, limit)
     if not infos:
         raise ValueError(f"{path}: this {kind} holds no array")
     return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit)
@@ -220,19 +221,20 @@ def _open_hdf5(path: Path) -> _Opened:
         # MATLAB stores its column-major arrays with the order of the dimensions turned round.
         with h5py.File(path, "r") as file:
             item = file[name]
+            _check_expansion(name, item.nbytes, item.id.get_storage_size())
             values = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
             return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
     return infos, read
 
 
-def _open_mat(path: Path) -> _Opened:
-    arrays = read_mat(path, LIMIT)
+def _open_mat(path: Path, limit: int = LIMIT) -> _Opened:
+    arrays = read_mat(path, limit)
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
 
 def _open_npz(path: Path) -> _Opened:
-    infos = []
+    infos, sizes = [], {}
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
             if not member.filename.endswith(".npy"):
@@ -245,13 +247,21 @@ def _open_npz(path: Path) -> _Opened:
                 raise ValueError(
                     f"{member.filename} holds {member.file_size} bytes, its header tells of {shape} {dtype}"
                 )
+            sizes[member.filename.removesuffix(".npy")] = member.file_size, member.compress_size
             infos.append(ArrayInfo(member.filename.removesuffix(".npy"), shape, str(dtype)))
 
     def read(name: str) -> Any:
+        _check_expansion(name, *sizes[name])
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return archive[name]
 
     return infos, read
+
+
+def _check_expansion(name: str, size: int, room: int) -> None:
+    """Refuse what decodes into far more than the file holds: no measurement does."""
+    if size > _SMALL and size > _MOST_EXPANSION * room:
+        raise ValueError(f"{name} takes {room} bytes of the file and would expand to {size}: no data do")
 
 
 def _open_npy(path: Path) -> _Opened:

@@ -8,7 +8,6 @@ text with ``mines`` (kind, x, y, depth of the top), ``rocks`` (x, y, radius) and
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.io.arrays import open_arrays
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table, make_run
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
@@ -42,13 +43,15 @@ class FullwaveLane:
     objects: pd.DataFrame | None
 
 
-def import_fullwave(path: str | Path) -> FullwaveLane:
+def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
     """Read a full-wave lane.
 
     Parameters
     ----------
     path : str or Path
         The .npz archive.
+    max_memory : int
+        Largest array that is read, bytes.
 
     Returns
     -------
@@ -66,7 +69,7 @@ def import_fullwave(path: str | Path) -> FullwaveLane:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"full-wave archive not found: {path}")
-    arrays = _load(path)
+    arrays = _load(path, max_memory)
     data, tx, rx = arrays["data"], arrays["tx_xyz_m"], arrays["rx_xyz_m"]
     if data.ndim != 5 or tx.shape != (*data.shape[:2], 3) or rx.shape != (data.shape[0], data.shape[2], 3):
         raise ValueError(
@@ -99,15 +102,12 @@ def import_fullwave(path: str | Path) -> FullwaveLane:
     return FullwaveLane(run, *(_tables(told) if told is not None else (None, None)))
 
 
-def _load(path: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            missing = [name for name in _ARRAYS if name not in archive]
-            if missing:
-                raise ValueError(f"the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}")
-            return {name: archive[name] for name in (*_ARRAYS, "truth") if name in archive}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: {error}") from None
+def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
+    opened = open_arrays(path, max_memory)
+    missing = [name for name in _ARRAYS if name not in opened.arrays]
+    if missing:
+        raise ValueError(f"{path}: the archive must hold {', '.join(_ARRAYS)}; missing: {', '.join(missing)}")
+    return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
 
 
 def _tables(told: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
 from zarr.codecs import Crc32cCodec
 
+from flgpr.io.declared import MAX_MEMORY, check_declared
 from flgpr.io.files import canonical_json, sha256, sync_directory, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
+from flgpr.io.sealed import inside, read_limited
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 
 FORMAT, VERSION = "flgpr-run", 1
@@ -81,9 +83,11 @@ class VerifiedStore(Store):  # type: ignore[misc]
         if entry is None:
             return None
         try:
-            data = (self.root / key).read_bytes()
+            data = read_limited(inside(self.root, key), entry["bytes"])
         except OSError as error:
             raise RunStoreError(f"{self.root}: {key} was committed but cannot be read ({error.strerror})") from None
+        except ValueError as error:
+            raise RunStoreError(str(error)) from None
         if len(data) != entry["bytes"] or sha256(data) != entry["sha256"]:
             raise RunStoreError(
                 f"{self.root}: {key} differs from what was committed "
@@ -390,13 +394,17 @@ def _digests(run: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def open_run(path: str | Path) -> xr.Dataset:
+def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """Open a run; the signal is read scan by scan when it is asked for, and verified each time.
+
+    Shapes, chunks, types and sizes are checked before anything is decoded, so that a store from anywhere may be opened.
 
     Parameters
     ----------
     path : str or Path
         Folder of the store.
+    max_memory : int
+        Memory that the run's small arrays and a few of its scans may take, bytes.
 
     Returns
     -------
@@ -408,8 +416,9 @@ def open_run(path: str | Path) -> xr.Dataset:
     FileNotFoundError
         If there is nothing at the path.
     RunStoreError
-        If the store was not committed, or a file of it is missing, truncated or altered. A scan whose file changes
-        later raises when that scan is read.
+        If the store was not committed, a file of it is missing, truncated or altered, leads out of the store, or what
+        it declares breaks a rule or takes too much memory. A scan whose file changes later raises when that scan is
+        read.
     """
     root = Path(path)
     manifest = read_manifest(root)
@@ -417,16 +426,23 @@ def open_run(path: str | Path) -> xr.Dataset:
     for key, entry in manifest["files"].items():
         _check_size(root, key, entry)
     try:
+        check_declared(manifest["files"], store.read, max_memory)
+    except RunStoreError:
+        raise
+    except ValueError as error:
+        raise RunStoreError(f"{root}: {error}") from None
+    try:
         attrs = json.loads(store.read("zarr.json") or b"{}")["attributes"]
         raw = xr.open_zarr(store, chunks=None, consolidated=False, decode_cf=False, zarr_format=3)
         small = raw.drop_vars("signal").load()
+        labels, free = [str(label) for label in attrs["polarization"]], dict(attrs["attrs"])
     except RunStoreError:
         raise
-    except (KeyError, ValueError, TypeError, zarr.errors.BaseZarrError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError, zarr.errors.BaseZarrError) as error:
         raise RunStoreError(f"{root}: not a run store ({error})") from error
     coords = {
         "frequency": ("frequency", small["frequency"].values),
-        "polarization": ("polarization", list(attrs["polarization"])),
+        "polarization": ("polarization", labels),
         "time": ("scan", small["time"].values),
         "axis": ("axis", list(AXES)),
         "component": ("component", list(POSE_COMPONENTS)),
@@ -437,10 +453,13 @@ def open_run(path: str | Path) -> xr.Dataset:
         if isinstance(variable, xr.Variable):
             variable.attrs = {}
             variable.encoding = {}
-    run = xr.Dataset(variables, coords, attrs["attrs"])
+    try:
+        run = check_run(xr.Dataset(variables, coords, free))
+    except ValueError as error:
+        raise RunStoreError(f"{root}: {error}") from error
     if manifest["scans"] != run.sizes["scan"]:
         raise RunStoreError(f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}")
-    return check_run(run)
+    return run
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:
@@ -472,27 +491,38 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
             )
         raise FileNotFoundError(f"path must be a run store, got {root}, which is no folder")
     try:
-        written = (root / _COMMIT).read_bytes()
+        written = read_limited(root / _COMMIT)
         manifest = json.loads(written)
         own = manifest.pop("sha256")
+        same = sha256(canonical_json(manifest)) == own and _manifest_bytes({**manifest, "sha256": own}) == written
     except FileNotFoundError:
         raise RunStoreError(f"{root}: no {_COMMIT}: this is no run store, or writing it was interrupted") from None
-    except (ValueError, KeyError, AttributeError, OSError) as error:
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError, OSError) as error:
         raise RunStoreError(f"{root}: {_COMMIT} cannot be read ({error}): the store is truncated or altered") from None
-    if sha256(canonical_json(manifest)) != own or _manifest_bytes({**manifest, "sha256": own}) != written:
+    if not same:
         raise RunStoreError(f"{root}: {_COMMIT} differs from what was committed: the store is altered")
-    if manifest["format"] != FORMAT or manifest["version"] != VERSION:
+    if manifest.get("format") != FORMAT or manifest.get("version") != VERSION:
         raise RunStoreError(
-            f"{root}: format must be {FORMAT} version {VERSION}, got {manifest['format']} {manifest['version']}"
+            f"{root}: format must be {FORMAT} version {VERSION}, got {manifest.get('format')} {manifest.get('version')}"
         )
+    files = manifest.get("files")
+    if type(manifest.get("scans")) is not int or not isinstance(files, dict) or not all(map(_is_entry, files.values())):
+        raise RunStoreError(f"{root}: {_COMMIT} must tell the number of scans and digest and size of every file")
     return {**manifest, "sha256": own}
+
+
+def _is_entry(entry: Any) -> bool:
+    known = isinstance(entry, dict) and isinstance(entry.get("sha256"), str)
+    return known and type(entry.get("bytes")) is int and entry["bytes"] >= 0
 
 
 def _check_size(root: Path, key: str, entry: dict[str, Any]) -> None:
     try:
-        size = (root / key).stat().st_size
+        size = inside(root, key).stat().st_size
     except OSError:
         raise RunStoreError(f"{root}: {key} was committed but is missing") from None
+    except ValueError as error:
+        raise RunStoreError(str(error)) from None
     if size != entry["bytes"]:
         raise RunStoreError(f"{root}: {key} has {size} bytes, {entry['bytes']} were committed: the store is truncated")
 

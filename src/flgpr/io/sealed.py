@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -89,7 +90,8 @@ def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
         If it cannot be read.
     """
     with path.open("rb") as file:
-        data = file.read(most + 1)
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(min(size, most) + 1)  # a buffer of this size is made at once
     if len(data) > most:
         raise ValueError(f"{path}: it must hold at most {most / 2**20:g} MiB, got more")
     return data

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from flgpr.io import open_run, read_table, save_run, sha256, write_table, write_whole
+from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table, write_whole
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.explain import Explanation
@@ -93,6 +93,7 @@ def import_with_mapping(
     clock_offset: float = 0.0,
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     latency: float = 0.0,
+    max_memory: int = MAX_MEMORY,
 ) -> Imported:
     """Import data files by a mapping and store the run. A stopped import goes on with the scan it was at.
 
@@ -116,6 +117,8 @@ def import_with_mapping(
         Positioning antenna in the vehicle frame, m.
     latency : float
         How late the track's time stamps are, s.
+    max_memory : int
+        Largest array that is read, bytes.
 
     Returns
     -------
@@ -133,7 +136,12 @@ def import_with_mapping(
     if track is not None:
         moved = reference_track(_track(Path(track), anchor), lever_arm, latency)
     arrived = import_mapped(
-        mapping, [Path(one) for one in data] if data else None, pose=pose, track=moved, clock_offset=clock_offset
+        mapping,
+        [Path(one) for one in data] if data else None,
+        limit=max_memory,
+        pose=pose,
+        track=moved,
+        clock_offset=clock_offset,
     )
     store, run = Path(output), _tied(arrived.run, anchor)
     if arrived.track is not None:  # before the run, whose presence says that all is there

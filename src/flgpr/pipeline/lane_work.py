@@ -17,7 +17,7 @@ from typing import Any
 import llvmlite.binding  # type: ignore[import-untyped]
 
 import flgpr
-from flgpr.io import open_run, read_limited, read_manifest, sha256
+from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, sha256
 from flgpr.model import Lane
 from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import ArrayFile, Checkpoint
@@ -57,6 +57,8 @@ class LaneJob:
         Versions of the program and of the libraries.
     cpu : str
         Processor of the machine that drives.
+    max_memory : int
+        Memory that reading the run may take, bytes.
     """
 
     run: str
@@ -69,6 +71,7 @@ class LaneJob:
     model_sha256: str
     code: tuple[tuple[str, str], ...]
     cpu: str
+    max_memory: int = MAX_MEMORY
 
     @property
     def work(self) -> Path:
@@ -90,7 +93,13 @@ class LaneJob:
 
 
 def make_job(
-    run: str | Path, recipe: str, lane: Lane, output: str | Path, report: bool = True, model: str | Path | None = None
+    run: str | Path,
+    recipe: str,
+    lane: Lane,
+    output: str | Path,
+    report: bool = True,
+    model: str | Path | None = None,
+    max_memory: int = MAX_MEMORY,
 ) -> LaneJob:
     """Describe a detection.
 
@@ -108,6 +117,8 @@ def make_job(
         Whether to draw the report.
     model : str or Path, optional
         Folder of a trained classifier.
+    max_memory : int
+        Memory that a process may take, bytes.
 
     Returns
     -------
@@ -130,6 +141,7 @@ def make_job(
         "" if model is None else model_digest(model),
         code_versions(),
         processor(),
+        max_memory,
     )
 
 
@@ -278,7 +290,7 @@ def _open(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
 
 @lru_cache(maxsize=2)
 def _opened(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
-    run = open_run(job.run)
+    run = open_run(job.run, job.max_memory)
     if read_manifest(job.run)["sha256"] != job.store_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the run of the driver, got another at {job.run}")
     classifier = load_classifier(job.model) if job.model is not None else None

@@ -9,13 +9,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from flgpr.io import open_run, read_lane, write_whole
+from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.model import Lane
 from flgpr.pipeline.blocks import STAGES
 from flgpr.pipeline.checkpoint import begin, finish
 from flgpr.pipeline.detect import lane_of
 from flgpr.pipeline.executors import Executor, Here, Processes, Report
 from flgpr.pipeline.lane_work import LaneJob, do_finish, do_fold, do_part, make_job
+from flgpr.pipeline.memory import check_memory
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, parse_recipe
 from flgpr.pipeline.result import MODEL, ResultError, check_free, read_result
@@ -63,8 +64,10 @@ def detect_lane(job: LaneJob, executor: Executor, track: Track = silent, note: N
         If the run does not fit the recipe, something else lies at the output, or another process works on it.
     """
     folder = check_free(job.output)
+    run, recipe = open_run(job.run, job.max_memory), parse_recipe(job.recipe)
+    check_memory(dict(run.sizes), recipe, Lane(*job.lane), job.max_memory)  # type: ignore[arg-type]
+    blocks = len(blocks_of(len(whole_imager(run, recipe))))
     folder.parent.mkdir(parents=True, exist_ok=True)
-    blocks = len(blocks_of(len(whole_imager(open_run(job.run), parse_recipe(job.recipe)))))
     with begin(job.work, job.identity()) as work:
         for stage, label in STAGES.items():
             if stage not in work:
@@ -115,6 +118,7 @@ def detect_survey(
     report: bool = True,
     executor: Executor | None = None,
     at_once: int | None = None,
+    max_memory: int = MAX_MEMORY,
     track: Track = silent,
     note: Note = unnoted,
 ) -> list[Path]:
@@ -141,6 +145,8 @@ def detect_survey(
     at_once : int, optional
         How many lanes are worked on at the same time; default 2 where others do the work, so that none of them waits
         for the last block of a stage, else 1.
+    max_memory : int
+        Memory that each process may take, bytes.
     track : Track
         Shows progress.
     note : callable
@@ -166,7 +172,8 @@ def detect_survey(
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane = None if lanes is None else read_lane(lanes[number])
-        jobs.append(make_job(run, recipe_text, area_of(run, recipe, lane), home / name, report, model))
+        area = area_of(run, recipe, lane, max_memory)
+        jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory))
         check_free(home / name)
     home.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
@@ -210,7 +217,7 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
     return names
 
 
-def area_of(run: PathLike, recipe: Recipe, lane: Lane | None) -> Lane:
+def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = MAX_MEMORY) -> Lane:
     """Choose the lane: the one given, the recipe's, or the ground that the scans cover.
 
     Parameters
@@ -221,13 +228,15 @@ def area_of(run: PathLike, recipe: Recipe, lane: Lane | None) -> Lane:
         The recipe.
     lane : Lane, optional
         Lane in place of the recipe's.
+    max_memory : int
+        Memory that reading the run may take, bytes.
 
     Returns
     -------
     Lane
         The lane.
     """
-    return lane if lane is not None else lane_of(open_run(run), recipe)
+    return lane if lane is not None else lane_of(open_run(run, max_memory), recipe)
 
 
 def is_done(job: LaneJob) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.imaging import ScanImager
 from flgpr.io import (
+    MAX_MEMORY,
     import_fullwave,
     open_run,
     read_lane,
@@ -63,6 +64,7 @@ def detect_run(
     workers: int | None = None,
     scheduler: str | None = None,
     note: Note = unnoted,
+    max_memory: int = MAX_MEMORY,
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
 
@@ -91,6 +93,8 @@ def detect_run(
         Address of a Dask scheduler in place of workers.
     note : callable
         Takes a report of every piece of work that was done.
+    max_memory : int
+        Memory that each process may take, bytes; what would take more is refused before anything is decoded.
 
     Returns
     -------
@@ -105,13 +109,14 @@ def detect_run(
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
     if parsed.features is not None:
-        area = area_of(run, parsed, read_lane(lane) if lane is not None else None)
+        area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
+        job = make_job(run, text, area, output, report, model, max_memory)
         with executor_for(workers, scheduler) as executor:
-            return read_result(detect_lane(make_job(run, text, area, output, report, model), executor, track, note))
+            return read_result(detect_lane(job, executor, track, note))
     if workers is not None or scheduler is not None:
         raise ValueError(f"workers and scheduler need a recipe with the table features, got {recipe}")
     check_free(output)
-    dataset = open_run(run)
+    dataset = open_run(run, max_memory)
     area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
     classifier = load_classifier(model) if model is not None else None
     detections = detect(dataset, parsed, area, track, classifier)
@@ -135,6 +140,7 @@ def detect_runs(
     scheduler: str | None = None,
     lanes_at_once: int | None = None,
     note: Note = unnoted,
+    max_memory: int = MAX_MEMORY,
 ) -> list[Result]:
     """Detect on many stored runs; goes on where it was stopped.
 
@@ -148,7 +154,7 @@ def detect_runs(
         Folder that takes a result folder per run, named like it, and ``survey.json``.
     lanes : sequence of path, optional
         TOML of each lane, in the same order, in place of the recipe's.
-    track, report, model, workers, scheduler, note
+    track, report, model, workers, scheduler, note, max_memory
         As for :func:`detect_run`.
     lanes_at_once : int, optional
         How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
@@ -174,10 +180,8 @@ def detect_runs(
             found.append(detect_run(run, recipe, Path(output) / name, area, track, report, model, workers, scheduler))
         return found
     who = executor_for(workers, scheduler)
-    return [
-        read_result(folder)
-        for folder in detect_survey(runs, text, output, lanes, model, report, who, lanes_at_once, track, note)
-    ]
+    folders = detect_survey(runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note)
+    return [read_result(folder) for folder in folders]
 
 
 def score_result(

@@ -1,0 +1,131 @@
+"""What a run store declares, checked before anything of it is decoded: names, shapes, types, chunks and sizes.
+
+A store may come from anywhere. Its chunks hold plain numbers and a checksum, nothing compressed, so that no file can
+expand; every chunk that the declared shapes ask for must have been committed with exactly the size they ask for.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any
+
+MAX_MEMORY = 2 * 10**9
+"""Memory that reading may take unless told otherwise, bytes."""
+_TYPES = {"complex64": 8, "float64": 8, "bool": 1}
+_DIMS = {
+    "signal": ("scan", "polarization", "pair", "frequency"),
+    "valid": ("scan", "polarization", "pair"),
+    "pose": ("scan", "component"),
+    "tx_position": ("pair", "axis"),
+    "rx_position": ("pair", "axis"),
+    "frequency": ("frequency",),
+    "time": ("scan",),
+}
+_KINDS = {name: "float64" for name in _DIMS} | {"signal": "complex64", "valid": "bool"}
+_CRC, _SCANS_HELD = 4, 4
+_LARGEST_DESCRIPTION = 16 * 2**20
+
+
+def check_declared(
+    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], max_memory: int = MAX_MEMORY
+) -> dict[str, tuple[int, ...]]:
+    """Check what a store declares against what was committed and against the memory there is.
+
+    Parameters
+    ----------
+    files : mapping
+        Key -> {"sha256", "bytes"} of the commit manifest.
+    read : callable
+        Gives the verified content of a key, None if it was not committed.
+    max_memory : int
+        Memory that the run's small arrays and a few scans may take, bytes.
+
+    Returns
+    -------
+    dict of str to tuple of int
+        Shape of every array.
+
+    Raises
+    ------
+    ValueError
+        If a declaration breaks a rule; the message names the array, the rule and the value.
+    """
+    _description(files, read, "zarr.json")
+    shapes: dict[str, tuple[int, ...]] = {}
+    sizes = {"axis": 3, "component": 6}
+    held = 0.0
+    for name, dims in _DIMS.items():
+        told = _description(files, read, f"{name}/zarr.json")
+        shape, chunks = _layout(name, told, len(dims))
+        for dim, length in zip(dims, shape, strict=True):
+            if sizes.setdefault(dim, length) != length:
+                raise ValueError(f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}")
+        width = _TYPES[_KINDS[name]]
+        held += _SCANS_HELD * width * math.prod(chunks) if name == "signal" else width * math.prod(shape)
+        if held > max_memory:
+            raise ValueError(
+                f"{name}: the run must fit into max_memory = {max_memory / 1e9:.3g} GB, its arrays up to here take "
+                f"{held / 1e9:.3g} GB (shape {shape}, chunks {chunks})"
+            )
+        _check_chunks(name, shape, chunks, width, files)
+        shapes[name] = shape
+    return shapes
+
+
+def _description(
+    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], key: str
+) -> dict[str, Any]:
+    if key not in files:
+        raise ValueError(f"{key} is not among the committed files")
+    if files[key]["bytes"] > _LARGEST_DESCRIPTION:
+        raise ValueError(f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}")
+    try:
+        told = json.loads(read(key) or b"")
+    except RecursionError:
+        raise ValueError(f"{key}: too deeply nested") from None
+    if not isinstance(told, dict):
+        raise ValueError(f"{key} must be an object")
+    return told
+
+
+def _layout(name: str, told: dict[str, Any], rank: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    grid = told.get("chunk_grid")
+    chunks = grid.get("configuration", {}).get("chunk_shape") if isinstance(grid, dict) else None
+    shape = told.get("shape")
+    for what, value in (("shape", shape), ("chunk shape", chunks)):
+        if (
+            not isinstance(value, list)
+            or len(value) != rank
+            or not all(type(n) is int and 0 < n < 2**53 for n in value)
+        ):
+            raise ValueError(f"{name}: its {what} must be {rank} positive whole numbers, got {value}")
+    if told.get("data_type") != _KINDS[name]:
+        raise ValueError(f"{name}: its type must be {_KINDS[name]}, got {told.get('data_type')}")
+    codecs = [codec.get("name") if isinstance(codec, dict) else codec for codec in told.get("codecs", [])]
+    if codecs not in (["bytes", "crc32c"], ["bytes"]) or told.get("storage_transformers"):
+        raise ValueError(f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}")
+    if told.get("chunk_key_encoding") != {"name": "default", "configuration": {"separator": "/"}}:
+        raise ValueError(f"{name}: its chunks must have the default names, got {told.get('chunk_key_encoding')}")
+    return tuple(shape), tuple(chunks)  # type: ignore[arg-type]
+
+
+def _is_length(value: Any) -> bool:
+    return type(value) is int and 0 < value < 2**53
+
+
+def _check_chunks(
+    name: str, shape: tuple[int, ...], chunks: tuple[int, ...], width: int, files: Mapping[str, Mapping[str, Any]]
+) -> None:
+    counts = [-(-length // part) for length, part in zip(shape, chunks, strict=True)]
+    if math.prod(counts) > len(files):
+        raise ValueError(f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less")
+    size = width * math.prod(chunks)
+    for place in product(*map(range, counts)):
+        key = "/".join([name, "c", *map(str, place)])
+        if key not in files:
+            raise ValueError(f"{key} must be among the committed files for shape {shape} in chunks of {chunks}")
+        if files[key]["bytes"] not in (size, size + _CRC):
+            raise ValueError(f"{key} must have {size + _CRC} bytes for chunks of {chunks}, got {files[key]['bytes']}")

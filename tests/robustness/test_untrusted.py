@@ -1,0 +1,193 @@
+"""Stores and results from anywhere: nothing outside them is reached, nothing is decoded before it is checked."""
+
+import json
+import os
+import shutil
+import tracemalloc
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+
+from flgpr.io import RunStoreError, open_run, save_run, seal, sha256, unseal
+from flgpr.io.arrays import open_arrays
+from flgpr.io.files import canonical_json
+from flgpr.model import Lane
+from flgpr.pipeline import tasks
+from flgpr.pipeline.memory import check_memory, memory_needed, parse_size
+from flgpr.pipeline.recipe import load_recipe
+from flgpr.pipeline.result import ResultError, read_result
+
+
+def forge(store, change):
+    """Change a store's manifest and give it the digests it should have."""
+    manifest = json.loads((store / "commit.json").read_bytes())
+    del manifest["sha256"]
+    change(manifest["files"])
+    for key, entry in manifest["files"].items():
+        if (store / key).is_file():
+            data = (store / key).read_bytes()
+            entry.update(sha256=sha256(data), bytes=len(data))
+    manifest["sha256"] = sha256(canonical_json(manifest))
+    (store / "commit.json").write_bytes(json.dumps(manifest, indent=1, sort_keys=True).encode())
+
+
+def declare(store, name, **changes):
+    """Change what an array declares, digests and all."""
+    path = store / name / "zarr.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    forge(store, lambda files: None)
+
+
+@pytest.fixture
+def store(small_run, tmp_path):
+    return save_run(small_run, tmp_path / "run.zarr")
+
+
+def test_a_forged_manifest_that_is_consistent_opens(store):
+    forge(store, lambda files: None)
+    assert open_run(store).load().sizes["scan"] == 4
+
+
+@pytest.mark.parametrize("key", ["../secret", "/etc/passwd", "signal/../../secret", "a\\..\\b", "", "signal/c/\0"])
+def test_keys_cannot_lead_out_of_the_store(store, key):
+    (store.parent / "secret").write_text("secret")
+    forge(store, lambda files: files.update({key: {"sha256": "0" * 64, "bytes": 6}}))
+    with pytest.raises(RunStoreError, match=r"inside|missing|run store"):
+        open_run(store)
+
+
+def test_symbolic_links_cannot_lead_out_of_the_store(store, small_run, tmp_path):
+    chunk = store / "signal" / "c" / "1" / "0" / "0" / "0"
+    outside = tmp_path / "outside"
+    shutil.copy(chunk, outside)
+    chunk.unlink()
+    chunk.symlink_to(outside)
+    with pytest.raises(RunStoreError, match="leads out"):
+        open_run(store)
+    chunk.unlink()
+    chunk.symlink_to(chunk)
+    with pytest.raises(RunStoreError, match=r"link|missing"):
+        open_run(store)
+    shutil.rmtree(store)
+    good = save_run(small_run, tmp_path / "good.zarr")
+    store.symlink_to(good)
+    assert open_run(store).sizes["scan"] == 4
+
+
+def test_a_result_cannot_reach_out(lane, tmp_path):
+    folder = tmp_path / "result"
+    shutil.copytree(lane.result.folder, folder)
+    shutil.copy(folder / "alarms.csv", tmp_path / "outside.csv")
+    (folder / "alarms.csv").unlink()
+    (folder / "alarms.csv").symlink_to(tmp_path / "outside.csv")
+    with pytest.raises(ResultError, match="leads out"):
+        read_result(folder)
+    (folder / "alarms.csv").unlink()
+    shutil.copy(tmp_path / "outside.csv", folder / "alarms.csv")
+    manifest = unseal((folder / "manifest.json").read_bytes())
+    del manifest["sha256"]
+    manifest["files"]["../outside.csv"] = sha256((tmp_path / "outside.csv").read_bytes())
+    (folder / "manifest.json").write_bytes(seal(manifest))
+    with pytest.raises(ResultError, match="inside"):
+        read_result(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "words"),
+    [
+        ("signal", {"shape": [10**9, 2, 2, 5]}, "needs 1000000000 files"),
+        ("signal", {"shape": [5, 2, 2, 5]}, "signal/c/4/0/0/0 must be among"),
+        ("signal", {"shape": [4, 2, 2, -5]}, "positive whole numbers"),
+        ("signal", {"shape": [4, 2, 2, 10**18]}, "positive whole numbers"),
+        ("signal", {"shape": "all"}, "positive whole numbers"),
+        ("signal", {"data_type": "float64"}, "must be complex64"),
+        ("signal", {"codecs": [{"name": "bytes"}, {"name": "zstd"}]}, "nothing that expands"),
+        ("signal", {"chunk_grid": None}, "chunk shape"),
+        (
+            "signal",
+            {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1, 2, 2, 10**10]}}},
+            "max_memory = 2 GB",
+        ),
+        (
+            "signal",
+            {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1, 2, 2, 6]}}},
+            "must have 196 bytes",
+        ),
+        ("signal", {"chunk_key_encoding": {"name": "v2"}}, "default names"),
+        ("time", {"shape": [10**9]}, "dimension scan"),
+        ("pose", {"shape": [4, 7]}, "component"),
+    ],
+)
+def test_what_a_store_declares_is_checked_before_it_is_decoded(store, name, changes, words):
+    declare(store, name, **changes)
+    tracemalloc.start()
+    with pytest.raises(RunStoreError, match=words):
+        open_run(store)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6
+
+
+def test_a_run_larger_than_the_memory_is_refused(store):
+    with pytest.raises(RunStoreError, match="max_memory"):
+        open_run(store, max_memory=500)
+    assert open_run(store, max_memory=10_000).sizes["scan"] == 4
+
+
+def test_a_lane_longer_than_the_memory_is_refused_with_the_length_that_fits():
+    recipe = load_recipe("wang2007")
+    sizes = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 720}
+    short, long = Lane(-1.5, 1.5, 0, 1200), Lane(-1.5, 1.5, 0, 200_000)
+    check_memory(sizes, recipe, short)
+    assert memory_needed(sizes | {"scan": 10**6}, recipe, short) == memory_needed(sizes, recipe, short)
+    with pytest.raises(ValueError, match=r"for a lane of 200000 m, got 2 GB, which is enough for (\d+) m"):
+        check_memory(sizes, recipe, long)
+    with pytest.raises(ValueError, match=r"at least .* for this run, got 0\.1 GB"):
+        check_memory(sizes, recipe, short, 10**8)
+
+
+def test_a_detection_that_takes_too_much_memory_writes_nothing(lane, tmp_path):
+    with pytest.raises(ValueError, match="max-memory"):
+        tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, max_memory=10**8)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("2GB", 2 * 10**9), ("1.5 GiB", 1.5 * 2**30), ("500mb", 5 * 10**8), ("12", 12)]
+)
+def test_sizes(text, size):
+    assert parse_size(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "GB", "-1GB", "2 parsecs", "0"])
+def test_what_is_no_size(text):
+    with pytest.raises(ValueError, match="max-memory"):
+        parse_size(text)
+
+
+def test_archives_that_expand_are_refused_before_they_do(tmp_path):
+    kind, shape = zipfile.ZIP_DEFLATED, (100 * 2**20,)
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", kind) as archive, archive.open("data.npy", "w") as member:
+        np.lib.format.write_array_header_1_0(member, {"descr": "|u1", "fortran_order": False, "shape": shape})
+        for _ in range(100):
+            member.write(bytes(2**20))
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        file.create_dataset("data", shape=(2**27,), dtype="f8", chunks=(2**20,), compression="gzip")
+    assert os.path.getsize(tmp_path / "bomb.npz") < 200_000
+    tracemalloc.start()
+    for name in ("bomb.npz", "bomb.h5"):
+        with pytest.raises(ValueError, match=r"bomb.*would expand"):
+            open_arrays(tmp_path / name).read("data")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+def test_archives_cannot_write_anywhere(fullwave_archive, tmp_path):
+    """Members with paths that lead out are names of arrays, never files."""
+    shutil.copy(fullwave_archive, tmp_path / "a.npz")
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive, archive.open("../../evil.npy", "w") as member:
+        np.lib.format.write_array(member, np.zeros(3))
+    tasks.import_fullwave_lane(tmp_path / "a.npz", tmp_path / "out" / "run.zarr")
+    assert not list(tmp_path.parent.rglob("evil*"))
