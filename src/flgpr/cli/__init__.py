@@ -10,7 +10,7 @@ from flgpr import __version__
 from flgpr.cli import runs
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
-from flgpr.cli.simulation import simulate
+from flgpr.cli.simulation import design, simulate
 from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
 
 __all__ = ["app"]
@@ -23,6 +23,7 @@ app = typer.Typer(
 )
 app.registered_commands += runs.app.registered_commands
 app.command()(simulate)
+app.command()(design)
 app.add_typer(import_app, name="import")
 app.command()(export)
 app.command()(reproduce)

@@ -1,4 +1,4 @@
-"""Commands that simulate: lanes by our own physics, or as decks for a full-wave solver."""
+"""Commands that simulate: lanes by our own physics or as decks for a full-wave solver, and arrays to be built."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
-from flgpr.cli.common import Quiet, plain_errors, progress
+from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline import tasks
+from flgpr.pipeline.design import Question
+from flgpr.pipeline.design_page import design_report
 
 ENGINES = ("flgpr", "gprmax")
 
@@ -44,3 +46,23 @@ def simulate(
     if not quiet:
         for line in [*lines, *(f"wrote {path}" for path in written)]:
             typer.echo(line)
+
+
+def design(
+    sensor: Annotated[str, typer.Argument(help="Sensor preset or TOML file.")],
+    compare: Annotated[list[str] | None, typer.Option(help="Another one to set beside it; may repeat.")] = None,
+    output: Output = Path("design.html"),
+    band: Annotated[
+        tuple[float, float] | None, typer.Option(help="First and last tone of the image, Hz; all by default.")
+    ] = None,
+    window: Annotated[str, typer.Option(help="Window over the tones: boxcar, hann, hamming, taylor.")] = "hann",
+    site: Annotated[str, typer.Option(help="Site whose soil and surface the mines lie in.")] = "arid-sand",
+    depth: Annotated[float, typer.Option(help="Depth of the mines' top, m.")] = 0.05,
+    quiet: Quiet = False,
+) -> None:
+    """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter."""
+    with plain_errors(), progress(quiet) as track:
+        asked = Question(band, window, site, depth)
+        design_report([sensor, *(compare or [])], output, asked, track)
+    if not quiet:
+        typer.echo(f"report: {output.resolve()}")

@@ -9,19 +9,10 @@ import numpy as np
 import pandas as pd
 
 from flgpr.pipeline.figures import channel_figure, data_url, geometry_figure, roc_figure, run_view_figure
+from flgpr.pipeline.html import html_image, html_page, html_table
 from flgpr.pipeline.result import Result
 from flgpr.pipeline.score import Score
 from flgpr.scoring import pd_mean
-
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1d232b; background: #fff; max-width: 1080px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccd3dc; }
-p.lead { color: #4a5563; margin-top: 0; } img { max-width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; margin: .6rem 0; }
-th, td { padding: .2rem .7rem; border-bottom: 1px solid #e3e7ec; text-align: right; vertical-align: top; }
-td { white-space: nowrap; } th { background: #f3f5f8; } td.t, th.t { text-align: left; } .scroll { overflow-x: auto; }
-pre { background: #f3f5f8; padding: .8rem; overflow-x: auto; font-size: 13px; } .note { color: #4a5563; }
-"""
 
 
 def report_html(
@@ -53,27 +44,27 @@ def report_html(
     parts = [
         f"<h1>{escape(run['title'])}: {len(main.alarms)} alarms</h1>",
         f"<p class=lead>{escape(_summary(result, scored))}</p>",
-        _image(data_url(run_view_figure(result, pairs, truth, objects)), "run-view with alarms"),
+        html_image(data_url(run_view_figure(result, pairs, truth, objects)), "run-view with alarms"),
     ]
     if scored is not None:
         parts += ["<h2>What became of each target</h2>", *[_outcomes(one) for one in scored], *_remarks(scored)]
-        parts += ["<h2>ROC</h2>", _image(data_url(roc_figure(scored)), "ROC"), _roc_text(scored[0]), _curve(scored[0])]
+        parts += [
+            "<h2>ROC</h2>",
+            html_image(data_url(roc_figure(scored)), "ROC"),
+            _roc_text(scored[0]),
+            _curve(scored[0]),
+        ]
     parts += ["<h2>Alarms</h2>", _alarms(scored[0].labels if scored else main.alarms)]
     if len(others) > 1:
         parts += ["<h2>The same with another self-signature</h2>", _variant_note(run)]
-        parts.append(_image(data_url(run_view_figure(result, others, truth, objects)), "run-views of the variants"))
+        parts.append(html_image(data_url(run_view_figure(result, others, truth, objects)), "run-views of the variants"))
     parts += ["<h2>Sub-bands and polarizations</h2>"]
-    parts.append(_image(data_url(channel_figure(result), 90), "run-view of every channel"))
+    parts.append(html_image(data_url(channel_figure(result), 90), "run-view of every channel"))
     parts += ["<h2>Geometry and coverage</h2>", _geometry_text(run)]
-    parts.append(_image(data_url(geometry_figure(run, result.lane, main.view["looks"], 0.4)), "geometry"))
+    parts.append(html_image(data_url(geometry_figure(run, result.lane, main.view["looks"], 0.4)), "geometry"))
     parts += ["<h2>What was run</h2>", _provenance(result)]
-    title = escape(f"{run['title']} - {result.recipe.name}")
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-        + "\n".join(parts)
-        + "</body></html>\n"
-    )
+    title = f"{run['title']} - {result.recipe.name}"
+    return html_page(title, parts)
 
 
 def _summary(result: Result, scored: list[Score] | None) -> str:
@@ -116,7 +107,7 @@ def _outcomes(one: Score) -> str:
         if one.detection.name == "main"
         else one.detection.title[:1].upper() + one.detection.title[1:]
     )
-    table = _table([*head, "refraction shift expected (m)"], rows)
+    table = html_table([*head, "refraction shift expected (m)"], rows)
     return f"<h3>{escape(title)}</h3>{_detection_note(one)}{table}"
 
 
@@ -177,7 +168,7 @@ def _curve(one: Score) -> str:
         ]
         for row in one.curve.iloc[1:].to_dict("records")
     ]
-    return _table(["threshold", "found", "Pd (95 %)", "false alarms", "FAR per m² (95 %)"], rows)
+    return html_table(["threshold", "found", "Pd (95 %)", "false alarms", "FAR per m² (95 %)"], rows)
 
 
 def _alarms(alarms: pd.DataFrame) -> str:
@@ -190,7 +181,7 @@ def _alarms(alarms: pd.DataFrame) -> str:
     columns += [("roadside", "explained by roadside", "{:.0%}"), ("label", "*counts as", "{}")]
     used = [column for column in columns if column[0] in alarms]
     rows = [[form.format(row[name]) for name, _, form in used] for row in alarms.to_dict("records")]
-    return _table([title for _, title, _ in used], rows) if rows else "<p>No alarms.</p>"
+    return html_table([title for _, title, _ in used], rows) if rows else "<p>No alarms.</p>"
 
 
 def _variant_note(run: dict[str, Any]) -> str:
@@ -231,17 +222,3 @@ def _provenance(result: Result) -> str:
         f"<details open><summary>recipe.toml</summary><pre>"
         f"{escape((result.folder / 'recipe.toml').read_text(encoding='utf-8'))}</pre></details>"
     )
-
-
-def _image(url: str, text: str) -> str:
-    return f'<p><img src="{url}" alt="{escape(text)}"></p>'
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    classes = [" class=t" if name.startswith("*") else "" for name in head]
-    cells = "".join(f"<th{kind}>{escape(name.lstrip('*'))}</th>" for name, kind in zip(head, classes, strict=True))
-    body = "".join(
-        "<tr>" + "".join(f"<td{k}>{escape(str(v))}</td>" for v, k in zip(row, classes, strict=True)) + "</tr>"
-        for row in rows
-    )
-    return f"<div class=scroll><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>"
