@@ -22,6 +22,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "mathml",
     "names",
+    "commands",
 ]
 exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
 suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of docstrings may fit twice

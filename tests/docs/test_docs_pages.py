@@ -45,7 +45,7 @@ def test_links_lead_to_files_and_headings(page):
             continue
         name, _, anchor = target.partition("#")
         file = (page.parent / name) if name else page
-        assert file.is_file(), f"{target} does not exist"
+        assert file.exists(), f"{target} does not exist"
         if anchor:
             assert anchor in anchors(file), f"{target}: no such heading"
 
