@@ -124,8 +124,11 @@ class Worse:
         return response + 30 * np.roll(response, 40, axis=-1) * np.exp(2j * np.pi * np.arange(99) / 7)
 
 
-def test_divergence_is_stopped_and_told():
+@pytest.mark.parametrize("coupling", [0.0, 1e4])
+def test_divergence_is_stopped_and_told(coupling):
+    """Also where an echo from outside the image holds nearly all of the energy."""
     b = data(-1.0, 5.0) + 0.1 * noise(1, 16, 99)
+    b = b + coupling * np.exp(-2j * np.pi * FREQUENCY * 21.0 / SPEED_OF_LIGHT)
     course = iterate_suppression(b, lambda points: Worse(operator_on(points)), PIXELS, disc(-1.0, 5.0), REGION)
     assert course.diverged
     assert (np.diff(course.residual, axis=0) <= 0).all()

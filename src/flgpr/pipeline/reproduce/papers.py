@@ -12,7 +12,7 @@ from pathlib import Path
 import flgpr
 from flgpr.io import write_whole
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.reproduce import cosgrove2004, flsar2004, wang2007
+from flgpr.pipeline.reproduce import cosgrove2004, flsar2004, fuse2018, wang2007
 
 VERDICTS = ("agrees", "disagrees", "cannot say")
 _WORDS = {"holds": "agrees", "fails": "disagrees", "undecided": "cannot say"} | {one: one for one in VERDICTS}
@@ -125,7 +125,7 @@ def _flsar2004(folder: Path) -> list[Verdict]:
         ]
 
 
-def _wang2007(folder: Path) -> list[Verdict]:
+def _claims(folder: Path) -> list[Verdict]:
     found = json.loads((folder / "findings.json").read_text("utf-8"))["findings"]
     return [Verdict(f"{one['claim']} ({one['paper']})", one["ours"], verdict_of(one["verdict"])) for one in found]
 
@@ -144,9 +144,12 @@ PAPERS = {
         "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection", cosgrove2004.reproduce, _cosgrove2004
     ),
     "flsar2004": Paper("flsar2004: prescreeners, templates and relevance vector machines", _run_flsar2004, _flsar2004),
-    "wang2007": Paper(
-        "Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features", wang2007.reproduce, _wang2007
+    "fuse2018": Paper(
+        "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
+        fuse2018.reproduce,
+        _claims,
     ),
+    "wang2007": Paper("Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features", wang2007.reproduce, _claims),
 }
 """Every paper that can be run again, by name."""
 
