@@ -8,7 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
-from flgpr.pipeline.reproduce import cosgrove2004_findings, flsar2004_findings, papers, wang2007_findings
+from flgpr.pipeline.reproduce import (
+    cosgrove2004_findings,
+    flsar2004_findings,
+    fuse2018_findings,
+    papers,
+    wang2007_findings,
+)
 
 
 def write_cosgrove(folder):
@@ -33,6 +39,12 @@ def write_wang(folder):
     return folder / "wang2007.html"
 
 
+def write_fuse(folder):
+    made = fuse2018_findings.Finding("less clutter", "26.5 dB", "20 dB (19 to 21)", "disagrees")
+    (folder / "findings.json").write_text(json.dumps({"findings": [asdict(made)]}))
+    return folder / "fuse2018.html"
+
+
 @pytest.fixture
 def made_up(monkeypatch):
     """The table of the papers with runs that only write their findings."""
@@ -46,7 +58,7 @@ def made_up(monkeypatch):
 
         return run
 
-    writers = {"cosgrove2004": write_cosgrove, "flsar2004": write_flsar, "wang2007": write_wang}
+    writers = {"cosgrove2004": write_cosgrove, "flsar2004": write_flsar, "fuse2018": write_fuse, "wang2007": write_wang}
     table = {
         name: papers.Paper(papers.PAPERS[name].title, runs(name, write), papers.PAPERS[name].verdicts)
         for name, write in writers.items()
@@ -57,13 +69,14 @@ def made_up(monkeypatch):
 
 def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
     page = papers.reproduce_all(tmp_path / "all", quick=True)
-    assert made_up == [("cosgrove2004", True), ("flsar2004", True), ("wang2007", True)]
+    assert made_up == [("cosgrove2004", True), ("flsar2004", True), ("fuse2018", True), ("wang2007", True)]
     with (tmp_path / "all" / "verdicts.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert [(row["paper"], row["verdict"]) for row in rows] == [
         ("cosgrove2004", "agrees"),
         ("cosgrove2004", "cannot say"),
         ("flsar2004", "disagrees"),
+        ("fuse2018", "disagrees"),
         ("wang2007", "cannot say"),
     ]
     assert rows[0]["ours"] == "0.2 (0.1 to 0.3)"
@@ -88,7 +101,7 @@ def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up
     html = (tmp_path / "all" / "index.html").read_text("utf-8")
     assert html.count("still to be run") == 1
     assert "Quick run" in html
-    assert made_up == [("cosgrove2004", True), ("flsar2004", True)]
+    assert made_up == [("cosgrove2004", True), ("flsar2004", True), ("fuse2018", True)]
 
 
 def test_words_for_verdicts_are_translated_or_refused():
