@@ -127,7 +127,10 @@ def iterate_suppression(
         raise ValueError(f"mask must lie within the sub-regions, got {int((part[chosen] < 0).sum())} pixels outside")
     count = int(part.max(initial=-1)) + 1
     used = np.unique(part[chosen])
-    here = {int(r): operator_on(points[chosen & (part == r)]) for r in used}
+    under = [points[chosen & (part == r)] for r in used]
+    masked = operator_on(np.concatenate(under)) if under else None
+    ends = np.cumsum([len(one) for one in under])[:-1]
+    here = {int(r): operator_on(one) for r, one in zip(used, under, strict=True)}
     area = {int(r): operator_on(points[part == r]) for r in used}
     rest = np.array(data, dtype=np.complex64)
     start = _norms(rest)
@@ -135,8 +138,8 @@ def iterate_suppression(
     amplitudes: list[NDArray[np.float64]] = []
     for _ in range(iterations):
         response, amplitude = np.zeros_like(rest), np.zeros((count, rest.shape[-3]))
-        for r in here:
-            image = here[r].adjoint(rest)
+        images = [] if masked is None else np.split(masked.adjoint(rest), ends, axis=-1)
+        for r, image in zip(here, images, strict=True):
             modelled = here[r].forward(image)
             amplitude[r] = _ratio(_peaks(image), _peaks(area[r].adjoint(modelled)))
             response += amplitude[r].astype(np.float32)[:, None, None] * modelled
