@@ -52,8 +52,11 @@ def detect(
     workers: Annotated[
         int | None, typer.Option(help="Processes, for recipes with features; the result is the same.", min=1)
     ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
+    ] = None,
     lanes_at_once: Annotated[
-        int | None, typer.Option(help="Lanes of a survey worked on at the same time; needs workers.", min=1)
+        int | None, typer.Option(help="Lanes of a survey at the same time; needs workers or a scheduler.", min=1)
     ] = None,
     max_memory: Annotated[
         str, typer.Option(help="Memory of each process; what would take more is refused beforehand.")
@@ -66,7 +69,8 @@ def detect(
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
     """
     with plain_errors(), progress(quiet or as_json) as track:
-        options: dict[str, Any] = {"model": model, "workers": workers, "max_memory": parse_size(max_memory)}
+        options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
+        options["max_memory"] = parse_size(max_memory)
         if len(runs) > 1:
             results = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
         elif lane is not None and len(lane) > 1:

@@ -13,6 +13,7 @@ from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.model import Lane
 from flgpr.pipeline.blocks import STAGES
 from flgpr.pipeline.checkpoint import begin, finish
+from flgpr.pipeline.cluster import Cluster
 from flgpr.pipeline.detect import lane_of
 from flgpr.pipeline.executors import Executor, Here, Processes, Report
 from flgpr.pipeline.lane_work import LaneJob, do_finish, do_fold, do_part, make_job
@@ -104,8 +105,10 @@ def executor_for(workers: int | None = None, scheduler: str | None = None) -> Ex
     ValueError
         If both are given, or the number is not positive.
     """
+    if scheduler is not None and workers is not None:
+        raise ValueError(f"workers and scheduler exclude each other, got {workers} and {scheduler}")
     if scheduler is not None:
-        raise ValueError(f"scheduler {scheduler}")
+        return Cluster(scheduler)
     return Here() if workers is None else Processes(workers)
 
 
