@@ -52,10 +52,23 @@ class Watched:
         return info.value.suggested_filename, info.value.path().read_bytes()
 
     def pixels(self):
-        """The lane's picture as an array, once what was asked for is drawn."""
-        self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        """The lane's picture as an array, once what was asked for has come and is drawn."""
+        for _ in range(2):
+            self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            self.until("document.getElementById('stage').getAttribute('aria-busy') !== 'true'")
         seen = Image.open(io.BytesIO(self.page.screenshot(clip=self.page.locator("#lane").bounding_box())))
         return np.asarray(seen.convert("RGB")).astype(int)
+
+    def settled(self):
+        """The picture once it stands still: wheel and pointer are told to the page without waiting for it."""
+        before = self.pixels()
+        for _ in range(100):
+            self.page.wait_for_timeout(50)
+            now = self.pixels()
+            if np.array_equal(now, before):
+                return now
+            before = now
+        raise AssertionError("the picture does not stand still")
 
     def until(self, code):
         """Wait for a condition; by asking again, since the page allows no script from strings."""

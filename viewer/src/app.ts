@@ -18,7 +18,7 @@ import type { Choice, Detection, Note, Source } from "./types";
 import { View, type Box } from "./view";
 
 /** Length of lane in sight when the picture follows the vehicle, and how much of it lies behind the vehicle, m. */
-const FOLLOWED = 34;
+const FOLLOWED = 27;
 const BEHIND = 6;
 
 export type Compare = "off" | "swipe" | "blink";
@@ -68,6 +68,7 @@ export class App {
     this.tiles = new Tiles(
       () => this.redraw(),
       (error) => this.complain(error.message),
+      (waiting) => el("stage").setAttribute("aria-busy", String(waiting)),
     );
     this.picture = new Picture(sources, this.tiles, this.view);
     this.panel = new AlarmPanel((pol, band) => this.choose("a", { polarization: pol, subband: band }));

@@ -70,10 +70,12 @@ const UNSEEN = 0x7e00;
 export class Tiles {
   private readonly held = new Map<string, Uint16Array | null>();
   private readonly failed = new Set<string>();
+  private waiting = 0;
 
   constructor(
     private readonly arrived: () => void,
     private readonly complain: (error: Error) => void,
+    private readonly busy: (waiting: boolean) => void = () => {},
   ) {}
 
   get(source: number, layer: number, level: number, tile: number): Uint16Array | null {
@@ -115,6 +117,7 @@ export class Tiles {
 
   private async fetch(key: string): Promise<void> {
     this.held.set(key, null);
+    this.busy(++this.waiting > 0);
     try {
       this.held.set(key, await getHalves(key));
       for (const old of this.held.keys()) {
@@ -126,6 +129,8 @@ export class Tiles {
       this.held.delete(key);
       this.failed.add(key);
       this.complain(error as Error);
+    } finally {
+      this.busy(--this.waiting > 0);
     }
   }
 }
