@@ -18,7 +18,7 @@ ALLOWED = {
     "pipeline": {"model", "kernels", "io", "scoring"} | STAGES,
     "viewer": {"model", "io"},
     "cli": {"pipeline", "viewer"},
-    "__main__": {"cli"},
+    "__main__": {"cli", "viewer"},
     "__init__": set(),
 }
 

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from flgpr.cli import app
 from flgpr.io import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import is_loopback
@@ -275,3 +277,30 @@ def test_an_anchor_ties_what_is_shown_to_the_earth(serving, demo, tmp_path):
     assert tied["azimuth"] == pytest.approx(30.0, abs=1e-6)
     with serving([demo[0].folder]) as viewer:
         assert json.loads(ask(viewer, "data/session.json").body)["georeference"] is None
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
+def test_the_command_needs_little_memory_too(demo):
+    """Measured where the user is: `flgpr view` must not load what only detection needs."""
+    command = [sys.executable, "-u", "-m", "flgpr", "view", str(demo[0].folder), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            url = process.stdout.readline().strip()
+            for _ in range(200):
+                with contextlib.suppress(OSError):
+                    urllib.request.urlopen(url + "data/0/index.json").read()
+                    break
+                time.sleep(0.05)
+            peak = int(Path(f"/proc/{process.pid}/status").read_text().split("VmHWM:")[1].split()[0])
+            loaded = Path(f"/proc/{process.pid}/maps").read_text()
+        finally:
+            process.terminate()
+    assert peak < 300 * 1024
+    assert "llvmlite" not in loaded
+
+
+@pytest.mark.parametrize(("arguments", "words"), [([], "got none"), (["nothing"], "nothing to view at nothing")])
+def test_the_command_names_what_is_wrong(arguments, words):
+    done = CliRunner().invoke(app, ["view", *arguments])
+    assert done.exit_code == 2
+    assert words in done.output

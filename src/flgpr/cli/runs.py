@@ -17,8 +17,10 @@ from flgpr.pipeline.memory import parse_size
 from flgpr.pipeline.result import Result
 from flgpr.pipeline.scoring_tasks import score_alarms
 from flgpr.viewer import serve
+from flgpr.viewer.command import view
 
 app = typer.Typer()
+app.command()(view)
 
 
 @app.command()
@@ -234,20 +236,3 @@ def replay(
         )
     if not outcome["agrees"]:
         raise typer.Exit(1)
-
-
-@app.command()
-def view(
-    paths: Annotated[
-        list[Path] | None, typer.Argument(help="Result folder or run; two results can be compared; none with --live.")
-    ] = None,
-    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let other machines see it.")] = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only.")] = False,
-    live: Annotated[Path | None, typer.Option(help="JSON lines of a live detection to follow.")] = None,
-    anchor: Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")] = None,
-) -> None:
-    """Show results in the browser, read-only and on this machine."""
-    with plain_errors():
-        serve(paths or [], host, port, not no_browser, allow_remote, live, anchor=anchor, announce=typer.echo)
