@@ -50,6 +50,13 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file), f"{target}: no such heading"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=identify)
+def test_files_of_the_repository_named_in_the_text_exist(page):
+    named = re.findall(r"`((?:src|tests|docs|benchmarks|viewer)/[\w./-]*\w)/?`", FENCE.sub("", read(page)))
+    wrong = [name for name in named if not any((base / name).exists() for base in (ROOT, ROOT / "src" / "flgpr"))]
+    assert not wrong
+
+
 def test_every_page_is_in_a_table_of_contents():
     listed = {ROOT / "docs" / "index.md"}
     for page in PAGES:
