@@ -229,8 +229,36 @@ def test_a_socket_gives_the_same_alarms(home, whole, tmp_path):
     assert not path.exists()
 
 
+def test_a_sender_goes_on_after_a_restart_without_describing_the_run_again(home, whole, tmp_path):
+    path, output = tmp_path / "radar.sock", tmp_path / "out"
+    good, description = frames(home), (home / "incoming" / "run.json").read_text()
+
+    def play(*data):
+        run = LiveRun(LiveOptions(home / "recipe.toml", output, socket=path))
+        found = []
+        thread = threading.Thread(target=lambda: found.append(run.run()))
+        thread.start()
+        wait_for(path.is_socket)
+        with socket.socket(socket.AF_UNIX) as sender:
+            sender.connect(str(path))
+            sender.sendall(b"".join(data))
+        thread.join(60)
+        return found[0]
+
+    end = encode_frame("end", {})
+    wrong = encode_frame("run", {"format": "other"})
+    play(good[0], wrong, encode_frame("run", json.loads(description)), *good[:20], end)
+    words = [line["words"] for line in events(output, "problem")]
+    assert ["before the description" in words[0], "format" in words[1]] == [True, True]
+    other = json.loads(description) | {"title": "another"}
+    report = play(encode_frame("run", other), *good[20:], end)
+    assert report.counts == whole[1].counts
+    assert "another run" in events(output, "problem")[-1]["words"]
+    assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
+
+
 def wait_for(condition):
-    for _ in range(600):
+    for _ in range(6000):
         if condition():
             return
         time.sleep(0.02)

@@ -260,3 +260,20 @@ def test_a_live_run_is_shown_as_it_is(tmp_path, follow):
         assert [row["alarm_id"] for row in rows] == alarms["alarm_id"].tolist()
         assert [float(row["confidence"]) for row in rows] == pytest.approx(alarms["confidence"].tolist(), rel=1e-8)
         assert LANE.y_min < alarms["y"].min()
+
+
+def test_a_live_run_drives_over_the_picture_of_a_result(demo, tmp_path, serving, watch):
+    feeder = Feeder(tmp_path)
+    feeder.give(START, scan(0, 1.0), alarm("alarm-1", 0.5, 4.0, 4.5, 1.0))
+    with serving([demo[0].folder], live=tmp_path) as viewer:
+        page = watch(viewer)
+        wait_words(page, "1 alarms")
+        before = page.pixels()
+        assert page.page.input_value("#a-band") == "0.45-1.5"
+        assert "of 11" in page.text("#list-title")
+        feeder.give(alarm("alarm-2", -0.5, 3.0, 4.5, 1.0))
+        wait_words(page, "2 alarms")
+        assert np.abs(page.pixels() - before).max() > 20
+        page.page.keyboard.press("n")
+        assert page.text("#alarm-title") == demo[0].detections[0].alarms["alarm_id"][0]
+        page.close()

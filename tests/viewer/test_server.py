@@ -191,7 +191,7 @@ def test_serve_tells_the_address_and_ends_at_an_interrupt(demo):
         text=True,
     ) as process:
         url = process.stdout.readline().strip()
-        for _ in range(200):
+        for _ in range(1200):
             with contextlib.suppress(OSError):
                 page = urllib.request.urlopen(url).read()
                 break
@@ -286,7 +286,7 @@ def test_the_command_needs_little_memory_too(demo):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             url = process.stdout.readline().strip()
-            for _ in range(200):
+            for _ in range(1200):
                 with contextlib.suppress(OSError):
                     urllib.request.urlopen(url + "data/0/index.json").read()
                     break

@@ -72,7 +72,7 @@ class Watched:
 
     def until(self, code):
         """Wait for a condition; by asking again, since the page allows no script from strings."""
-        for _ in range(400):
+        for _ in range(1200):
             if self.page.evaluate(code):
                 return
             self.page.wait_for_timeout(50)

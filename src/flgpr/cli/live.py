@@ -119,9 +119,11 @@ def _viewer(output: Path, no_browser: bool) -> Iterator[subprocess.Popen[bytes]]
     """Run the viewer in a process of its own: all it shares with detection is the file of events."""
     command = [sys.executable, "-m", "flgpr", "view", "--live", str(output)] + ["--no-browser"] * no_browser
     with subprocess.Popen(command, stdout=sys.stderr.fileno(), start_new_session=True) as page:  # noqa: S603
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         try:
             yield page
         finally:
+            signal.signal(signal.SIGTERM, before)
             page.terminate()
 
 

@@ -39,7 +39,7 @@ from flgpr.pipeline.live_state import (
     take_snapshot,
 )
 from flgpr.pipeline.live_vehicle import Vehicle
-from flgpr.pipeline.live_watch import Arrival, FolderWatch, Inbox, SocketWatch
+from flgpr.pipeline.live_watch import SOCKET, Arrival, FolderWatch, Inbox, SocketWatch
 from flgpr.pipeline.recipe import Recipe, parse_recipe, recipe_text
 
 PathLike = str | Path
@@ -188,17 +188,19 @@ class LiveRun:
             if options.incoming is not None:
                 known = set(snapshot[0]["names"]) if snapshot else None
                 sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
+            if snapshot is not None:
+                self._describe(parse_description(snapshot[0]["run"]), events, snapshot)
             for source in sources:
                 source.start()
             try:
-                self._loop(events, writer, snapshot)
+                self._loop(events, writer)
             finally:
                 self.inbox.stop.set()
                 for source in sources:
                     source.join(2.0)
             return self._finish(events, writer)
 
-    def _loop(self, events: EventFile, writer: SnapshotWriter, snapshot: Snapshot | None) -> None:
+    def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
         last, since = time.monotonic(), 0
         while not self.inbox.stop.is_set():
             try:
@@ -213,19 +215,28 @@ class LiveRun:
             if arrival.kind == "end":
                 return
             if arrival.kind == "run":
-                self._describe(parse_description(arrival.value), events, snapshot)
+                self._announced(arrival, events)
             elif self._take(arrival, events):
                 since += 1
                 if self.options.snapshot and since >= self.options.snapshot:
                     since = 0
                     writer.offer(self._snapshot())
 
+    def _announced(self, arrival: Arrival, events: EventFile) -> None:
+        """Take a description: of this run for the first time, or again from a sender that connected anew."""
+        try:
+            description = parse_description(arrival.value)
+            if self._intake is None:
+                self._describe(description, events, None)
+            elif self._intake.description.run_id != description.run_id:
+                raise ScanFileError("the description is that of another run")
+        except ScanFileError as error:
+            if arrival.name != SOCKET:
+                raise ValueError(f"{arrival.name}: {error}") from None
+            events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
+
     def _describe(self, description: RunDescription, events: EventFile, snapshot: Snapshot | None) -> None:
         """Make the detector once the run is known, and go on from a snapshot where there is one."""
-        if self._detector is not None:
-            if self._intake is not None and self._intake.description.run_id != description.run_id:
-                raise ValueError("scans must belong to one run, got the description of another")
-            return
         self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
         detector = LiveDetector(description, self._recipe, self._lane, self._classifier, self.options.settings)
         intake = Intake(description)
@@ -241,8 +252,10 @@ class LiveRun:
         """Process a frame; tell whether a scan was taken in."""
         detector, intake = self._detector, self._intake
         if detector is None or intake is None:
-            raise ValueError("scans must come after the description of their run (run.json or a frame run), got one")
-        if arrival.name != "socket":
+            words = "left out: it came before the description of its run"
+            events.append([{"event": "problem", "name": arrival.name, "words": words}])
+            return False
+        if arrival.name != SOCKET:
             self._names.add(arrival.name)
         before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)

@@ -54,6 +54,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "format": FORMAT,
         "version": VERSION,
         "fingerprint": fingerprint,
+        "run": detector.description.as_json(),
         "names": sorted(names),
         "intake": intake.state(),
         "history": [one.number for one in detector.history],

@@ -21,6 +21,8 @@ _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says
 _MOST_WAITING = 32
 _LARGEST = 2**28
+SOCKET = "socket"
+"""Name of what came over the socket."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +229,7 @@ class SocketWatch(threading.Thread):
                     data = self._frame(sender)
                 except (ScanFileError, OSError):
                     # Where the next frame begins is not known any more.
-                    self._inbox.put(Arrival("frame", "socket", time.time(), b""))
+                    self._inbox.put(Arrival("frame", SOCKET, time.time(), b""))
                     return
                 if data is None or not self._inbox.put(self._sorted(data)):
                     return
@@ -238,10 +240,10 @@ class SocketWatch(threading.Thread):
         with contextlib.suppress(ScanFileError):
             frame = decode_frame(data)
             if frame.kind == "run":
-                return Arrival("run", "socket", now, value={k: v for k, v in frame.header.items() if k != "kind"})
+                return Arrival("run", SOCKET, now, value={k: v for k, v in frame.header.items() if k != "kind"})
             if frame.kind == "end":
-                return Arrival("end", "socket", now)
-        return Arrival("frame", "socket", now, data)
+                return Arrival("end", SOCKET, now)
+        return Arrival("frame", SOCKET, now, data)
 
     def _frame(self, sender: socket.socket) -> bytes | None:
         """Read a frame; None at the end of the connection or of the watch."""
