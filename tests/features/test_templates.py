@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.features import (
+    align_phases,
     clutter_tiles,
     cut_regions,
     max_correlation,
@@ -80,6 +81,15 @@ def test_principal_templates_find_the_signatures(rng):
     for template in templates:
         inside = sum((template * b).sum() ** 2 for b in basis)
         assert inside == pytest.approx(1)
+
+
+def test_phases_are_aligned_and_nothing_else_changes(rng):
+    signature = rng.normal(size=(4, 5)) + 1j * rng.normal(size=(4, 5))
+    chips = signature * np.exp(2j * np.pi * rng.random((12, 1, 1))) * rng.uniform(1, 3, (12, 1, 1))
+    aligned = align_phases(chips)
+    np.testing.assert_allclose(np.abs(aligned), np.abs(chips))
+    np.testing.assert_allclose(np.abs(aligned.sum(axis=0)), np.abs(chips).sum(axis=0))
+    assert np.abs(chips.sum(axis=0)).max() < 0.9 * np.abs(chips).sum(axis=0).max()
 
 
 def test_orthonormal_templates_add_in_power(rng):

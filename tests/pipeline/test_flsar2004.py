@@ -1,5 +1,8 @@
 """The flsar2004 reproduction: its settings, geometry, examples and verdicts, on images made by hand."""
 
+import dataclasses
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,7 +11,9 @@ from sklearn.metrics import roc_auc_score
 
 from flgpr.features import mean_template
 from flgpr.model import Grid, load_sensor
+from flgpr.pipeline.reproduce import flsar2004
 from flgpr.pipeline.reproduce import flsar2004_examples as ex
+from flgpr.pipeline.reproduce import flsar2004_figures as figures
 from flgpr.pipeline.reproduce import flsar2004_findings as fi
 from flgpr.pipeline.reproduce.flsar2004_lanes import Mines, Pass, _scene, _turned, lane_images, load_settings
 from flgpr.simulate.simulator import Simulator
@@ -25,7 +30,7 @@ def small(settings):
     return settings.model_copy(update={"mines": mines})
 
 
-def a_pass(settings, direction, seed):
+def a_pass(settings, direction, seed, site="arid-sand"):
     """Speckle, mines as bright ellipses whose strength falls with depth, fiducials; all shifted by 10 cm."""
     rng = np.random.default_rng(seed)
     m, (dx, dy) = settings.margin, settings.spacing
@@ -44,7 +49,8 @@ def a_pass(settings, direction, seed):
         image += strength * np.exp(-(((x - mine.x) / 0.15) ** 2) - ((y - mine.y - 0.1) / 0.08) ** 2)
     for post in fiducials.itertuples():
         image += 30 * np.exp(-(((x - post.x) / 0.15) ** 2) - ((y - post.y - 0.1) / 0.08) ** 2)
-    return Pass("arid-sand", direction, image.astype(np.float32), grid, truth, fiducials)
+    wave = np.exp(2j * np.pi * rng.random())  # the phase of a drive tells nothing
+    return Pass(site, direction, (image * wave).astype(np.complex64), grid, truth, fiducials, f"{site}-{direction}")
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +89,7 @@ def test_lane_images_show_a_mine_where_it_is():
     scene = scene.model_copy(update={"surface": quiet, "clutter": none, "objects": ()})
     simulator = Simulator(scene, sensor, 0, errors=False)
     grid = Grid(-2.0, -1.0, 51, 251, 0.08, 0.04)
-    image = lane_images(settings, simulator, sensor, grid, lambda _: None)
+    image = np.abs(lane_images(settings, simulator, sensor, grid, range(len(simulator.reported_pose()))))
     mine = simulator.truth.iloc[0]
     for p, r in np.ndindex(2, 3):
         row, column = np.unravel_index(image[p, r].argmax(), grid.shape)
@@ -216,3 +222,76 @@ def test_templates_of_one_signature_have_one_component():
     different = rng.normal(size=(30, 2, 3, 9, 7))
     assert fi.component_interval(different, 20)[0][0] < 0.3
     assert fi.likeness_interval(alike, 3 * alike, 20)[0] == pytest.approx(1)
+
+
+@pytest.fixture(scope="module")
+def reproduced(tmp_path_factory):
+    """Run everything on images made by hand, twice; the second time nothing is computed again."""
+    folder, asked = tmp_path_factory.mktemp("flsar"), []
+
+    def drive(settings, site, images, track):
+        asked.append(site)
+        return [a_pass(settings, "out", len(site), site), a_pass(settings, "back", len(site) + 1, site)]
+
+    def never(material):
+        raise AssertionError("computed again")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flsar2004, "drive", drive)
+        page = flsar2004.reproduce(folder, quick=True)
+        first = page.read_bytes()
+        patch.setattr(flsar2004, "PARTS", dict.fromkeys(flsar2004.PARTS, never))
+        flsar2004.reproduce(folder, quick=True)
+    assert page.read_bytes() == first
+    return folder
+
+
+def test_the_page_holds_every_figure_and_finding(reproduced):
+    text = (reproduced / "flsar2004.html").read_text(encoding="utf-8")
+    found = pd.read_csv(reproduced / "findings.csv")
+    assert {"RVM sparser", "plastic separable without prescreener", "templates alike at both sites"} <= set(
+        found["name"]
+    )
+    assert text.count("<b>holds</b>") + text.count("<b>fails</b>") + text.count("<b>undecided</b>") == len(found)
+    for number in range(1, 11):
+        assert f"Fig. {number}. Paper" in text
+        assert (reproduced / f"fig{number}.png").is_file()
+    assert "Quick run" in text
+    assert "http" not in text
+    for name in ex.VARIANTS:
+        assert name in text
+
+
+def test_variants_have_intervals_and_the_main_one_no_difference_to_itself(reproduced):
+    told = json.loads((reproduced / "results.json").read_text(encoding="utf-8"))["notes"]["templates"]
+    assert set(told) == {f"{site}, {kind}" for site in ("arid-sand", "temperate") for kind in ("metal", "plastic")}
+    for case in told.values():
+        assert case["mean template, magnitudes"]["less the main one"] == [0.0, 0.0, 0.0]
+        for one in case.values():
+            assert one["area"][1] <= one["area"][0] <= one["area"][2]
+
+
+def test_complex_templates_do_not_depend_on_the_phase_of_each_signature(small, site):
+    rows = np.exp(2j * np.pi * np.random.default_rng(5).random(400))  # another phase every few metres of the strip
+    phase = np.repeat(rows, -(-site.wave.shape[2] // 400))[: site.wave.shape[2]]
+    # Magnitudes as they are; and every mine of the subset whole within one phase.
+    for y in site.mines["y"][site.mines["subset"]]:
+        near = np.abs(site.grid.y - y) < 0.6
+        phase[near] = phase[near][0]
+    turned = dataclasses.replace(site, wave=(site.wave * phase[:, None]).astype(np.complex64))
+    for components in (0, 1):
+        variant = ex.Variant(components, False)
+        one, other = (ex.make_templates(small, where, variant) for where in (site, turned))
+        np.testing.assert_allclose(np.abs(one), np.abs(other), atol=1e-4)
+        assert (
+            np.abs(ex.signatures(small, turned, True, False)[0].mean(axis=0)).max()
+            < np.abs(ex.signatures(small, site, True, False)[0].mean(axis=0)).max()
+        )
+
+
+def test_margin_touches_the_nearest_points():
+    figure = figures.margin_figure()
+    title = figure.axes[0].get_title()
+    below, above = (float(title.split(f"D{side}1 = ")[1].split(",")[0]) for side in "-+")
+    assert below == pytest.approx(above, abs=0.02)  # a hard margin lies in the middle
+    assert 0.1 < below < 2

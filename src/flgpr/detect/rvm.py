@@ -315,8 +315,9 @@ def leave_one_out(
     y : (sample,) array_like
         Labels.
     warm : bool
-        Whether each fold begins with the vectors of the machine fitted to all examples, less the one left out, instead
-        of from nothing. Quicker; it may end in another maximum of the evidence (compare ``log_evidence_``).
+        Whether each fold begins once by single actions and once with the vectors of the machine fitted to all
+        examples, less the one left out. Quicker; it may end in another maximum of the evidence (compare
+        ``log_evidence_``).
 
     Returns
     -------

@@ -91,7 +91,8 @@ def fit_sparse(
     n_starts : int
         Number of starts ("fast").
     start : SparseFit, optional
-        Model to begin with, its ``active`` referring to this design; takes the place of the starts ("fast").
+        Model to begin with, its ``active`` referring to this design; takes the place of all starts but that by single
+        actions ("fast").
     tol : float
         Largest gain of log evidence by a function's entering, and largest change of log α, that is left. The change of
         log α does not count once 50 rounds of it gain less than a hundredth of ``tol``.
@@ -130,11 +131,11 @@ def _ascend(
 ) -> SparseFit:  # fmt: skip
     every = np.ones(len(rows), np.bool_)
     fixed = (rows, relevance.single(rows), t, offset, every, rate)
+    fits = [relevance.ascend(*fixed, *relevance.climb(*fixed, max_iter), every, tol, max_iter)]
     if start is not None:
-        fits = [relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter)]
+        fits.append(relevance.ascend(*fixed, start.active, start.alpha, start.mean, every, tol, max_iter))
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-        fits = [relevance.ascend(*fixed, *relevance.climb(*fixed, max_iter), every, tol, max_iter)]
         fits += [relevance.ascend(*fixed, *empty, first, tol, max_iter) for first in _first(len(rows), n_starts - 1)]
     iterations = sum(fit[5] for fit in fits)
     fits.sort(key=lambda fit: -relevance.penalised(fit, rate))

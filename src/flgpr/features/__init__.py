@@ -6,6 +6,7 @@ from flgpr.features.polarimetry import cameron, entropy_alpha
 from flgpr.features.range_cuts import clean_pixels, clutter_cuts, cuts_at, quiet_pixels, range_cuts, stack_channels
 from flgpr.features.registration import Registration, register_fiducials
 from flgpr.features.templates import (
+    align_phases,
     clutter_tiles,
     cut_regions,
     max_correlation,
@@ -22,6 +23,7 @@ __all__ = [
     "FeatureSums",
     "PatchShape",
     "Registration",
+    "align_phases",
     "cameron",
     "clean_pixels",
     "clutter_cuts",

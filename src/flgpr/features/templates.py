@@ -122,6 +122,26 @@ def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any],
     return templates * sign, singular**2 / (singular**2).sum()
 
 
+def align_phases(chips: ArrayLike) -> NDArray[Any]:
+    """Turn complex images to one phase: that in which each is most like their first principal component.
+
+    Parameters
+    ----------
+    chips : (n, y, x) array_like
+        Images about mines, complex.
+
+    Returns
+    -------
+    (n, y, x) ndarray
+        The images, each times a number of modulus 1.
+    """
+    values = np.asarray(chips)
+    component = principal_templates(values, 1)[0][0]
+    likeness = (values * np.conj(component)).sum(axis=(-2, -1), keepdims=True)
+    size = np.abs(likeness)
+    return values * np.where(size > 0, np.conj(likeness) / np.where(size > 0, size, 1), 1)
+
+
 def max_correlation(region: ArrayLike, template: ArrayLike, magnitude: bool = True) -> FloatArray:
     """Correlate regions with a template and take the largest over all shifts in both directions (par. 22).
 
@@ -161,8 +181,8 @@ def template_features(regions: ArrayLike, templates: ArrayLike, magnitude: bool 
     ----------
     regions : (n, polarization, range, y, x) array_like
         Images about n places; any number of polarizations and ranges.
-    templates : (polarization, range, v, u) array_like
-        One template for each.
+    templates : (polarization, range, v, u) or (polarization, range, k, v, u) array_like
+        One template for each, or k orthonormal ones.
     magnitude : bool
         As in :func:`max_correlation`.
 

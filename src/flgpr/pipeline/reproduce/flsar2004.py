@@ -3,388 +3,91 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from flgpr.features import mean_template
+import flgpr
+from flgpr.io import canonical_json, sha256, write_whole
+from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.reproduce import flsar2004_figures as figures
-from flgpr.pipeline.reproduce.flsar2004_examples import (
-    POLARIZATIONS,
-    HeldOut,
-    Site,
-    across,
-    held_out,
-    join,
-    learn_screen,
-    one_class,
-    open_examples,
-    rvm,
-    screened_examples,
-    screened_regions,
-    signatures,
-    svm,
-)
-from flgpr.pipeline.reproduce.flsar2004_findings import (
-    Finding,
-    auc_difference,
-    auc_interval,
-    component_interval,
-    finding,
-    findings_table,
-    likeness_interval,
-    pd_count,
-    proportion,
-    proportion_difference,
-    ratio_interval,
-    roc,
-)
-from flgpr.pipeline.reproduce.flsar2004_lanes import Progress, Settings, drive, load_settings
+from flgpr.pipeline.reproduce.flsar2004_examples import join
+from flgpr.pipeline.reproduce.flsar2004_experiment import PARTS, Material, Results, prepare
+from flgpr.pipeline.reproduce.flsar2004_findings import Finding, findings_table
+from flgpr.pipeline.reproduce.flsar2004_lanes import drive, load_settings
+from flgpr.pipeline.reproduce.flsar2004_page import page_html
 
-FloatArray = NDArray[np.float64]
-Examples = tuple[pd.DataFrame, FloatArray]
-SHALLOW = 0.06
-"""Depth up to which the paper's first three depths lie, m, with their scatter."""
-PAPER_COUNT = 153
-"""Signatures in the paper's leave-one-out example (par. 57)."""
+PAGE = "flsar2004.html"
 
 
-@dataclass
-class Results:
-    """What the experiment yields: curves by figure and label, areas, findings, tables for the report."""
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
 
-    curves: dict[str, dict[str, pd.DataFrame]]
-    areas: dict[str, tuple[float, float, float]]
-    findings: list[Finding]
-    notes: dict[str, Any]
-
-
-def reproduce(
-    out: str | Path, quick: bool = False, progress: Progress | None = None, images: str | Path | None = None
-) -> pd.DataFrame:
-    """Run the experiment and write findings, figures and a report.
+    Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
 
     Parameters
     ----------
-    out : str or Path
-        Folder for ``findings.csv``, ``results.json``, ``report.md`` and the figures; made if it is not there.
+    output : str or Path
+        Folder to make or to go on with: ``flsar2004.html``, ``findings.csv``, ``results.json`` and the figures.
     quick : bool
-        Whether to take a third of the mines.
-    progress : callable, optional
-        Told in words what is being done.
-    images : str or Path, optional
-        Folder that keeps the sites' images, so that a second run need not simulate them again.
+        Few mines and tones, which only show that everything runs; the page says so on every figure.
+    track : Track
+        Shows progress.
 
     Returns
     -------
-    DataFrame
-        One row per finding: the paper's words, ours with its interval, rule and verdict.
+    Path
+        The page.
     """
-    say = progress or (lambda _: None)
-    folder = Path(out)
+    folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
-    kept = None if images is None else Path(images)
-    if kept is not None:
-        kept.mkdir(parents=True, exist_ok=True)
     settings = load_settings(quick)
-    sites = [join(settings, drive(settings, name, say, kept)) for name in settings.sites]
-    results = experiment(settings, sites, say)
-    table = findings_table(results.findings)
-    table.to_csv(folder / "findings.csv", index=False)
-    record = {"findings": [asdict(one) for one in results.findings], "areas": results.areas, "notes": results.notes}
-    (folder / "results.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
-    figures.draw(folder, settings, sites, results.curves, results.notes)
-    (folder / "report.md").write_text(figures.report(results.findings, results.areas, results.notes), encoding="utf-8")
-    return table
+    drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
+    sites = [join(settings, passes) for passes in drives]
+    content = [settings.model_dump(mode="json"), [one.key for passes in drives for one in passes], flgpr.__version__]
+    results = _parts(prepare(settings, sites), folder / "parts", sha256(canonical_json(content))[:12], track)
+    write_whole(folder / "findings.csv", findings_table(results.findings).to_csv(index=False))
+    write_whole(folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n")
+    drawn = figures.draw(settings, sites, results.curves, results.notes)
+    pictures = {
+        name: figures.png(figure, quick) for name, figure in track(drawn, "drawing the page", len(figures.CAPTIONS))
+    }
+    for name, picture in pictures.items():
+        write_whole(folder / f"{name}.png", picture)
+    page = folder / PAGE
+    write_whole(page, page_html(settings, results, pictures, quick))
+    return page
 
 
-def experiment(settings: Settings, sites: list[Site], say: Progress) -> Results:
-    """Do what Sec. 3 and 4 of the paper do, figure by figure."""
-    results = Results({}, {}, [], {})
-    templates = [mean_template(signatures(settings, site, True)[0]) for site in sites]
-    examples = [open_examples(settings, site, one) for site, one in zip(sites, templates, strict=True)]
-    results.notes["examples"] = {
-        site.name: table["kind"].value_counts().to_dict() for site, (table, _) in zip(sites, examples, strict=True)
-    }
-    results.notes["registration"] = {
-        site.name: {
-            "largest residual": max(found.residual for found in site.registration.values()),
-            "largest shift": max(float(np.hypot(*found.shift)) for found in site.registration.values()),
-        }
-        for site in sites
-    }
-    say("templates")
-    _templates(settings, sites, results)
-    say("with prescreener")
-    _screened(settings, sites, templates, results)
-    say("RVM and SVM")
-    _sparsity(settings, sites[1], examples[1], results)
-    say("without prescreener")
-    _open(settings, examples[1], results)
-    say("from site to site")
-    _across(settings, sites, templates, examples, results)
+def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
+    """Run the parts that are not on disk for the same settings, images and version, and read the others."""
+    folder.mkdir(exist_ok=True)
+    results = Results()
+    for name, part in track(PARTS.items(), "experiments", len(PARTS)):
+        path = folder / f"{name.replace(' ', '-')}-{key}.json"
+        if not path.is_file():
+            write_whole(path, json.dumps(_as_json(part(material))))
+        results.add(_from_json(json.loads(path.read_text(encoding="utf-8"))))
     return results
 
 
-def _pick(
-    examples: Examples, kinds: tuple[str, ...], depth: tuple[float, float] = (-1.0, 1.0), columns: str = "both"
-) -> Examples:
-    """Examples of some kinds of mines between two depths, and all clutter; features of one or both polarizations."""
-    table, X = examples
-    mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
-    rows = np.flatnonzero(mine | (table["kind"] == "clutter"))
-    half = X.shape[1] // 2
-    parts = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
-    return table.iloc[rows].reset_index(drop=True), X[rows][:, parts[columns]]
-
-
-def _open_area(examples: Examples, settings: Settings) -> float:
-    """Area of the clutter tiles, m²: what was searched beside the mines."""
-    count = int((examples[0]["kind"] == "clutter").sum())
-    return count * settings.features.region[0] * settings.features.region[1]
-
-
-def _templates(settings: Settings, sites: list[Site], results: Results) -> None:
-    chips = [signatures(settings, site, False)[0] for site in sites]
-    share, cosine = component_interval(chips[0], settings.classify.bootstrap)
-    results.findings += [
-        finding(
-            "one dominant principal component", "typically a single principal component (par. 24)",
-            "share of the energy in the first component, arid", share, (0.5, 1.0),
-        ),
-        finding(
-            "component close to the mean template", "very similar to the average templates (par. 24)",
-            "cosine of first component and mean template, arid", cosine, (0.9, 1.0),
-        ),
-        finding(
-            "templates alike at both sites", "templates very close to those of the temperate site (par. 19)",
-            "correlation of the sites' mean templates",
-            likeness_interval(chips[0], chips[1], settings.classify.bootstrap),
-            (0.9, 1.0),
-        ),
-    ]  # fmt: skip
-
-
-def _screened(settings: Settings, sites: list[Site], templates: list[NDArray[Any]], results: Results) -> None:
-    """Fig. 5: metal mines flush and at 5 cm, with prescreeners; and what becomes of the plastic ones."""
-    peaks, passed = [], {}
-    for site, template in zip(sites, templates, strict=True):
-        scores: dict[str, HeldOut] = {}
-        figure: dict[str, pd.DataFrame] = {}
-        screen = learn_screen(settings, site, template, ("metal",))
-        for label, polarizations in (("HH", ("HH",)), ("VV", ("VV",)), ("both", POLARIZATIONS)):
-            regions = screened_regions(settings, site, screen, polarizations)
-            examples = screened_examples(settings, site, template, regions)
-            if label == "both":
-                passed[site.name] = (examples[0], _offered(site))
-            chosen = _pick(examples, ("metal",), (-0.05, SHALLOW), label)
-            wanted = _offered(site, "metal", (-0.05, SHALLOW))
-            if (chosen[0]["kind"] == "metal").sum() < 6 or (chosen[0]["kind"] == "clutter").sum() < 6:
-                results.notes[f"fig5 {site.name} {label}"] = "too few examples pass the prescreeners"
-                continue
-            scores[label] = held_out(*chosen, rvm(settings.classify), settings.classify.folds)
-            figure[label] = roc(scores[label], site.area, wanted)
-            if label == "both":
-                peaks.append((int((chosen[0]["kind"] == "metal").sum()), wanted))
-        results.curves[f"fig5 {site.name}"] = figure
-        if len(scores) == 3:
-            for label in ("HH", "VV"):
-                results.findings.append(
-                    finding(
-                        f"fusion changes little, {site.name}, against {label}",
-                        "fused not significantly different from VV or HH (par. 46)",
-                        "area under the ROC, both less one polarization, prescreened metal",
-                        auc_difference(scores["both"], scores[label], settings.classify.bootstrap), (-0.05, 0.05),
-                    )
-                )  # fmt: skip
-    if len(peaks) == 2:
-        results.findings.append(
-            finding(
-                "peak Pd higher at the arid site", "peak Pd higher for the arid site (par. 43)",
-                "share of metal mines, flush and 5 cm, past the prescreeners, arid less temperate",
-                proportion_difference(*peaks), (0.0, 1.0),
-            )
-        )  # fmt: skip
-    for kind, rule in (("plastic", (0.0, 0.2)), ("metal", (0.5, 1.0))):
-        examples_table, offered = passed[sites[0].name]
-        count = int((examples_table["kind"] == kind).sum())
-        results.findings.append(
-            finding(
-                f"{kind} mines at the prescreener, arid",
-                "almost all plastic mines missed (par. 41)" if kind == "plastic" else "metal mines stronger (par. 41)",
-                f"share of {kind} mines past the prescreeners", proportion(count, int(offered[kind])), rule,
-            )
-        )  # fmt: skip
-    _learnt_on_all(settings, sites[0], templates[0], results)
-
-
-def _learnt_on_all(settings: Settings, site: Site, template: NDArray[Any], results: Results) -> None:
-    """Note what thresholds learnt on plastic mines too would do; they are used nowhere."""
-    screen = learn_screen(settings, site, template, ("metal", "plastic"))
-    regions = screened_regions(settings, site, screen, POLARIZATIONS)
-    table, _ = screened_examples(settings, site, template, regions)
-    counts, offered = table["kind"].value_counts(), _offered(site)
-    results.notes["thresholds learnt on metal and plastic, arid"] = {
-        **{kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in ("metal", "plastic")},
-        "clutter regions per m²": int(counts.get("clutter", 0)) / site.area,
-    }
-
-
-def _offered(site: Site, kind: str | None = None, depth: tuple[float, float] = (-1.0, 1.0)) -> Any:
-    """Count the mines outside the subset: of one kind between two depths, or of every kind."""
-    mines = site.mines[~site.mines["subset"]]
-    if kind is None:
-        return mines["kind"].value_counts()
-    return int(((mines["kind"] == kind) & mines["depth"].between(*depth)).sum())
-
-
-def _sparsity(settings: Settings, site: Site, examples: Examples, results: Results) -> None:
-    """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener; RVM against SVM, RBF against polynomials."""
-    chosen = _pick(examples, ("metal",), (-1.0, SHALLOW), "VV")
-    area = _open_area(chosen, settings)
-    options, folds, count = settings.classify, settings.classify.folds, settings.classify.bootstrap
-    scores = {
-        "RVM": held_out(*chosen, rvm(options), folds),
-        "SVM": held_out(*chosen, svm(options), folds),
-        "RVM polynomial": held_out(*chosen, rvm(options, "poly"), folds),
-        "SVM polynomial": held_out(*chosen, svm(options, "poly"), folds),
-    }
-    results.curves["fig6"] = {label: roc(one, area) for label, one in scores.items()}
-    results.areas |= {f"fig6 {label}": auc_interval(one, count) for label, one in scores.items()}
-    few = _thin(chosen, settings.seed)
-    loo = {"RVM": held_out(*few, rvm(options), None), "SVM": held_out(*few, svm(options), None)}
-    results.curves["fig6 leave-one-out"] = {label: roc(one, _open_area(few, settings)) for label, one in loo.items()}
-    results.notes["vectors, leave-one-out"] = {
-        "examples": len(few[0]), **{label: float(one.kept.mean()) for label, one in loo.items()}
-    }  # fmt: skip
-    results.notes["vectors by fold"] = {label: one.kept.tolist() for label, one in loo.items()}
-    results.findings += [
-        finding(
-            "RVM and SVM alike", "ROCs almost identical (par. 48)",
-            "area under the ROC, RVM less SVM, metal to 5 cm, VV",
-            auc_difference(scores["RVM"], scores["SVM"], count), (-0.05, 0.05),
-        ),
-        finding(
-            "RVM and SVM alike, leave-one-out", "ROCs almost identical (par. 48)",
-            "area under the ROC, RVM less SVM, the paper's own scheme",
-            auc_difference(loo["RVM"], loo["SVM"], count), (-0.05, 0.05),
-        ),
-        finding(
-            "RVM sparser", "14 % relevance against 34 % support vectors (par. 48)",
-            "relevance over support vectors, leave-one-out",
-            ratio_interval(loo["RVM"].kept, loo["SVM"].kept), (0.0, 0.5),
-        ),
-        finding(
-            "kernel matters little", "polynomial kernels: very little difference (par. 40)",
-            "area under the ROC, RVM, RBF less polynomial",
-            auc_difference(scores["RVM"], scores["RVM polynomial"], count), (-0.05, 0.05),
-        ),
-    ]  # fmt: skip
-    results.notes["site of fig6"] = site.name
-
-
-def _thin(examples: Examples, seed: int) -> Examples:
-    """Draw as many examples as the paper had, in its proportion of mines (27 of 153)."""
-    table, X = examples
-    rng = np.random.default_rng(seed)
-    mine = np.flatnonzero(table["kind"] != "clutter")
-    clutter = np.flatnonzero(table["kind"] == "clutter")
-    wanted = min(27, len(mine)), min(PAPER_COUNT - 27, len(clutter))
-    rows = np.sort(np.concatenate([rng.choice(mine, wanted[0], False), rng.choice(clutter, wanted[1], False)]))
-    return table.iloc[rows].reset_index(drop=True), X[rows]
-
-
-def _open(settings: Settings, examples: Examples, results: Results) -> None:
-    """Fig. 7 to 9: metal and plastic without prescreener, by depth, and by novelty detectors; both polarizations."""
-    options, count = settings.classify, settings.classify.bootstrap
-    binary: dict[str, HeldOut] = {}
-    novel: dict[str, HeldOut] = {}
-    for kind in ("metal", "plastic"):
-        chosen = _pick(examples, (kind,))
-        area = _open_area(chosen, settings)
-        binary[kind] = held_out(*chosen, rvm(options), options.folds)
-        rivals = {
-            name: held_out(*chosen, one_class(options, name), options.folds, True) for name in ("rvm", "svm", "gmm")
+def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
+    record = {"findings": [asdict(one) for one in results.findings], "areas": results.areas, "notes": results.notes}
+    if curves:
+        record["curves"] = {
+            name: {label: curve.to_dict("list") for label, curve in figure.items()}
+            for name, figure in results.curves.items()
         }
-        novel[kind] = rivals["rvm"]
-        results.curves.setdefault("fig7", {})[kind] = roc(binary[kind], area)
-        results.curves.setdefault("fig9", {})[kind] = roc(novel[kind], area)
-        results.areas[f"fig7 {kind}"] = auc_interval(binary[kind], count)
-        for name, one in rivals.items():
-            results.areas[f"fig9 {kind}, one-class {name}"] = auc_interval(one, count)
-        results.findings.append(
-            finding(
-                f"novelty detector slightly worse, {kind}", "only slightly worse than the binary classifier (par. 53)",
-                "area under the ROC, binary less one-class RVM", auc_difference(binary[kind], novel[kind], count),
-                (0.0, 0.1),
-            )
-        )  # fmt: skip
-    results.findings += [
-        finding(
-            "plastic separable without prescreener", "plastic encouraging without prescreener (par. 42)",
-            "area under the ROC, plastic, binary RVM", auc_interval(binary["plastic"], count), (0.75, 1.0),
-        ),
-        finding(
-            "plastic comparable to metal", "metal typically better, but comparable (par. 49)",
-            "area under the ROC, metal less plastic",
-            auc_difference(binary["metal"], binary["plastic"], count), (0.0, 0.1),
-        ),
-    ]  # fmt: skip
-    _depths(settings, _pick(examples, ("plastic",)), binary["plastic"], results)
+    return record
 
 
-def _depths(settings: Settings, chosen: Examples, scores: HeldOut, results: Results) -> None:
-    """Fig. 8: plastic mines by depth."""
-    table = chosen[0]
-    depth = table["depth"].to_numpy()[(table["kind"] != "clutter").to_numpy()]
-    area = _open_area(chosen, settings)
-    for label, rows in (("to 5 cm", depth <= SHALLOW), ("10 and 15 cm", depth > SHALLOW), ("all", depth > -1)):
-        part = HeldOut(scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept)
-        results.curves.setdefault("fig8", {})[label] = roc(part, area)
-    for far in (0.04, 0.07):
-        results.findings.append(
-            finding(
-                f"plastic degrades with depth at {far} per m²",
-                "substantial degradation for deeper mines, particularly at 0.04-0.07 per m² (par. 50)",
-                "Pd, down to 5 cm less 10 and 15 cm",
-                proportion_difference(
-                    pd_count(scores, area, far, depth <= SHALLOW), pd_count(scores, area, far, depth > SHALLOW)
-                ),
-                (0.1, 1.0),
-            )
-        )
-
-
-def _across(
-    settings: Settings, sites: list[Site], templates: list[NDArray[Any]], examples: list[Examples], results: Results
-) -> None:
-    """Fig. 10: trained at one site, with its templates, and tested at the other; buried mines."""
-    options, count = settings.classify, settings.classify.bootstrap
-    for first, second in ((0, 1), (1, 0)):
-        way = f"{sites[first].name} to {sites[second].name}"
-        seen = open_examples(settings, sites[second], templates[first])
-        novel: dict[str, HeldOut] = {}
-        for kind in ("metal", "plastic"):
-            train, test = (_pick(one, (kind,), (-0.05, 1.0)) for one in (examples[first], seen))
-            novel[kind] = across(train, test, one_class(options))
-            binary = across(train, test, rvm(options))
-            area = _open_area(test, settings)
-            figure = results.curves.setdefault(f"fig10 {way}", {})
-            figure |= {f"{kind}, one-class": roc(novel[kind], area), f"{kind}, binary": roc(binary, area)}
-            results.areas[f"fig10 {way}, {kind}, one-class"] = auc_interval(novel[kind], count)
-            results.areas[f"fig10 {way}, {kind}, binary"] = auc_interval(binary, count)
-        results.findings += [
-            finding(
-                f"training carries over, {way}", "reasonable performance at the other site (par. 55)",
-                "area under the ROC, metal, one-class RVM", auc_interval(novel["metal"], count), (0.75, 1.0),
-            ),
-            finding(
-                f"metal better than plastic, {way}", "improved performance for metal mines (par. 55)",
-                "area under the ROC, metal less plastic, one-class RVM",
-                auc_difference(novel["metal"], novel["plastic"], count), (0.0, 1.0),
-            ),
-        ]  # fmt: skip
+def _from_json(record: dict[str, Any]) -> Results:
+    curves = {
+        name: {label: pd.DataFrame(curve) for label, curve in figure.items()}
+        for name, figure in record["curves"].items()
+    }
+    areas = {name: (low[0], low[1], low[2]) for name, low in record["areas"].items()}
+    findings = [Finding(**{**one, "rule": tuple(one["rule"])}) for one in record["findings"]]
+    return Results(curves, areas, findings, record["notes"])

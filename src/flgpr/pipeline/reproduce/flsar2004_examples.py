@@ -16,7 +16,15 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, OneClassSVM
 
 from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
-from flgpr.features import clutter_tiles, cut_regions, register_fiducials, template_features
+from flgpr.features import (
+    align_phases,
+    clutter_tiles,
+    cut_regions,
+    mean_template,
+    principal_templates,
+    register_fiducials,
+    template_features,
+)
 from flgpr.features.registration import Registration
 from flgpr.model import Grid, Lane
 from flgpr.pipeline.reproduce.flsar2004_lanes import Classify, Pass, Settings
@@ -43,8 +51,10 @@ class Site:
     ----------
     name : str
         Site.
-    image : (polarization, range, y, x) ndarray
-        Magnitudes.
+    wave : (polarization, range, y, x) ndarray of complex64
+        Images; the phase of the way to the pixel at the middle of the band is taken out.
+    image : (polarization, range, y, x) ndarray of float32
+        Their magnitudes.
     grid : Grid
         Pixels of the strip.
     mines : DataFrame
@@ -56,6 +66,7 @@ class Site:
     """
 
     name: str
+    wave: NDArray[np.complex64]
     image: NDArray[np.float32]
     grid: Grid
     mines: pd.DataFrame
@@ -80,7 +91,7 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
             known = np.array(one.fiducials[["x", "y"]], dtype=np.float64)
             known[:, 1] -= one.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
             name = f"{one.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
-            registration[name] = register_fiducials(one.image[p, r], one.grid, known)
+            registration[name] = register_fiducials(np.abs(one.image[p, r]), one.grid, known)
         shift = np.median([found.shift for key, found in registration.items() if key.startswith(one.direction)], axis=0)
         table = one.truth[["x", "y", "kind", "depth"]].assign(target=one.truth["target_id"], direction=one.direction)
         table["x"] += shift[0]
@@ -92,17 +103,67 @@ def join(settings: Settings, drives: Sequence[Pass]) -> Site:
     rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
     chosen = rng.choice(names, max(round(settings.features.share * len(names)), 4), replace=False)
     table["subset"] = table["target"].isin(chosen)
-    image = np.concatenate([one.image for one in drives], axis=2)
-    return Site(drives[0].site, image, grid, table, tuple(lanes), registration)
+    wave = np.concatenate([one.image for one in drives], axis=2)
+    return Site(drives[0].site, wave, np.abs(wave), grid, table, tuple(lanes), registration)
 
 
-def signatures(settings: Settings, site: Site, subset: bool) -> tuple[NDArray[Any], pd.DataFrame]:
+def signatures(
+    settings: Settings, site: Site, subset: bool, magnitude: bool = True
+) -> tuple[NDArray[Any], pd.DataFrame]:
     """Cut images of template size about the mines: those of the subset, or all the others."""
     mines = site.mines[site.mines["subset"] == subset].reset_index(drop=True)
-    return cut_regions(site.image, site.grid, mines[["x", "y"]], settings.features.template), mines
+    image = site.image if magnitude else site.wave
+    return cut_regions(image, site.grid, mines[["x", "y"]], settings.features.template), mines
 
 
-def open_examples(settings: Settings, site: Site, templates: NDArray[Any]) -> tuple[pd.DataFrame, FloatArray]:
+@dataclass(frozen=True)
+class Variant:
+    """A way to make templates and to correlate with them.
+
+    Attributes
+    ----------
+    components : int
+        Number of principal components; 0 is the mean.
+    magnitude : bool
+        Whether magnitudes are correlated, or complex values.
+    """
+
+    components: int
+    magnitude: bool
+
+
+MAIN = Variant(0, True)
+VARIANTS = {
+    "mean template, magnitudes": MAIN,
+    "first component, magnitudes": Variant(1, True),
+    "three components, magnitudes": Variant(3, True),
+    "mean template, complex": Variant(0, False),
+    "first component, complex": Variant(1, False),
+    "three components, complex": Variant(3, False),
+}
+
+
+def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
+    """Make templates from the subset's signatures, shape (polarization, range, y, x) or (..., component, y, x).
+
+    Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a wavelength: they are
+    turned to one phase before they are averaged.
+    """
+    chips = signatures(settings, site, True, variant.magnitude)[0]
+    if variant.components == 0 and variant.magnitude:
+        return mean_template(chips)
+    channels = []
+    for p, r in np.ndindex(*chips.shape[1:3]):
+        one = chips[:, p, r]
+        channels.append(
+            principal_templates(one, variant.components)[0] if variant.components else mean_template(align_phases(one))
+        )
+    return np.stack(channels).reshape(*chips.shape[1:3], *channels[0].shape)
+
+
+def open_examples(
+    settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
+) -> tuple[pd.DataFrame, FloatArray]:
     """Examples without prescreener: every mine outside the subset, and the tiles of the lane that hold none."""
     features = settings.features
     mines = site.mines[~site.mines["subset"]]
@@ -111,16 +172,17 @@ def open_examples(settings: Settings, site: Site, templates: NDArray[Any]) -> tu
         for k, lane in enumerate(site.lanes)
     ]
     table = pd.concat([mines, pd.concat(tiles).assign(kind="clutter")], ignore_index=True)
-    return _with_features(settings, site, templates, table)
+    return _with_features(settings, site, templates, table, magnitude)
 
 
 def _with_features(
-    settings: Settings, site: Site, templates: NDArray[Any], table: pd.DataFrame
+    settings: Settings, site: Site, templates: NDArray[Any], table: pd.DataFrame, magnitude: bool = True
 ) -> tuple[pd.DataFrame, FloatArray]:
     table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
     table["target"] = table["target"].fillna("") if "target" in table else ""
-    regions = cut_regions(site.image, site.grid, table[["x", "y"]], settings.features.region)
-    return table, template_features(regions, templates, settings.features.magnitude)
+    image = site.image if magnitude else site.wave
+    regions = cut_regions(image, site.grid, table[["x", "y"]], settings.features.region)
+    return table, template_features(regions, templates, magnitude)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import math
 import tomllib
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -12,21 +13,23 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
 from flgpr.imaging import ImagingOperator
-from flgpr.model import Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
-from flgpr.screen import sample_scan
+from flgpr.io import canonical_json, sha256, write_whole
+from flgpr.kernels.sampling import bilinear
+from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
+from flgpr.pipeline.progress import Track, silent
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import Clutter, Target, TargetDraw, Thing, Track
+from flgpr.simulate.scene import Clutter, Surface, Target, TargetDraw, Thing
+from flgpr.simulate.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str], None]
+FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them
 
 
 class _Table(BaseModel):
@@ -46,7 +49,6 @@ class Features(_Table):
 
     region: tuple[float, float]
     template: tuple[float, float]
-    magnitude: bool
     share: float
     keep_off: float
 
@@ -68,6 +70,7 @@ class Classify(_Table):
     degrees: tuple[int, ...]
     p0: float
     bootstrap: int
+    examples: tuple[int, int]
 
 
 class Settings(_Table):
@@ -76,6 +79,7 @@ class Settings(_Table):
     name: str
     seed: int
     sensor: str
+    density: float | None = None
     tones: tuple[float, float, int]
     footprint: tuple[float, float, float, float]
     window: str
@@ -101,16 +105,29 @@ class Settings(_Table):
 
 
 def load_settings(quick: bool = False) -> Settings:
-    """Read the packaged settings; ``quick`` keeps a third of the mines and a quarter of the bootstrap."""
+    """Read the packaged settings; ``quick`` takes few mines, tones and draws, which only show that all of it runs.
+
+    Parameters
+    ----------
+    quick : bool
+        Whether to take the small version.
+
+    Returns
+    -------
+    Settings
+        The settings.
+    """
     text = (resources.files("flgpr.pipeline.reproduce") / "flsar2004.toml").read_text(encoding="utf-8")
     settings = Settings.model_validate(tomllib.loads(text))
     if not quick:
         return settings
-    fewer = tuple(
-        Mines(depth=m.depth, metal=max(m.metal // 3, 2), plastic=max(m.plastic // 3, 2)) for m in settings.mines
+    few = tuple(Mines(depth=mines.depth, metal=2, plastic=2) for mines in settings.mines)
+    classify = settings.classify.model_copy(
+        update={"bootstrap": 100, "folds": 3, "widths": (0.3, 1.0), "costs": (1.0, 10.0), "examples": (8, 12)}
     )
-    classify = settings.classify.model_copy(update={"bootstrap": settings.classify.bootstrap // 4, "folds": 5})
-    return settings.model_copy(update={"mines": fewer, "classify": classify})
+    return settings.model_copy(
+        update={"mines": few, "classify": classify, "tones": (300e6, 8e6, 169), "density": 20.0, "fiducial_pitch": 17.3}
+    )
 
 
 @dataclass(frozen=True)
@@ -123,36 +140,65 @@ class Pass:
         Where.
     direction : str
         "out" or "back"; the frame is that of the drive.
-    image : (polarization, range, y, x) ndarray of float32
-        Magnitudes, in units of the scans' gain.
+    image : (polarization, range, y, x) ndarray of complex64
+        In units of the scans' gain; the phase that the way to the pixel turns at the middle of the band is taken out.
     grid : Grid
         Pixels.
     truth, fiducials : DataFrame
         Mines and fiducials in the frame of the drive.
+    key : str
+        Digest of what the images were made of.
     """
 
     site: str
     direction: str
-    image: NDArray[np.float32]
+    image: NDArray[np.complex64]
     grid: Grid
     truth: pd.DataFrame
     fiducials: pd.DataFrame
+    key: str = ""
 
 
-def drive(settings: Settings, site: str, progress: Progress, folder: Path | None = None) -> list[Pass]:
-    """Drive a site's lane in both directions, or read the images of an earlier drive from ``folder``."""
+def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
+    """Drive a site's lane in both directions, or read the images of the same drive from a folder.
+
+    Parameters
+    ----------
+    settings : Settings
+        The settings.
+    site : str
+        One of their sites.
+    folder : Path
+        Where the images are kept; made if it is not there.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of Pass
+        Out and back.
+    """
     sensor = load_sensor(settings.sensor)
     start, step, count = settings.tones
     sensor = sensor.model_copy(
         update={"tones": Tones(start=start, step=step, count=int(count)), "footprint": settings.footprint}
     )
     seed = settings.seed + 10 * settings.sites.index(site)
-    out = Simulator(_scene(settings, site), sensor, seed)
-    back = Simulator(_turned(settings, site, out), sensor, seed + 1)
-    return [
-        _one_pass(settings, site, name, simulator, sensor, progress, folder)
-        for name, simulator in (("out", out), ("back", back))
-    ]
+    scene = _scene(settings, site)
+    out = Simulator(scene, sensor, seed)
+    turned = _turned(settings, site, out)
+    back = Simulator(turned, sensor, seed + 1)
+    folder.mkdir(parents=True, exist_ok=True)
+    passes = []
+    for name, simulator, world in (("out", out, scene), ("back", back, turned)):
+        imaging = {key: getattr(settings, key) for key in ("ranges", "step", "lane", "spacing", "margin", "window")}
+        content = {
+            "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
+            "imaging": imaging, "length": settings.length,
+        }  # fmt: skip
+        path = folder / f"{site}-{name}-{sha256(canonical_json(content))[:12]}.npz"
+        passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
+    return passes
 
 
 def _scene(settings: Settings, site: str) -> Scene:
@@ -168,14 +214,14 @@ def _scene(settings: Settings, site: str) -> Scene:
     )
     return Scene(
         name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
-        draws=tuple(draws), objects=fiducials, track=_track(settings),
+        draws=tuple(draws), objects=fiducials, track=_track(settings), surface=Surface(density=settings.density),
     )  # fmt: skip
 
 
-def _track(settings: Settings) -> Track:
+def _track(settings: Settings) -> Drive:
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
-    return Track(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
+    return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
 
 
 def _turned(settings: Settings, site: str, out: Simulator) -> Scene:
@@ -192,63 +238,77 @@ def _turned(settings: Settings, site: str, out: Simulator) -> Scene:
         name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
         targets=tuple(map(turn, world.targets)), objects=tuple(map(turn, world.objects)),
         patches=tuple(map(turn, world.patches)), clutter=Clutter(rocks=0, bushes=0, posts=0, patches=0),
-        track=_track(settings),
+        track=_track(settings), surface=Surface(density=settings.density),
     )  # fmt: skip
 
 
 def _one_pass(
-    settings: Settings, site: str, direction: str, simulator: Simulator, sensor: Sensor, progress: Progress,
-    folder: Path | None,
-) -> Pass:  # fmt: skip
+    settings: Settings, site: str, direction: str, simulator: Simulator, sensor: Sensor, path: Path, track: Track
+) -> Pass:
     m, (dx, dy) = settings.margin, settings.spacing
     x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)
     grid = Grid(float(x[0]), -m, x.size, round((settings.length + 2 * m) / dy) + 1, dx, dy)
-    path = None if folder is None else folder / f"{site}-{direction}.npz"
-    if path is not None and path.is_file():
-        image = np.load(path, allow_pickle=False)["image"]
+    if path.is_file():
+        with np.load(path, allow_pickle=False) as arrays:
+            image = arrays["image"]
     else:
-        image = lane_images(settings, simulator, sensor, grid, lambda text: progress(f"{site} {direction}: {text}"))
-        if path is not None:
-            np.savez_compressed(path, image=image)
+        stops = track(range(len(simulator.reported_pose())), f"{site} {direction}", len(simulator.reported_pose()))
+        image = lane_images(settings, simulator, sensor, grid, stops)
+        buffer = io.BytesIO()
+        np.savez(buffer, image=image)
+        write_whole(path, buffer.getvalue())
     objects = simulator.objects
     fiducials = objects[objects["kind"] == "fiducial"].reset_index(drop=True)
-    return Pass(site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials)
+    return Pass(site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem)
 
 
 def lane_images(
-    settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, progress: Progress
-) -> NDArray[np.float32]:
+    settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, stops: Iterable[int]
+) -> NDArray[np.complex64]:
     """Image every stop, take the self-signature off, and put together one lane image per polarization and range.
 
-    A pixel of the image of range d comes from the stop that sees it within half a step of d.
+    A pixel of the image of range d comes from the stop that sees it within half a step of d. The phase of the middle
+    of the band is taken out, so that neighbouring pixels differ little and signatures at any distance are alike.
+
+    Parameters
+    ----------
+    settings : Settings
+        The settings.
+    simulator : Simulator
+        Makes the scans.
+    sensor : Sensor
+        Its antennas.
+    grid : Grid
+        Pixels of the lane.
+    stops : iterable of int
+        The scans, all of them in their order.
+
+    Returns
+    -------
+    (polarization, range, y, x) ndarray of complex64
+        Images.
     """
     half = settings.step / 2 + 0.75
     nx = round((grid.x[-1] - grid.x[0] + 0.4) / grid.dx) + 1
-    ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) / grid.dy) + 1
-    view = Grid(float(grid.x[0]) - 0.2, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy)
+    ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
+    view = Grid(float(grid.x[0]) - 0.2, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)
     pose = simulator.reported_pose()
-    tx, rx = sensor.pairs()
-    level = pose[0].copy()
-    operator = ImagingOperator(
-        simulator.frequency, vehicle_to_scan(tx, level), vehicle_to_scan(rx, level), view.points(),
-        window=settings.window,
-    )  # fmt: skip
-    images = []
-    for index in range(len(pose)):
-        images.append(operator.adjoint(simulator.scan(index))[:, 0])
-        progress(f"stop {index + 1} of {len(pose)}")
+    tx, rx = (vehicle_to_scan(positions, pose[0]) for positions in sensor.pairs())
+    operator = ImagingOperator(simulator.frequency, tx, rx, view.points(), window=settings.window)
+    images = [operator.adjoint(simulator.scan(index))[:, 0] for index in stops]
     signature = self_signature(images, "median")
-    lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.float32)
+    middle = 2 * np.pi * float(np.mean(simulator.frequency)) / SPEED_OF_LIGHT
+    way = 2 * np.linalg.norm(view.points() - (tx + rx).mean(axis=0) / 2, axis=-1)
+    carrier = np.exp(-1j * middle * way).astype(np.complex64)
+    lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.complex64)
     points = grid.points()
     for image, where in zip(images, pose, strict=True):
-        clean = _labelled(image / scan_gain(image) - signature, view)
+        clean = ((image / scan_gain(image) - signature) * carrier).astype(np.complex64)
         local = lane_to_scan(points, where)
         for k, distance in enumerate(settings.ranges):
             rows = np.abs(local[:, 0, 1] - distance) <= settings.step / 2
             if rows.any():
-                lane[:, k, rows] = np.nan_to_num(sample_scan(clean, local[rows]))
+                row = (local[rows][..., 1] - view.y_min) / view.dy
+                column = (local[rows][..., 0] - view.x_min) / view.dx
+                lane[:, k, rows] = np.nan_to_num(bilinear(clean, row, column))
     return lane
-
-
-def _labelled(image: NDArray[np.complex64], view: Grid) -> xr.DataArray:
-    return xr.DataArray(image, dims=("polarization", "y", "x"), coords={"y": view.y, "x": view.x})

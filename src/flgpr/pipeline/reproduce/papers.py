@@ -130,20 +130,13 @@ def _claims(folder: Path) -> list[Verdict]:
     return [Verdict(f"{one['claim']} ({one['paper']})", one["ours"], verdict_of(one["verdict"])) for one in found]
 
 
-def _run_flsar2004(folder: Path, quick: bool, track: Track) -> Path:
-    def say(words: str) -> None:
-        for _ in track((words,), words, 1):
-            pass
-
-    flsar2004.reproduce(folder, quick, say, folder / "images")
-    return folder / "report.md"
-
-
 PAPERS = {
     "cosgrove2004": Paper(
         "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection", cosgrove2004.reproduce, _cosgrove2004
     ),
-    "flsar2004": Paper("flsar2004: prescreeners, templates and relevance vector machines", _run_flsar2004, _flsar2004),
+    "flsar2004": Paper(
+        "flsar2004: prescreeners, templates and relevance vector machines", flsar2004.reproduce, _flsar2004
+    ),
     "fuse2018": Paper(
         "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
         fuse2018.reproduce,
