@@ -8,6 +8,7 @@ import typer
 
 from flgpr import __version__
 from flgpr.cli import runs
+from flgpr.cli.calibration import anchor, calibrate_app
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
 from flgpr.cli.simulation import design, simulate
@@ -24,6 +25,8 @@ app = typer.Typer(
 app.registered_commands += runs.app.registered_commands
 app.command()(simulate)
 app.command()(design)
+app.add_typer(calibrate_app, name="calibrate")
+app.command()(anchor)
 app.add_typer(import_app, name="import")
 app.command()(export)
 app.command()(reproduce)

@@ -1,0 +1,180 @@
+"""Calibration of stored runs: clock and range bias against the positions, files in, files out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.calibrate import BiasFit, ClockFit, estimate_clock, estimate_range_bias, remove_range_bias, with_track
+from flgpr.imaging import ImagingOperator
+from flgpr.io import open_run, save_run
+from flgpr.io.anchor import read_anchor
+from flgpr.io.textarrays import read_text_table
+from flgpr.io.tracks import read_nmea, read_track
+from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.track import TRACK_COLUMNS, check_track
+
+PathLike = str | Path
+_LARGEST = 2_000_000  # pixels of the area that is focused for every trial
+
+
+@dataclass(frozen=True)
+class ClockSearch:
+    """Where a clock offset is looked for.
+
+    Attributes
+    ----------
+    area : (x_min, x_max, y_min, y_max)
+        Ground that is focused, lane frame, m.
+    offsets : (float, float)
+        Least and greatest offset of the track's clock from the radar's, s.
+    step : float
+        First step, s; it is halved four times around the best.
+    height : float
+        z of the area, m.
+    spacing : float or None
+        Of the pixels, m; None takes a quarter of the shortest wavelength.
+    rates : tuple of float
+        Clock rates to try.
+    """
+
+    area: tuple[float, float, float, float]
+    offsets: tuple[float, float]
+    step: float = 0.05
+    height: float = 0.0
+    spacing: float | None = None
+    rates: tuple[float, ...] = (1.0,)
+
+
+def calibrate_clock(
+    run: PathLike,
+    search: ClockSearch,
+    track: PathLike | None = None,
+    output: PathLike | None = None,
+    anchor: PathLike | None = None,
+) -> ClockFit:
+    """Find the clock offset at which a run focuses best, and store the run with the poses that follow.
+
+    Parameters
+    ----------
+    run : path
+        Run store with times.
+    search : ClockSearch
+        Where to look.
+    track : path, optional
+        CSV track or NMEA log of the array's reference point; by default ``NAME-track.csv`` beside the run.
+    output : path, optional
+        Run store to make, with the new poses.
+    anchor : path, optional
+        Needed to read an NMEA log.
+
+    Returns
+    -------
+    ClockFit
+        Offset, rate and what was tried.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid, or the output exists.
+    """
+    store = Path(run)
+    _fresh(output)
+    held = open_run(store)
+    way = _read_track(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
+    x_min, x_max, y_min, y_max = search.area
+    spacing = search.spacing or SPEED_OF_LIGHT / float(held["frequency"].values[-1]) / 4
+    low, high = search.offsets
+    if not (x_max > x_min and y_max > y_min and spacing > 0):
+        raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {search.area}")
+    if not (high >= low and search.step > 0):
+        raise ValueError(f"offsets must increase and step be positive, got {search.offsets} and {search.step:g}")
+    x, y = np.arange(x_min, x_max + spacing / 2, spacing), np.arange(y_min, y_max + spacing / 2, spacing)
+    if x.size * y.size > _LARGEST:
+        raise ValueError(
+            f"area must hold at most {_LARGEST:,} pixels, got {x.size} x {y.size} of {spacing:.3g} m: take a smaller "
+            "one or a wider spacing"
+        )
+    pixels = np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), search.height)], axis=-1)
+    offsets = np.arange(low, high + search.step / 2, search.step)
+    fit = estimate_clock(held, way, pixels, offsets, ImagingOperator, search.rates)
+    if output is not None:
+        moved = with_track(held, way, fit.offset, fit.rate)
+        _save(moved, output, {"clock_offset_s": fit.offset, "clock_rate": fit.rate})
+    return fit
+
+
+def calibrate_range_bias(
+    run: PathLike, reflectors: PathLike, output: PathLike | None = None, search: float = 0.6
+) -> BiasFit:
+    """Find by how much ranges are measured too long, from reflectors at known places, and store the run without it.
+
+    Parameters
+    ----------
+    run : path
+        Run store whose poses have the right clock.
+    reflectors : path
+        CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame.
+    output : path, optional
+        Run store to make.
+    search : float
+        How far from a reflector its echo is looked for, m.
+
+    Returns
+    -------
+    BiasFit
+        The bias, and what every reflector tells.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid, or the output exists.
+    """
+    _fresh(output)
+    held = open_run(run).compute()
+    path = Path(reflectors)
+    if not path.is_file():
+        raise FileNotFoundError(f"file of reflectors not found: {path}")
+    columns = read_text_table(path)
+    missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
+    if missing:
+        raise ValueError(f"{path}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}")
+    places = np.stack([np.asarray(columns[name], dtype=np.float64) for name in ("x_m", "y_m", "z_m")], axis=1)
+    if not np.isfinite(places).all():
+        raise ValueError(f"{path}: places must be finite, got {places[~np.isfinite(places).all(axis=1)][0].tolist()}")
+    if not search > 0:
+        raise ValueError(f"search must be positive, got {search:g}")
+    fit = estimate_range_bias(held, places, ImagingOperator, search)
+    if output is not None:
+        _save(remove_range_bias(held, fit.bias), output, {"range_bias_m": fit.bias})
+    return fit
+
+
+def _read_track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
+    """Read a track in lane coordinates, as import writes it or as :func:`read_track` describes, or an NMEA log."""
+    if not path.is_file():
+        raise FileNotFoundError(f"track not found: {path}")
+    if path.suffix.lower() != ".csv":
+        if anchor is None:
+            raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
+        return read_nmea(path, read_anchor(anchor))
+    names = [column.name for column in TRACK_COLUMNS]
+    columns = read_text_table(path)
+    if set(names) <= set(columns):
+        return check_track(pd.DataFrame({name: columns[name] for name in names}))
+    return read_track(path)
+
+
+def _save(run: xr.Dataset, output: PathLike, found: dict[str, Any]) -> None:
+    before = run.attrs.get("calibration", {})
+    save_run(run.assign_attrs(calibration={**before, **found}), output)
+
+
+def _fresh(output: PathLike | None) -> None:
+    if output is not None and Path(output).exists():
+        raise FileExistsError(f"output must not exist yet, got {output}")
