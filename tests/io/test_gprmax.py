@@ -10,18 +10,10 @@ from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
 from flgpr.model import Sensor
 from flgpr.pipeline.fullwave import import_gprmax_results, write_gprmax_decks
 from flgpr.simulate import Scene
+from io_gprmax import dipole_field
 
 SPEED = 299_792_458.0
 TONES = 600e6 + 50e6 * np.arange(15)
-
-
-def dipole_field(direction, offset, component, frequency):
-    """Field of a short dipole of unit moment in air, near and far (Balanis 2016, Sec. 4.2), times j; V/m per A·m."""
-    distance = np.linalg.norm(offset)
-    ray, kr = offset / distance, 2 * np.pi * frequency / SPEED * distance
-    size = 2 * np.pi * frequency * 4e-7 * np.pi / (4 * np.pi * distance) * np.exp(-1j * kr)
-    along = (ray @ direction) * ray[component]
-    return size * (direction[component] * (1 - 1j / kr - 1 / kr**2) - along * (1 - 3j / kr - 3 / kr**2))
 
 
 def write_output(path, deck, point=None):

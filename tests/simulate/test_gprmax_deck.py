@@ -53,6 +53,16 @@ def test_cells_resolve_the_highest_tone_in_the_soil():
         make_decks(flat(), SENSOR, 1, cells_per_wavelength=2)
 
 
+def test_the_pulse_ends_where_cells_get_too_few():
+    narrow = SENSOR.model_copy(update={"tones": SENSOR.tones.model_copy(update={"start": 1450e6, "count": 3})})
+    for sensor, cells in ((narrow, 10.0), (SENSOR, 5.0)):
+        told = make_decks(flat(soil={"model": "fixed", "permittivity": 4.0}), sensor, 1, cells).manifest
+        centre, cell = told["waveform"]["frequency"], told["grid"]["cell"]
+        # exp((1 - x²)/2)·x is 0.01 at x = 3.76: there three cells must fit a wavelength in the soil.
+        assert 299792458 / 2 / (3.76 * centre) / cell >= 3.0
+    assert make_decks(flat(), SENSOR, 1).manifest["waveform"]["frequency"] == 1e9
+
+
 def test_targets_stand_where_the_scene_says():
     plastic = {"kind": "plastic", "x": 0.1, "y": 0.5, "depth": 0.03, "radius": 0.1, "height": 0.06, "gap": 0.02}
     metal = {"kind": "metal", "x": -0.1, "y": 0.6, "depth": 0.04, "radius": 0.08, "height": 0.05, "tilt": 0.3}

@@ -104,7 +104,9 @@ def make_decks(
         )
     relaxing = [fit_relaxation(tones, eps, 1.5 * grid.time_step) for eps in media]
     decks = Decks()
-    centre = float(tones[0] + tones[-1]) / 2
+    # gprMax refuses a pulse that has 1 % of its peak where a wavelength holds less than three cells: at 3.76 times its
+    # centre.
+    centre = min(float(tones[0] + tones[-1]) / 2, wavelength / slowest / cell * float(tones[-1]) / (3 * 3.85))
     window = _time_window(grid, antennas, slowest, centre)
     decks.files[SCENE_FILE], rough = _scene_text(scene, world, grid, relaxing, seed, decks.omissions)
     decks.omissions[:0] = _left_out(scene, world, sensor)
