@@ -58,6 +58,7 @@ sphinx_gallery_conf = {
     "matplotlib_animations": False,
     "within_subsection_order": "FileNameSortKey",
     "min_reported_time": 1,
+    "default_thumb_file": str(Path(__file__).parent / "images" / "theory-geometry.png"),
     "show_signature": False,
     "ignore_repr_types": r"matplotlib|Figure|Axes|Colorbar",
     "capture_repr": ("_repr_html_", "__repr__"),

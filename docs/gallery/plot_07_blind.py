@@ -9,6 +9,7 @@ recipe, which rules. And who runs the detector should not see the truth. Here is
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
@@ -79,6 +80,32 @@ pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
 told = scoring_tasks.score_sealed(home / "alarms.csv", home / "sealed", phrase)
 print(f"look {told.looks}, {told.lists} alarm list so far; {told.counts}")
 told.points.round(3)
+
+# %%
+# Each operating point with its exact 95 % interval: what the whole test can say.
+
+figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
+for shift, (group, points) in zip(
+    (0.94, 1.0, 1.06), told.points.groupby("group"), strict=True
+):
+    below, above = points.pd - points.pd_low, points.pd_high - points.pd
+    axes.errorbar(
+        points.far_allowed * shift,
+        points.pd,
+        [below, above],
+        fmt="o",
+        ms=4,
+        capsize=2,
+        label=f"{group} ({points.n_targets.iloc[0]:.0f})",
+    )
+axes.axhline(0.8, color="0.6", ls="--", lw=1)
+axes.set(
+    xscale="log",
+    xlabel="false alarms allowed per m²",
+    ylabel="Pd",
+    ylim=(0, 1.02),
+)
+axes.legend(title="targets", loc="lower right")
 
 # %%
 # The seal guards against accidents, not against the holder of the passphrase; and many looks with slightly different

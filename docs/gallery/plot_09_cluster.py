@@ -1,0 +1,103 @@
+"""
+On a cluster
+============
+
+A survey is many lanes with one recipe. ``flgpr detect a.zarr b.zarr ... -o survey`` works through them, with
+``--workers 8`` in eight processes of this machine, with ``--scheduler tcp://host:8786`` on a Dask cluster. Whoever does
+the work, the files are the same to the byte. This page starts a small cluster on one machine and shows it.
+
+Install the extra first: ``pip install "flgpr[cluster]"``.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from flgpr.pipeline import tasks
+
+home = Path(tempfile.mkdtemp())
+(home / "scene.toml").write_text(
+    """
+site = "arid-sand"
+length = 8.0
+[[draws]]
+kind = "metal"
+depth = 0.02
+count = 2
+[surface]
+density = 20.0              # thinned for speed
+[track]
+step = [3.0, 4.0]
+"""
+)
+lanes = ("north", "south")
+for seed, name in enumerate(lanes):
+    scene, store = home / "scene.toml", home / f"{name}.zarr"
+    tasks.simulate_lane(scene, "sri-array", seed, store)
+runs = [home / f"{name}.zarr" for name in lanes]
+areas = [home / f"{name}-lane.toml" for name in lanes]
+
+# %%
+# The cluster: one scheduler, and a worker on every machine that helps. Runs, models and the output folder must have the
+# same path for all of them (a shared file system), and all the same versions. Under a batch system, the worker's line is
+# what goes into the job script. Here both run beside this page::
+#
+#     dask scheduler --scheduler-file cluster.json
+#     dask worker --scheduler-file cluster.json --nthreads 1
+
+
+def start(*words):
+    """Start one of Dask's commands beside this program."""
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(
+        [sys.executable, "-m", "dask", *map(str, words)], **quiet
+    )
+
+
+note = home / "cluster.json"
+local = ("--host", "127.0.0.1", "--no-dashboard")
+helpers = [start("scheduler", "--scheduler-file", note, "--port", 0, *local)]
+while not note.exists():
+    time.sleep(0.1)
+helpers.append(
+    start(
+        "worker", "--scheduler-file", note, "--nthreads", 1, "--no-nanny", *local
+    )
+)
+address = json.loads(note.read_text())["address"]
+
+# %%
+# The same survey twice: in this process, and on the cluster, both lanes at once. Only small values travel through Dask;
+# arrays stay in a work folder beside the output, from which a survey that was stopped goes on.
+
+plain = tasks.detect_runs(runs, "wang2007", home / "here", areas, report=False)
+shared = tasks.detect_runs(
+    runs,
+    "wang2007",
+    home / "cluster",
+    areas,
+    report=False,
+    scheduler=address,
+    lanes_at_once=2,
+)
+for helper in reversed(helpers):
+    helper.terminate()
+    helper.wait()
+
+# %%
+# The manifests hold the SHA-256 of every file.
+
+for one, other in zip(plain, shared, strict=True):
+    files = one.manifest["files"]
+    different = [
+        name for name in files if files[name] != other.manifest["files"][name]
+    ]
+    print(one.folder.name, len(files), "files,", len(different), "different")
+
+# %%
+# And ``survey.json`` tells how each lane went.
+
+print((home / "cluster" / "survey.json").read_text()[:600])
