@@ -37,6 +37,7 @@ from flgpr.screen import (
     learn_thresholds,
     prescreen_clusters,
 )
+from flgpr.screen.clusters import Rule
 
 FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
@@ -209,8 +210,13 @@ def learn_screen(settings: Settings, site: Site, templates: NDArray[Any], kinds:
     return Screen(ellipses, thresholds)
 
 
-def screened_regions(settings: Settings, site: Site, screen: Screen, polarizations: Sequence[str]) -> pd.DataFrame:
-    """Regions that pass all prescreeners in all ranges of one of the polarizations (par. 44), inside the lane."""
+def screened_regions(
+    settings: Settings, site: Site, screen: Screen, polarizations: Sequence[str], rule: Rule = "and-or"
+) -> pd.DataFrame:
+    """Regions that pass all prescreeners in all ranges of one of the polarizations (par. 44), inside the lane.
+
+    ``rule`` "and" asks it of all images (par. 18).
+    """
     tables = {}
     for p, r in np.ndindex(*site.image.shape[:2]):
         key = (POLARIZATIONS[p], settings.ranges[r])
@@ -218,7 +224,7 @@ def screened_regions(settings: Settings, site: Site, screen: Screen, polarizatio
             tables[key] = prescreen_clusters(
                 _channel(site, p, r), screen.thresholds[key], screen.ellipse[key], settings.prescreen.radius
             )
-    regions = fuse_clusters(tables, 2 * settings.prescreen.radius, "and-or")
+    regions = fuse_clusters(tables, 2 * settings.prescreen.radius, rule)
     inside = np.zeros(len(regions), np.bool_)
     for lane in site.lanes:
         inside |= lane.contains(regions["x"], regions["y"])

@@ -228,20 +228,27 @@ def screened(material: Material) -> Results:
                 f"share of {kind} mines past the prescreeners", proportion(count, int(offered[kind])), rule,
             )
         )  # fmt: skip
-    _learnt_on_all(settings, sites[0], material.templates[0], results)
+    _other_screens(settings, sites[0], material.templates[0], results)
     return results
 
 
-def _learnt_on_all(settings: Settings, site: Site, template: NDArray[Any], results: Results) -> None:
-    """Note what thresholds learnt on plastic mines too would do; they are used nowhere."""
-    screen = learn_screen(settings, site, template, ("metal", "plastic"))
-    regions = screened_regions(settings, site, screen, POLARIZATIONS)
-    table, _ = screened_examples(settings, site, template, regions)
-    counts, offered = table["kind"].value_counts(), _offered(site)
-    results.notes["thresholds learnt on metal and plastic, arid"] = {
-        **{kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in ("metal", "plastic")},
-        "clutter regions per m²": int(counts.get("clutter", 0)) / site.area,
+def _other_screens(settings: Settings, site: Site, template: NDArray[Any], results: Results) -> None:
+    """Note what other prescreening would do: thresholds learnt on plastic mines too, "and" over all six images."""
+    kinds = ("metal", "plastic")
+    learnt, offered = learn_screen(settings, site, template, ("metal",)), _offered(site)
+    tried = {
+        "prescreened": screened_regions(settings, site, learnt, POLARIZATIONS),
+        "prescreened, and over all six images": screened_regions(settings, site, learnt, POLARIZATIONS, "and"),
+        "prescreened, thresholds learnt on metal and plastic": screened_regions(
+            settings, site, learn_screen(settings, site, template, kinds), POLARIZATIONS
+        ),
     }
+    for name, regions in tried.items():
+        counts = screened_examples(settings, site, template, regions)[0]["kind"].value_counts()
+        results.notes[f"{name}, {site.name}"] = {
+            **{kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in kinds},
+            "clutter regions per m²": int(counts.get("clutter", 0)) / site.area,
+        }
 
 
 def _offered(site: Site, kind: str | None = None, depth: tuple[float, float] = (-1.0, 1.0)) -> Any:

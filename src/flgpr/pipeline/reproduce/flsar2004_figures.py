@@ -197,7 +197,7 @@ def margin_figure() -> Figure:
     axes.contour(u, v, signed, levels=[-below, 0, above], colors="black", linestyles=["dashed", "solid", "dashed"])
     axes.contour(u, v, sparse.decision_function(place).reshape(u.shape), levels=[0], colors="#2e7d32")
     axes.set_title(f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2", fontsize=9)
-    axes.legend(fontsize=7, loc="upper left")
+    axes.legend(fontsize=7, loc="lower right")
     axes.set(aspect="equal", xlabel="first feature", ylabel="second feature")
     return figure
 

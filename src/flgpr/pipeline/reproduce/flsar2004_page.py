@@ -116,7 +116,7 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> str:
         told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         rows.append((f"examples without prescreener, both looks, {site}", "not given", told))
     for name, told in notes.items():
-        if name.startswith(("thresholds learnt", "fig5")):
+        if name.startswith(("prescreened", "fig5")):
             text = ", ".join(f"{k}: {_short(v)}" for k, v in told.items()) if isinstance(told, dict) else str(told)
             rows.append((name, "", text))
     return _table(("", "paper", "here"), rows)
