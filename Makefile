@@ -1,8 +1,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+KILLS ?= 100
+CASES ?= 10000
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test lint docs robustness clean
 
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
@@ -14,6 +16,11 @@ lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Many more random kills and damaged files than `make test` tries.
+robustness: $(VENV)/.test
+	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(BIN)/python -m pytest -n 2 --dist loadfile \
+	    tests/robustness tests/io/test_fuzz_exchange.py
 
 docs: $(VENV)/.docs
 	$(BIN)/codespell

@@ -13,6 +13,7 @@ from flgpr.detect import (
     deflection_form,
     load_detector,
 )
+from flgpr.detect.chip_detector import _digest, _sealed
 from reference.cosgrove2004 import circular, likelihood_map
 
 
@@ -109,14 +110,32 @@ def test_detector_refuses_other_images(rng):
         ChipDetector(detector.forms, ("HH", "VV"), (8, 1), (0.02, 0.05))
 
 
+def vouch(path):
+    """Give a detector's folder a description that vouches for its files."""
+    told = json.loads((path / "model.json").read_text())
+    del told["sha256"]
+    told["files"] = {name: _digest((path / name).read_bytes()) for name in told["files"]}
+    (path / "model.json").write_bytes(_sealed(told))
+
+
 def test_broken_files_are_refused(rng, tmp_path):
     path = chip_detector(rng).save(tmp_path / "model")
+    whole = (path / "form0-linear.npy").read_bytes()
     np.save(path / "form0-linear.npy", np.zeros(5))
+    with pytest.raises(ValueError, match="differs"):
+        load_detector(path)
+    vouch(path)
     with pytest.raises(ValueError, match="do not fit"):
         load_detector(path)
+    (path / "form0-linear.npy").write_bytes(whole)
+    vouch(path)
+    load_detector(path)
     told = json.loads((path / "model.json").read_text())
+    (path / "model.json").write_text(json.dumps({**told, "notes": {"lane": "another"}}))
+    with pytest.raises(ValueError, match="differs"):
+        load_detector(path)
     (path / "model.json").write_text(json.dumps({**told, "version": 99}))
-    with pytest.raises(ValueError, match="version 1"):
+    with pytest.raises(ValueError, match="version 2"):
         load_detector(path)
     (path / "model.json").write_text("{")
     with pytest.raises(ValueError, match="JSON"):
@@ -132,6 +151,7 @@ def test_broken_files_are_refused(rng, tmp_path):
 def test_saved_arrays_that_are_objects_are_not_loaded(rng, tmp_path):
     path = chip_detector(rng).save(tmp_path / "model")
     np.save(path / "form0-linear.npy", np.array([{}], dtype=object), allow_pickle=True)
+    vouch(path)
     with pytest.raises(ValueError, match="allow_pickle"):
         load_detector(path)
 

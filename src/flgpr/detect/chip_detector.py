@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
 
 _FORMAT = "flgpr chip detector"
-_VERSION = 1
+_VERSION = 2
 _ARRAYS = ("strength", "vectors", "linear", "offset")
 
 
@@ -114,8 +115,8 @@ class ChipDetector:
             for number, form in enumerate(self.forms):
                 for name in _ARRAYS:
                     np.save(folder / f"form{number}-{name}.npy", getattr(form, name), allow_pickle=False)
-            text = json.dumps(self._description(), indent=2, allow_nan=False)
-            (folder / "model.json").write_text(text + "\n", encoding="utf-8")
+            files = {file.name: _digest(file.read_bytes()) for file in sorted(folder.iterdir())}
+            (folder / "model.json").write_bytes(_sealed({**self._description(), "files": files}))
             folder.chmod(0o755)
             if target.exists():
                 shutil.rmtree(target)
@@ -157,22 +158,41 @@ def load_detector(path: str | Path) -> ChipDetector:
         If the folder holds something else, or arrays that do not fit each other.
     """
     folder = Path(path)
+    data = (folder / "model.json").read_bytes()
     try:
-        told = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
+        told = json.loads(data)
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{folder / 'model.json'} is not valid JSON: {error}") from None
     if not isinstance(told, dict) or told.get("format") != _FORMAT or told.get("version") != _VERSION:
         raise ValueError(f"{folder} must hold a '{_FORMAT}' of version {_VERSION}")
+    if _sealed({name: value for name, value in told.items() if name != "sha256"}) != data:
+        raise ValueError(f"{folder / 'model.json'} differs from what was written")
     try:
+        for name, digest in told["files"].items():
+            if Path(name).name != name or _digest((folder / name).read_bytes()) != digest:
+                raise ValueError(f"{folder / name} differs from what was written")
         shape, spacing = (int(told["shape"][0]), int(told["shape"][1])), told["spacing_m"]
         forms = tuple(_read_form(folder, number, float(k)) for number, k in enumerate(told["constants"]))
         return ChipDetector(forms, tuple(told["channels"]), shape, (spacing[0], spacing[1]), told["notes"])
-    except (KeyError, IndexError, TypeError) as error:
+    except (KeyError, IndexError, TypeError, AttributeError, EOFError) as error:
         raise ValueError(f"{folder / 'model.json'} lacks or garbles an entry: {error}") from None
 
 
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _sealed(content: dict[str, Any]) -> bytes:
+    """Write a description with its own digest, in the one form that is taken back."""
+    own = _digest(json.dumps(content, sort_keys=True, allow_nan=False).encode())
+    return json.dumps({**content, "sha256": own}, indent=2, allow_nan=False).encode() + b"\n"
+
+
 def _read_form(folder: Path, number: int, constant: float) -> LinearQuadraticForm:
-    arrays = {name: np.load(folder / f"form{number}-{name}.npy", allow_pickle=False) for name in _ARRAYS}
+    try:
+        arrays = {name: np.load(folder / f"form{number}-{name}.npy", allow_pickle=False) for name in _ARRAYS}
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ValueError(f"arrays of form {number} in {folder} cannot be read ({error!r})") from None
     shapes = {name: array.shape for name, array in arrays.items()}
     rank, features = arrays["strength"].size, arrays["linear"].size
     wanted = {"strength": (rank,), "vectors": (rank, features), "linear": (features,), "offset": (rank,)}

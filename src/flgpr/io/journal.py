@@ -120,7 +120,11 @@ class Journal:
             difference = _difference(lines[0]["about"], json.loads(canonical_json(about)))
             if difference:
                 raise OtherRunError(f"{self.path.parent} holds another unfinished run: {difference}")
-            self.scans = [_scan(line) for line in lines[1:]]
+            for line in lines[1:]:
+                try:
+                    self.scans.append(_scan(line))
+                except (KeyError, TypeError, ValueError):  # whole, but not what a journal goes on with
+                    break
             self._ends = np.cumsum([len(text) + 1 for text in texts[: len(lines)]]).tolist()
             self.keep(len(self.scans))
             return

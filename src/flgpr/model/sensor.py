@@ -219,14 +219,14 @@ def load_sensor(name: str | Path) -> Sensor:
         If there is no such preset or file, or it breaks a rule; the message names the entry.
     """
     if str(name) in sensor_presets():
-        text = (resources.files("flgpr.model") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+        data = (resources.files("flgpr.model") / "presets" / f"{name}.toml").read_bytes()
     elif Path(name).is_file():
-        text = Path(name).read_text(encoding="utf-8")
+        data = Path(name).read_bytes()
     else:
         raise ValueError(f"sensor must be a TOML file or one of {', '.join(sensor_presets())}, got {str(name)!r}")
     try:
-        return Sensor.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+        return Sensor.model_validate(tomllib.loads(data.decode("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"sensor {name}: not valid TOML: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]

@@ -303,8 +303,10 @@ def load_classifier(folder: str | Path) -> Classifier:
         discriminant.direction_, discriminant.threshold_ = arrays["direction.npy"], float(model["threshold"])
     except FileNotFoundError as error:
         raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
-    except (KeyError, TypeError, AttributeError, OSError) as error:
-        raise ValueError(f"model {folder}: model.json cannot be read ({error})") from None
+    except (KeyError, TypeError, AttributeError, OSError, EOFError, MemoryError, OverflowError) as error:
+        raise ValueError(f"model {folder}: it cannot be read ({error})") from None
+    except ValueError as error:
+        raise ValueError(f"model {folder}: {str(error).removeprefix(f'model {folder}: ')}") from None
     normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
     discriminant.classes_ = np.array([0, 1])
     return Classifier(names, normalizer, discriminant, model["notes"])
@@ -333,4 +335,7 @@ def _checked(path: Path, digest: str) -> FloatArray:
     data = path.read_bytes()
     if sha256(data) != digest:
         raise ValueError(f"model {path.parent}: {path.name} differs from what was written")
-    return np.asarray(np.load(BytesIO(data), allow_pickle=False), dtype=np.float64)
+    try:
+        return np.asarray(np.load(BytesIO(data), allow_pickle=False), dtype=np.float64)
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ValueError(f"{path.name} cannot be read ({error!r})") from None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import threading
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -123,7 +122,7 @@ def read_snapshot(path: Path) -> Snapshot | None:
         return None
     except SnapshotError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # the parser raises whatever it stumbles over
         raise SnapshotError(f"{path}: cannot be read ({error}); --fresh begins anew") from None
     if (words["format"], words["version"]) != (FORMAT, VERSION):
         raise SnapshotError(f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew")

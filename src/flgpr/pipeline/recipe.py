@@ -251,7 +251,10 @@ def recipe_text(name: str | Path) -> str:
     if str(name) in recipe_names():
         return (resources.files("flgpr.pipeline") / "recipes" / f"{name}.toml").read_text(encoding="utf-8")
     if Path(name).is_file():
-        return Path(name).read_text(encoding="utf-8")
+        try:
+            return Path(name).read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"recipe {name}: not valid TOML: {error}") from None
     raise ValueError(f"recipe must be a TOML file or one of {', '.join(recipe_names())}, got {str(name)!r}")
 
 
@@ -298,7 +301,7 @@ def parse_recipe(text: str, source: str = "recipe") -> Recipe:
     """
     try:
         return Recipe.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ValueError(f"recipe {source}: not valid TOML: {error}") from None
     except ValidationError as error:
         faults = [_fault(text, fault) for fault in error.errors()]

@@ -346,9 +346,19 @@ def _check_file(folder: Path, name: str, digests: list[str | None]) -> None:
 
 
 def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
-    home = folder if entry["name"] == MAIN else folder / "variants" / entry["name"]
-    with (home / "run_view.npz").open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        view = xr.DataArray(
+    home = folder if entry["name"] == MAIN else inside(folder, f"variants/{entry['name']}")
+    try:
+        view = _read_view(home / "run_view.npz")
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ResultError(f"{folder}: run_view.npz cannot be read ({error!r})") from None
+    alarms = read_table(home / "alarms.csv", "alarms")
+    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
+
+
+def _read_view(path: Path) -> xr.DataArray:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        return xr.DataArray(
             arrays["magnitude"],
             dims=("polarization", "subband", "y", "x"),
             coords={
@@ -359,9 +369,6 @@ def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
             },
             name="run_view",
         )
-    alarms = read_table(home / "alarms.csv", "alarms")
-    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
-    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:

@@ -413,7 +413,7 @@ def load_scene(path: str | Path) -> Scene:
         raise ValueError(f"scene must be a TOML file, got {str(path)!r}")
     try:
         return Scene.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"scene {path}: not valid TOML: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]

@@ -1,0 +1,51 @@
+"""Damage to files, and what readers say of it."""
+
+import os
+import warnings
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+
+CASES = int(os.environ.get("FLGPR_CASES", "300"))
+"""Cases per reader."""
+FUZZ = settings(
+    max_examples=CASES,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+def damaged(data, draw):
+    """Cut, flip, swap, overwrite or lengthen."""
+    raw = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        what = draw(st.sampled_from(["cut", "flip", "write", "grow", "swap", "zero"]))
+        at = draw(st.integers(0, max(len(raw) - 1, 0)))
+        if what == "cut":
+            del raw[at:]
+        elif what == "flip" and raw:
+            raw[at] ^= 1 << draw(st.integers(0, 7))
+        elif what == "write":
+            raw[at : at + 4] = draw(st.binary(min_size=1, max_size=8))
+        elif what == "grow":
+            raw += bytes(raw) * 9
+        elif what == "swap":
+            part = raw[at : at + 8]
+            raw[at : at + 8] = part[::-1]
+        else:
+            raw[at : at + 16] = bytes(len(raw[at : at + 16]))
+        if len(raw) > 200_000:
+            break
+    return bytes(raw)
+
+
+def refusal(call, *arguments, **options):
+    """What a reader says, None if it reads; any other exception than ValueError goes on."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # parsers warn of what they then refuse
+        try:
+            call(*arguments, **options)
+        except ValueError as error:
+            return str(error)
+    return None
