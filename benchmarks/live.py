@@ -72,15 +72,18 @@ def make_model(folder: Path) -> Path:
     return save_classifier(Classifier(names, normalizer, discriminant), folder)
 
 
-def play(run: Path, lane: Path, home: Path, rate: float, model: Path | None) -> dict:
+def play(run: Path, lane: Path, home: Path, options: argparse.Namespace, model: Path | None) -> dict:
     """Feed a run to a process of its own; give its report."""
     home.mkdir()
     incoming, output = home / "incoming", home / "out"
     command = [sys.executable, "-m", "flgpr", "live", str(incoming), "-o", str(output), "--lane", str(lane), "--quiet"]
-    command += ["--recipe", "wang2007", "--speed", "15"] + ([] if model is None else ["--model", str(model)])
+    command += ["--recipe", "wang2007", "--speed", "15", "--idle", "15"] + (
+        [] if model is None else ["--model", str(model)]
+    )
+    command = ["chrt", "-r", "1", *command] if options.realtime else command
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     with subprocess.Popen(command, env=environment) as process:
-        feed(run, incoming, rate, lead=8.0)
+        feed(run, incoming, options.rate, lead=8.0, count=options.scans)
         process.wait(600)
     report = json.loads((output / "live.json").read_text())
     report["alarms_table"] = read_table(output / "alarms.csv", "alarms")
@@ -107,7 +110,10 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=4.2)
     parser.add_argument("--length", type=float, default=240.0)
     parser.add_argument("--run", type=Path, default=None)
+    parser.add_argument("--scans", type=int, default=None, help="play only so many")
     parser.add_argument("--agreement", action="store_true")
+    parser.add_argument("--realtime", action="store_true", help="real-time priority (chrt) for live")
+    parser.add_argument("--case", choices=["contrast", "model"], default=None, help="one of the two only")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
@@ -121,15 +127,16 @@ def main() -> None:
         (home / "lane.toml").write_text("".join(f"{name} = {value}\n" for name, value in asdict(lane).items()))
         model = make_model(home / "model")
         dataset = open_run(run)
-        for name, chosen in (("local contrast, F1", None), ("model, F0 to F4", model)):
+        cases = {"contrast": ("local contrast, F1", None), "model": ("model, F0 to F4", model)}
+        for name, chosen in [cases[options.case]] if options.case else cases.values():
             start = time.perf_counter()
-            told = play(run, home / "lane.toml", home / name.split(",")[0].replace(" ", "-"), options.rate, chosen)
+            told = play(run, home / "lane.toml", home / ("play-" + name.split()[0]), options, chosen)
             latency, counts = told["latency_ms"], told["counts"]
             left = np.median([one["raised_left_m"] for one in told["raised"]])
             in_time = np.mean([one["in_time"] for one in told["raised"]])
             print(
                 f"{name}: {latency['scans']} scans, {latency['median']} ms median, {latency['p95']} ms at the 95th "
-                f"percentile, {latency['largest']} ms at most; {told['rate']:.2f} scans/s of {options.rate}; "
+                f"percentile, {latency['largest']} ms at most; {told['rate']:.2f} frames/s of {options.rate}; "
                 f"{counts['masked']} scans masked; {told['alarms']} alarms, raised {left:.1f} m ahead (median), "
                 f"{in_time:.2f} of them in time at 15 km/h; load {os.getloadavg()[0]:.1f}, "
                 f"{time.perf_counter() - start:.0f} s in all",

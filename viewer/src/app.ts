@@ -572,7 +572,11 @@ export class App {
   private drawComparison(pen: Pen): void {
     const { box, turned } = this.view;
     if (this.compare === "off") return;
-    const words = (choice: Choice, name: string): string => `${name}: ${setLabel(this.sources[choice.source]!, choice.set)}, ${choice.polarization} ${choice.subband}`;
+    const words = (choice: Choice, name: string): string => {
+      const source = this.sources[choice.source]!;
+      const result = this.sources.length > 1 ? `${source.title.split(" ")[0]}, ` : "";
+      return `${name}: ${result}${setLabel(source, choice.set)}, ${choice.polarization} ${choice.subband}`;
+    };
     const style = { fill: "#ffffff", halo: "#10151c", size: 12, bold: true };
     if (this.compare === "blink") {
       const [choice, name] = this.flipped ? [this.b, "B"] : [this.a, "A"];

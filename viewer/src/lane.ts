@@ -226,7 +226,8 @@ export class Picture {
     for (const value of horizontal) {
       const [px] = view.turned ? view.toScreen(value, view.y) : view.toScreen(view.x, value);
       pen.path([[px, top + height], [px, top + height + 4]], false, line);
-      pen.text(px, top + height + 16, format(value), { fill: palette.text, size: 11, anchor: "middle" });
+      const atEnd = px > left + width - 14;
+      pen.text(atEnd ? left + width : px, top + height + 16, format(value), { fill: palette.text, size: 11, anchor: atEnd ? "end" : "middle" });
     }
     for (const value of vertical) {
       const [, py] = view.turned ? view.toScreen(view.x, value) : view.toScreen(value, view.y);

@@ -106,7 +106,7 @@ class LiveReport:
     alarms : int
         Alarms that stand at the end.
     rate : float
-        Scans per second between the first and the last one of this process; NaN with fewer than two.
+        Frames dealt with per second between the first and the last one of this process; NaN with fewer than two.
     """
 
     counts: dict[str, int]
@@ -150,6 +150,7 @@ class LiveRun:
         self.inbox = Inbox()
         self._latency: list[float] = []
         self._moments: list[float] = []
+        self._frames = 0
         self._names: set[str] = set()
         self._detector: LiveDetector | None = None
         self._intake: Intake | None = None
@@ -277,7 +278,6 @@ class LiveRun:
             lines += told
             if update.outcome == "taken":
                 self._latency = [*self._latency[-_REPORTED:], latency]
-                self._moments = [*self._moments[:1], time.time()]
             if update.view is not None:
                 lines.append(view_event(update.row, update.view))
         if problem:
@@ -285,6 +285,8 @@ class LiveRun:
         if _faults(before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
+        self._moments = [*self._moments[:1], time.time()]
+        self._frames += 1
         return scan is not None
 
     def _judge(
@@ -332,8 +334,7 @@ class LiveRun:
         table = detector.table()
         write_table(table, self.output / "alarms.csv")
         moments = self._moments
-        taken = len(self._latency)
-        rate = (taken - 1) / (moments[-1] - moments[0]) if taken > 1 else float("nan")
+        rate = (self._frames - 1) / (moments[-1] - moments[0]) if self._frames > 1 else float("nan")
         report = LiveReport(dict(intake.counts), _percentiles(self._latency), len(table), rate)
         events.append([{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}])
         told = asdict(report) | {"rate": rate if np.isfinite(rate) else None, "recipe": self._recipe.name}
