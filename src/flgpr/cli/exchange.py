@@ -9,7 +9,7 @@ import typer
 
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
 from flgpr.pipeline import exchange, tasks
-from flgpr.pipeline.fullwave import import_gprmax_results
+from flgpr.pipeline.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.pipeline.memory import parse_size
 
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
@@ -33,16 +33,35 @@ def import_fullwave(
 
 @import_app.command("gprmax")
 def import_gprmax(
-    folder: Annotated[Path, typer.Argument(help="Folder of flgpr simulate --engine gprmax, with all results.")],
+    source: Annotated[
+        list[Path], typer.Argument(help="Folder of flgpr simulate --engine gprmax with all results, or result files.")
+    ],
     output: Output,
     keep_direct: Annotated[
-        bool, typer.Option("--keep-direct", help="Leave the direct wave from transmitter to receiver in the data.")
+        bool, typer.Option("--keep-direct", help="Folder: leave the direct wave from transmitter to receiver.")
     ] = False,
+    band: Annotated[tuple[float, float] | None, typer.Option(help="Files: first and last tone, Hz.")] = None,
+    transmit: Annotated[str | None, typer.Option(help="Files: polarization of the source, H or V.")] = None,
+    ground: Annotated[float | None, typer.Option(help="Files: height of the ground in the model, m.")] = None,
+    horizontal: Annotated[str, typer.Option("--h", help="Files: component of the field that is H.")] = "x",
+    vertical: Annotated[str, typer.Option("--v", help="Files: component of the field that is V.")] = "z",
+    waveform: Annotated[
+        str | None, typer.Option(help="Files of gprMax 3: the source's waveform, such as gaussiandotnorm.")
+    ] = None,
+    centre: Annotated[float | None, typer.Option(help="Files of gprMax 3: the waveform's frequency, Hz.")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Import gprMax results of decks that flgpr wrote; truth, objects and lane are written beside the run."""
+    """Import gprMax results: a folder of decks that flgpr wrote, or anybody's files, one per scan."""
     with plain_errors(), progress(quiet) as track:
-        written = import_gprmax_results(folder, output, keep_direct, track)
+        if len(source) == 1 and source[0].is_dir():
+            written = import_gprmax_results(source[0], output, keep_direct, track)
+        else:
+            if band is None or transmit is None or ground is None:
+                raise ValueError("result files need --band, --transmit and --ground, which they do not tell")
+            if (waveform is None) != (centre is None):
+                raise ValueError("--waveform and --centre go together")
+            pulse = None if waveform is None or centre is None else (waveform, centre)
+            written = import_gprmax_models(source, output, band, transmit, ground, horizontal, vertical, pulse)
     if not quiet:
         for path in written:
             typer.echo(f"wrote {path}")

@@ -44,6 +44,25 @@ class GprmaxReceiver:
 
 
 @dataclass(frozen=True)
+class Excitation:
+    """What drove a source, as gprMax 4 stores it.
+
+    Attributes
+    ----------
+    samples : (time,) ndarray
+        Current, A.
+    start : float
+        Time of the first sample, s.
+    length : float
+        Length of the dipole, m.
+    """
+
+    samples: NDArray[np.float64]
+    start: float
+    length: float
+
+
+@dataclass(frozen=True)
 class GprmaxOutput:
     """A result file.
 
@@ -63,6 +82,8 @@ class GprmaxOutput:
         By name.
     sources : list of (str, (3,) ndarray)
         Type and position (m) of every source.
+    excitation : Excitation or None
+        Of the first source, where the file holds it.
     """
 
     path: Path
@@ -73,6 +94,7 @@ class GprmaxOutput:
     cell: NDArray[np.float64]
     receivers: dict[str, GprmaxReceiver]
     sources: list[tuple[str, NDArray[np.float64]]]
+    excitation: Excitation | None = None
 
     def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a field.
@@ -150,7 +172,7 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
         ]
         return GprmaxOutput(
             path, _text(told["gprMax"]), _text(file.attrs.get("Title", "")), step, steps,
-            np.asarray(told["dx_dy_dz"], dtype=np.float64), receivers, sources,
+            np.asarray(told["dx_dy_dz"], dtype=np.float64), receivers, sources, _excitation(file),
         )  # fmt: skip
 
 
@@ -175,13 +197,25 @@ def _text(value: Any) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
+def _excitation(file: Any) -> Excitation | None:
+    group = file.get("srcs/src1/excitation")
+    if not isinstance(group, h5py.Group) or "samples" not in group or group.attrs.get("Units") != "A":
+        return None
+    samples = np.asarray(group["samples"][()], dtype=np.float64)
+    length = group.attrs.get("SpatialScale", 1.0)
+    return Excitation(samples, float(group.attrs.get("TimeSampleOffset", 0.0)), float(length))
+
+
 def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
     fields = {}
     for name in _FIELDS:
         if name in group:
             values = np.asarray(group[name][()], dtype=np.float64)
             if values.shape != (steps,):
-                raise ValueError(f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}")
+                raise ValueError(
+                    f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}"
+                    + (": merged files are not read, give the scans' own" if values.ndim == 2 else "")
+                )
             fields[name] = values
     position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
     return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
@@ -211,6 +245,44 @@ def fourier(
     time = start + time_step * np.arange(values.size)
     out = [np.exp(-2j * np.pi * f * time) @ values for f in frequency]
     return np.asarray(out, dtype=np.complex128) * time_step
+
+
+def pulse(kind: str, frequency: float, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Evaluate a waveform of unit amplitude as gprMax defines it.
+
+    Parameters
+    ----------
+    kind : {"gaussian", "gaussiandot", "gaussiandotnorm", "ricker"}
+        Its name in gprMax.
+    frequency : float
+        Its frequency, Hz.
+    time : (time,) ndarray
+        s.
+
+    Returns
+    -------
+    (time,) ndarray
+        Values.
+
+    Raises
+    ------
+    ValueError
+        If the kind is not known or the frequency not positive.
+    """
+    if not frequency > 0:
+        raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
+    if kind == "ricker":
+        width, late = (np.pi * frequency) ** 2, time - np.sqrt(2) / frequency
+        return np.asarray((1 - 2 * width * late**2) * np.exp(-width * late**2))
+    width, late = 2 * (np.pi * frequency) ** 2, time - 1 / frequency
+    bell = np.exp(-width * late**2)
+    if kind == "gaussian":
+        return np.asarray(bell)
+    if kind == "gaussiandot":
+        return np.asarray(-2 * width * late * bell)
+    if kind == "gaussiandotnorm":
+        return np.asarray(-np.sqrt(2 * width * np.e) * late * bell)
+    raise ValueError(f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}")
 
 
 def explain_gprmax(path: Path) -> list[str]:
@@ -247,7 +319,7 @@ def explain_gprmax(path: Path) -> list[str]:
     if beside.is_file():
         lines.append(f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}")
     else:
-        lines.append("no manifest.json beside it: only folders that flgpr simulate --engine gprmax made become runs")
+        lines.append("flgpr import gprmax reads it when told band, transmit and ground, one file per scan")
     return lines
 
 
@@ -405,11 +477,7 @@ class GprmaxRun:
     def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
         """Spectrum of the whole dipole's current moment, A·m per Hz: current, at half steps, times a cell's edge."""
         waveform = self.manifest["waveform"]
-        if waveform["type"] != "gaussiandotnorm":
-            raise ValueError(f"{self.folder}: waveform.type must be gaussiandotnorm, got {waveform['type']!r}")
-        time = output.time_step * (np.arange(output.steps) + 0.5)
-        centre = float(waveform["frequency"])
-        late, width = time - 1 / centre, 2 * (np.pi * centre) ** 2
-        current = -np.sqrt(2 * width * np.e) * late * np.exp(-width * late**2)
         start = 0.5 * output.time_step
+        time = start + output.time_step * np.arange(output.steps)
+        current = pulse(str(waveform["type"]), float(waveform["frequency"]), time)
         return fourier(current, output.time_step, self.frequency, start) * float(output.cell[0])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.io import GprmaxRun, RunWriter, write_geojson, write_table, write_whole
+from flgpr.io import GprmaxRun, RunWriter, save_run, write_geojson, write_table, write_whole
+from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.simulation import lane_text
@@ -139,3 +141,40 @@ def import_gprmax_results(
             write_whole(target, source.read_bytes())
             written.append(target)
     return written
+
+
+def import_gprmax_models(
+    paths: Sequence[str | Path],
+    output: str | Path,
+    band: tuple[float, float],
+    transmit: str,
+    ground: float,
+    horizontal: str = "x",
+    vertical: str = "z",
+    waveform: tuple[str, float] | None = None,
+) -> list[Path]:
+    """Read results of anybody's gprMax models into a run, a file per scan.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Result files in the order of the scans.
+    output : str or Path
+        Run store to make.
+    band, transmit, ground, horizontal, vertical, waveform
+        As in :class:`flgpr.io.gprmax_files.GprmaxTold`.
+
+    Returns
+    -------
+    list of Path
+        The store.
+
+    Raises
+    ------
+    FileNotFoundError, FileExistsError, ValueError
+        If an input is not valid, or the store exists.
+    """
+    if Path(output).exists():
+        raise FileExistsError(f"output must not exist yet, got {output}")
+    told = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
+    return [save_run(import_gprmax_files(paths, told), output)]

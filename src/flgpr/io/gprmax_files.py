@@ -1,0 +1,165 @@
+"""Results of anybody's gprMax models as a run: a file is a scan, its source transmits, its receivers are the pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.io.gprmax import GprmaxOutput, fourier, pulse, read_gprmax
+from flgpr.model import make_run
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GprmaxTold:
+    """What a result file of gprMax does not tell.
+
+    Attributes
+    ----------
+    band : (float, float)
+        First and last tone to keep, Hz.
+    transmit : {"H", "V"}
+        Polarization of the source.
+    ground : float
+        Height of the mean ground in the model, m.
+    horizontal, vertical : {"x", "y", "z"}
+        Component of the field that is H, and V.
+    waveform : (str, float) or None
+        Type and frequency (Hz) of the source's waveform; gprMax 4 stores the source's samples, so that it is needed
+        for results of gprMax 3 only.
+    """
+
+    band: tuple[float, float]
+    transmit: str
+    ground: float
+    horizontal: str = "x"
+    vertical: str = "z"
+    waveform: tuple[str, float] | None = None
+
+
+def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dataset:
+    """Read results of gprMax models as the scans of a run.
+
+    The model's axes are the lane's, its z less ``ground``. The signal is the field over the source's current moment
+    where the source is a Hertzian dipole, else over the source's current, times j, as in
+    :class:`flgpr.io.gprmax.GprmaxRun`. The direct wave stays in the data. Tones are those of the time window. Places
+    are the nodes' as the files have them; the field components lie half a cell further along their own axis.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files in the order of the scans.
+    told : GprmaxTold
+        What the files do not tell.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run; its vehicle frame's origin is the source.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If a file is damaged, holds no or several sources, differs from the first in time step, window or form of the
+        array, or the source's waveform is not known.
+    """
+    if not paths:
+        raise ValueError("files must be one or more, got none")
+    if told.transmit not in ("H", "V"):
+        raise ValueError(f"transmit must be H or V, got {told.transmit!r}")
+    axes = {"H": told.horizontal, "V": told.vertical}
+    if not set(axes.values()) <= set("xyz") or len(set(axes.values())) != 2:
+        raise ValueError(f"the components of H and V must be two of x, y and z, got {axes['H']!r} and {axes['V']!r}")
+    first: GprmaxOutput | None = None
+    form: list[FloatArray] = []
+    blocks, pose = [], np.zeros((len(paths), 6))
+    for scan, path in enumerate(paths):
+        output = read_gprmax(path)
+        place, offsets = _geometry(output)
+        if first is None:
+            first, form = output, offsets
+            tones = _tones(output, told.band)
+            labels = _labels(output, told.transmit, axes)
+        _check_alike(output, first, offsets, form)
+        pose[scan, :3] = place - [0.0, 0.0, told.ground]
+        blocks.append(_signal(output, labels, axes, tones, _source(output, told, tones)))
+    rx = np.array(form)
+    attrs: dict[str, Any] = {"source": "gprMax", "title": first.title if first else "", "direct_wave": "kept"}
+    return make_run(np.stack(blocks), tones, labels, np.zeros_like(rx), rx, pose, attrs=attrs)
+
+
+def _geometry(output: GprmaxOutput) -> tuple[FloatArray, list[FloatArray]]:
+    if len(output.sources) != 1:
+        raise ValueError(f"{output.path}: must hold one source, got {len(output.sources)}")
+    if not output.receivers:
+        raise ValueError(f"{output.path}: must hold a receiver, got none")
+    place = output.sources[0][1]
+    return place, [one.position - place for one in output.receivers.values()]
+
+
+def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
+    step = 1 / (output.steps * output.time_step)
+    if not 0 < band[0] < band[1] < 0.5 / output.time_step:
+        raise ValueError(
+            f"band must increase and end below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}"
+        )
+    numbers = np.arange(np.ceil(band[0] / step - 1e-6), np.floor(band[1] / step + 1e-6) + 1)
+    if numbers.size < 2:
+        raise ValueError(
+            f"band must hold two tones, which are {step:.4g} Hz apart here, got {band[0]:g} to {band[1]:g}"
+        )
+    return np.asarray(numbers * step)
+
+
+def _labels(output: GprmaxOutput, transmit: str, axes: dict[str, str]) -> list[str]:
+    """Name the polarizations whose component every receiver recorded."""
+    labels = [transmit + end for end in "HV" if all(f"E{axes[end]}" in one.fields for one in output.receivers.values())]
+    if not labels:
+        raise ValueError(f"{output.path}: every receiver must hold E{axes['H']} or E{axes['V']}")
+    return labels
+
+
+def _check_alike(output: GprmaxOutput, first: GprmaxOutput, offsets: list[FloatArray], form: list[FloatArray]) -> None:
+    if output.steps != first.steps or abs(output.time_step / first.time_step - 1) > 1e-9:
+        raise ValueError(
+            f"{output.path}: must have {first.steps} steps of {first.time_step:g} s as the first file, got "
+            f"{output.steps} of {output.time_step:g} s"
+        )
+    if len(offsets) != len(form) or max(np.abs(a - b).max() for a, b in zip(offsets, form, strict=True)) > 1e-6:
+        raise ValueError(f"{output.path}: receivers must stand about the source as in the first file, they do not")
+
+
+def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArray[np.complex128]:
+    """Spectrum of the source: its current moment where the file tells the length, else its current."""
+    if output.excitation is not None:
+        one = output.excitation
+        return fourier(one.samples, output.time_step, tones, one.start) * one.length
+    if told.waveform is None:
+        raise ValueError(
+            f"{output.path}: the source's waveform is not in the file: its type and frequency must be told"
+        )
+    start = 0.5 * output.time_step
+    time: FloatArray = start + output.time_step * np.arange(output.steps)
+    current = pulse(*told.waveform, time)
+    length = dict(zip("xyz", output.cell, strict=True))[told.horizontal if told.transmit == "H" else told.vertical]
+    moment = length if output.sources[0][0] == "HertzianDipole" else 1.0
+    return fourier(current, output.time_step, tones, start) * moment
+
+
+def _signal(
+    output: GprmaxOutput, labels: list[str], axes: dict[str, str], tones: FloatArray, source: NDArray[np.complex128]
+) -> NDArray[np.complex64]:
+    rows = [
+        [1j * output.spectrum(name, f"E{axes[label[1]]}", tones) / source for name in output.receivers]
+        for label in labels
+    ]
+    return np.asarray(rows, dtype=np.complex64)
