@@ -14,7 +14,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flgpr.io.arrays import LIMIT, open_arrays
 
@@ -247,7 +247,7 @@ def fourier(
     return np.asarray(out, dtype=np.complex128) * time_step
 
 
-def pulse(kind: str, frequency: float, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
     """Evaluate a waveform of unit amplitude as gprMax defines it.
 
     Parameters
@@ -256,7 +256,7 @@ def pulse(kind: str, frequency: float, time: NDArray[np.float64]) -> NDArray[np.
         Its name in gprMax.
     frequency : float
         Its frequency, Hz.
-    time : (time,) ndarray
+    time : (time,) array_like
         s.
 
     Returns
@@ -271,10 +271,11 @@ def pulse(kind: str, frequency: float, time: NDArray[np.float64]) -> NDArray[np.
     """
     if not frequency > 0:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
+    t = np.asarray(time, dtype=np.float64)
     if kind == "ricker":
-        width, late = (np.pi * frequency) ** 2, time - np.sqrt(2) / frequency
+        width, late = (np.pi * frequency) ** 2, t - np.sqrt(2) / frequency
         return np.asarray((1 - 2 * width * late**2) * np.exp(-width * late**2))
-    width, late = 2 * (np.pi * frequency) ** 2, time - 1 / frequency
+    width, late = 2 * (np.pi * frequency) ** 2, t - 1 / frequency
     bell = np.exp(-width * late**2)
     if kind == "gaussian":
         return np.asarray(bell)

@@ -148,7 +148,7 @@ def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArra
             f"{output.path}: the source's waveform is not in the file: its type and frequency must be told"
         )
     start = 0.5 * output.time_step
-    time: FloatArray = start + output.time_step * np.arange(output.steps)
+    time = start + output.time_step * np.arange(output.steps)
     current = pulse(*told.waveform, time)
     length = dict(zip("xyz", output.cell, strict=True))[told.horizontal if told.transmit == "H" else told.vertical]
     moment = length if output.sources[0][0] == "HertzianDipole" else 1.0
