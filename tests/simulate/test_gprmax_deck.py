@@ -89,6 +89,24 @@ def test_a_body_of_revolution_is_cut_into_discs():
     assert volume == pytest.approx(np.pi * 0.1**2 * 0.1 / 3, rel=0.02)
 
 
+def test_no_disc_is_thinner_than_a_cell():
+    thin = {"kind": "plastic", "x": 0.1, "y": 0.5, "depth": 0.02, "radius": 0.1, "height": 0.06, "gap": 0.004}
+    lid = {
+        "kind": "lid",
+        "x": -0.1,
+        "y": 0.5,
+        "profile": ((0.0, 0.0), (0.05, 0.0), (0.08, 0.003), (0.08, 0.004), (0.0, 0.004)),
+    }
+    dome = {"kind": "dome", "x": 0.0, "y": 0.3, "profile": ((0.0, 0.0), (0.05, 0.004), (0.1, 0.05), (0.0, 0.05))}
+    decks = make_decks(flat(targets=[thin, lid, dome]), SENSOR, 1)
+    cell = decks.manifest["grid"]["cell"]
+    ends = np.array([words[:6] for words in lines_of(decks, "cylinder")], float).reshape(-1, 2, 3)
+    assert (np.linalg.norm(np.diff(ends, axis=1), axis=-1) >= cell * (1 - 1e-6)).all()
+    told = " ".join(decks.omissions)
+    assert "the air gap of the plastic at (0.1, 0.5) m: 4 mm became a cell" in told
+    assert "the height of the lid at (-0.1, 0.5) m: 4 mm became a cell" in told
+
+
 def test_the_rough_surface_is_the_simulators_own_snapped_to_cells():
     rough = flat(surface={"rms_height": 0.02, "correlation_length": 0.1}, soil={"model": "fixed", "permittivity": 3.0})
     decks = make_decks(rough, SENSOR, 3)

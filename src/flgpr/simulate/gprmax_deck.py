@@ -213,7 +213,7 @@ def _scene_text(
     lines += _objects(world.objects, grid, scene.surface.rms_height, omissions)
     bodies: dict[float, str] = {}
     for target in world.targets:
-        lines += _target(target, grid, bodies)
+        lines += _target(target, grid, bodies, omissions)
     materials = [f"#material: {eps:g} 0 1 0 {name}" for eps, name in bodies.items()]
     return "\n".join([*materials, *lines]) + "\n", rough
 
@@ -262,7 +262,7 @@ def _objects(things: tuple[Thing, ...], grid: Grid, rms_height: float, omissions
         elif thing.kind == "rock":
             place = " ".join(f"{v:.9g}" for v in grid.local((thing.x, thing.y, 0.0)))
             lines.append(f"#sphere: {place} {thing.radius:.9g} rock")
-        elif thing.kind == "post":
+        elif thing.kind == "post" and thing.height >= grid.cell:
             foot = -grid.cell * math.ceil(3 * rms_height / grid.cell)
             lines.append(_rod((thing.x, thing.y, thing.height), (thing.x, thing.y, foot), thing.radius, grid, "pec"))
         else:
@@ -280,36 +280,42 @@ def _rod(top: Iterable[float], bottom: Iterable[float], radius: float, grid: Gri
     return f"#cylinder: {ends} {radius:.9g} {material}"
 
 
-def _target(target: Target, grid: Grid, bodies: dict[float, str]) -> list[str]:
-    """Write a body of revolution about its leaning axis: slices of its profile, the air gap under its top last."""
+def _target(target: Target, grid: Grid, bodies: dict[float, str], omissions: list[str]) -> list[str]:
+    """Write a body of revolution about its leaning axis: discs of its profile, the air gap under its top last."""
     lean = math.sin(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
     axis = np.array([*lean, math.cos(target.tilt)])
     top = np.array([target.x, target.y, -target.depth])
     material = "pec"
     if target.dielectric is not None:
         material = bodies.setdefault(target.dielectric, f"body{len(bodies) + 1}")
-    profile = target.profile or cylinder(target.radius, target.height)
-    slices = _slices(profile, grid.cell)
-    lines = [_rod(top - a * axis, top - b * axis, r, grid, material) for r, a, b in slices]
+    least = grid.cell / math.cos(target.tilt)  # gprMax wants the ends of a disc on different nodes
+    where = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
+    height = _height(target)
+    if height < least:
+        omissions.append(f"the height of {where}: {1000 * height:.0f} mm became a cell, {1000 * least:.0f} mm")
+    discs = _discs(target.profile or cylinder(target.radius, target.height), max(least, 1e-9))
+    lines = [_rod(top - a * axis, top - b * axis, r, grid, material) for r, a, b in discs]
     gap = min(target.air_gap, 0.9 * target.height) if target.dielectric is not None else 0.0
-    for r, a, b in slices:
-        if a < gap:
-            lines.append(_rod(top - a * axis, top - min(b, gap) * axis, r, grid, "free_space"))
+    if 0 < gap < least:
+        omissions.append(f"the air gap of {where}: {1000 * gap:.0f} mm became a cell, {1000 * least:.0f} mm")
+        gap = least
+    if gap > 0:
+        lines.append(_rod(top, top - gap * axis, discs[0][0], grid, "free_space"))
     return lines
 
 
-def _slices(profile: Any, cell: float) -> list[tuple[float, float, float]]:
-    """Cut a body of revolution into discs (radius, upper drop, lower drop); an upright wall stays one disc."""
+def _discs(profile: Any, least: float) -> list[tuple[float, float, float]]:
+    """Cut a body of revolution into discs (radius, upper drop, lower drop) no thinner than ``least``."""
     radius, drop = (np.array(column, dtype=float) for column in zip(*profile, strict=True))
-    corners = np.unique(drop)
-    found = []
-    for upper, lower in itertools.pairwise(corners):
-        parts = max(1, math.ceil((lower - upper) / cell))
-        edges = np.linspace(upper, lower, parts + 1)
-        radii = [_widest(radius, drop, (a + b) / 2) for a, b in itertools.pairwise(edges)]
-        if np.ptp(radii) < 1e-12:
-            edges, radii = np.array([upper, lower]), radii[:1]
-        found += [(r, float(a), float(b)) for r, a, b in zip(radii, edges[:-1], edges[1:], strict=True) if r > 0]
+    height = max(float(drop[-1]), least)
+    edges = np.linspace(0.0, height, max(1, math.floor(height / least + 1e-9)) + 1)
+    found: list[tuple[float, float, float]] = []
+    for a, b in itertools.pairwise(edges.tolist()):
+        wide = _widest(radius, drop, min((a + b) / 2, 0.999 * float(drop[-1])))
+        if found and abs(found[-1][0] - wide) < 1e-12:
+            found[-1] = (wide, found[-1][1], b)
+        elif wide > 0:
+            found.append((wide, a, b))
     return found
 
 
