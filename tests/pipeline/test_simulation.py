@@ -43,6 +43,9 @@ def test_a_stored_lane_is_the_simulated_one(small, tmp_path):
     assert all(path.exists() for path in written)
     with pytest.raises(FileExistsError):
         simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
+    simulate_to_store(scene, sensor, 5, tmp_path / "again.zarr", truth=tmp_path / "key.csv")
+    assert (tmp_path / "key.csv").read_bytes() == (tmp_path / "lane-truth.csv").read_bytes()
+    assert not (tmp_path / "again-truth.csv").exists()
 
 
 def test_the_preview_draws_every_target(small, tmp_path):

@@ -24,6 +24,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
     errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
     preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
+    truth: Annotated[Path | None, typer.Option(help="CSV of the truth; by default NAME-truth.csv.")] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Begin again where a stopped run left scans.")] = False,
     engine: Annotated[str, typer.Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")] = (
         "flgpr"
@@ -41,7 +42,7 @@ def simulate(
         if engine == "gprmax":
             written, lines = tasks.write_gprmax_lane(scene, sensor, seed, output, preview, cells, max_cells)
         else:
-            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart)
+            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart, truth)
             lines = []
     if not quiet:
         for line in [*lines, *(f"wrote {path}" for path in written)]:

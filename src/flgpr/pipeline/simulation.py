@@ -27,6 +27,7 @@ def simulate_to_store(
     errors: bool = True,
     track: Track = silent,
     resume: bool = True,
+    truth: str | Path | None = None,
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store; truth, objects and lane are written beside it.
 
@@ -49,6 +50,8 @@ def simulate_to_store(
         Shows progress.
     resume : bool
         Go on with what a stopped call left; otherwise begin again.
+    truth : str or Path, optional
+        CSV of the truth in place of ``NAME-truth.csv``; its GeoJSON stands beside it.
 
     Returns
     -------
@@ -69,7 +72,7 @@ def simulate_to_store(
     inputs = {"flgpr": __version__, "sensor_sha256": _hash(sensor), "errors": errors}
     polarization = list(sensor.polarization)
     with RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs) as writer:
-        written = [store, *_write_beside(store, simulator)]
+        written = [store, *_write_beside(store, simulator, truth)]
         poses, done, total = simulator.reported_pose(), len(writer), len(simulator)
         label = f"simulating, {done} scans were there" if done else "simulating"
         for scan in track(range(done, total), label, total - done):
@@ -77,10 +80,10 @@ def simulate_to_store(
     return written
 
 
-def _write_beside(store: Path, simulator: Simulator) -> list[Path]:
+def _write_beside(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
     written = []
     for name, table in (("truth", simulator.truth), ("objects", simulator.objects)):
-        path = store.with_name(f"{store.stem}-{name}.csv")
+        path = Path(truth) if name == "truth" and truth else store.with_name(f"{store.stem}-{name}.csv")
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)

@@ -426,6 +426,7 @@ def simulate_lane(
     errors: bool = True,
     track: Track = silent,
     resume: bool = True,
+    truth: PathLike | None = None,
 ) -> list[Path]:
     """Simulate a scene file into a run store, or draw it.
 
@@ -447,6 +448,8 @@ def simulate_lane(
         Shows progress.
     resume : bool
         Go on with what a stopped call left; otherwise begin again.
+    truth : path, optional
+        CSV of the truth in place of the one beside the store.
 
     Returns
     -------
@@ -463,7 +466,7 @@ def simulate_lane(
     if preview is not None:
         written.append(_write_preview(world, seed, preview))
     if output is not None:
-        written += simulate_to_store(world, array, seed, output, errors, track, resume)
+        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth)
     return written
 
 
