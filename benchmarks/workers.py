@@ -2,11 +2,14 @@
 
 The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see ``wang2007.py``. Usage::
 
-    python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR] [--json FILE]
+    python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
+    python benchmarks/workers.py --scheduler-load 2000
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
-efficiency is T1 / (2·T2); the share of processor time tells whether the machine was free: near 1 it was.
+efficiency is T1 / (2·T2). The processor seconds of the pieces say what sharing costs whatever else the machine does:
+with two workers they must be those of one. With ``--scheduler-load`` a Dask scheduler with two workers hands out that
+many pieces that do nothing, and its own processor time per piece is told.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -24,6 +29,9 @@ from typing import Any
 import numpy as np
 
 from flgpr.pipeline import tasks
+from flgpr.pipeline.cluster import Cluster
+from flgpr.pipeline.lane_work import LaneJob, code_versions, do_part
+from flgpr.pipeline.recipe import recipe_text
 from wang2007 import STEP, write_noise_run
 
 
@@ -46,17 +54,64 @@ def plan(reports: list[dict[str, Any]], scans: int) -> list[str]:
     rows: dict[tuple[str, bool], list[dict[str, Any]]] = defaultdict(list)
     for report in reports:
         rows[report["stage"], report["block"] >= 0].append(report)
-    lines = [f"{'stage':10s} {'piece':6s} {'pieces':>6s} {'s each':>8s} {'MB each':>8s} {'s in all':>8s}"]
+    lines = [f"{'stage':10s} {'piece':6s} {'pieces':>6s} {'s each':>8s} {'MB each':>8s} {'s in all':>8s}   (processor)"]
     for (stage, is_block), some in rows.items():
-        seconds, size = [one["seconds"] for one in some], [one["bytes"] / 1e6 for one in some]
+        seconds, size = [one["processor_seconds"] for one in some], [one["bytes"] / 1e6 for one in some]
         lines.append(
             f"{stage:10s} {'block' if is_block else 'fold':6s} {len(some):6d} {median(seconds):8.3f} "
             f"{median(size):8.2f} {sum(seconds):8.2f}"
         )
-    total, pieces = sum(one["seconds"] for one in reports), len(reports)
-    size = sum(one["bytes"] for one in reports) / 1e6
-    lines.append(f"per scan: {1e3 * total / scans:.0f} ms, {pieces / scans:.2f} pieces, {size / scans:.2f} MB written")
+    total, size = processor(reports), sum(one["bytes"] for one in reports) / 1e6
+    lines.append(
+        f"per scan: {1e3 * total / scans:.0f} ms, {len(reports) / scans:.2f} pieces, {size / scans:.2f} MB written"
+    )
     return lines
+
+
+def processor(reports: list[dict[str, Any]]) -> float:
+    """Sum the processor time of pieces."""
+    return sum(one["processor_seconds"] for one in reports)
+
+
+def nothing(job: LaneJob, stage: str, number: int) -> dict[str, Any]:
+    """Do nothing with the arguments of a piece and report as one does."""
+    return {"lane": job.output, "stage": stage, "block": number, "seconds": 0.0, "bytes": 0, "worker": "", "cpu": ""}
+
+
+def scheduler_load(pieces: int) -> None:
+    """Measure what a Dask scheduler costs per piece."""
+    import psutil
+    from distributed.protocol import serialize_bytes
+
+    job = LaneJob("/data/lane.zarr", recipe_text("wang2007"), (-1.5, 1.5, 0.0, 300.0), None, "/data/out", False,
+                  "0" * 64, "", code_versions(), "x86_64", 2 * 10**9)  # fmt: skip
+    dask = [sys.executable, "-m", "dask"]
+    environment = {**os.environ, "PYTHONPATH": f"{os.environ.get('PYTHONPATH', '')}:{Path(__file__).parent}"}
+    with tempfile.TemporaryDirectory() as folder:
+        note = Path(folder) / "scheduler.json"
+        head = subprocess.Popen([*dask, "scheduler", "--no-dashboard", "--port", "0", "--scheduler-file", str(note)])
+        hands = []
+        try:
+            while not note.exists():
+                time.sleep(0.1)
+            address = json.loads(note.read_text())["address"]
+            options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--local-directory", folder]
+            hands = [subprocess.Popen([*dask, "worker", address, *options], env=environment) for _ in range(2)]
+            with Cluster(address) as cluster:
+                list(cluster.run(nothing, [(job, "signature", number) for number in range(20)]))
+                before, begun = psutil.Process(head.pid).cpu_times(), time.perf_counter()
+                done = len(list(cluster.run(nothing, [(job, "signature", number) for number in range(pieces)])))
+                after, wall = psutil.Process(head.pid).cpu_times(), time.perf_counter() - begun
+        finally:
+            for process in [*hands, head]:
+                process.kill()
+                process.wait()
+    cost = (after.user + after.system - before.user - before.system) / done
+    size = len(serialize_bytes((do_part, job, "signature", 3)))
+    print(
+        f"{done} pieces, each {1e3 * cost:.2f} ms of the scheduler's processor, {1e3 * wall / done:.2f} ms on the clock"
+    )
+    print(f"message of a piece {size} bytes, report {len(serialize_bytes(nothing(job, 'signature', 3)))} bytes")
 
 
 def main() -> None:
@@ -65,8 +120,11 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=180)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None)
-    parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--scheduler-load", type=int, default=0)
     options = parser.parse_args()
+    if options.scheduler_load:
+        scheduler_load(options.scheduler_load)
+        return
     found: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
@@ -81,15 +139,15 @@ def main() -> None:
                 print(f"round {number + 1}, {workers} workers: {one['wall']:.1f} s", flush=True)
     same = all(one["files"] == found[1][0]["files"] for some in found.values() for one in some)
     walls = {workers: median(one["wall"] for one in some) for workers, some in found.items()}
-    work = {w: median(sum(r["seconds"] for r in one["reports"]) for one in some) for w, some in found.items()}
+    work = {workers: median(processor(one["reports"]) for one in some) for workers, some in found.items()}
     efficiency = [a["wall"] / (2 * b["wall"]) for a, b in zip(found[1], found[2], strict=True)]
     print(f"{options.scans} scans, {found[1][0]['alarms']} alarms, {os.cpu_count()} cores, load {load:.1f} before")
     print(f"1 worker {walls[1]:.1f} s, 2 workers {walls[2]:.1f} s, the same bytes: {same}")
     print(f"efficiency {walls[1] / (2 * walls[2]):.2f} (rounds: {', '.join(f'{value:.2f}' for value in efficiency)})")
-    print(f"seconds in pieces of work: {work[1]:.1f} with 1 worker, {work[2]:.1f} with 2")
+    print(f"processor seconds of the pieces: {work[1]:.1f} with 1 worker, {work[2]:.1f} with 2")
+    peak = max(r["peak_bytes"] for some in found.values() for one in some for r in one["reports"])
+    print(f"largest memory of a worker {peak / 1e9:.2f} GB")
     print("\n".join(plan(found[1][int(np.argmin([one["wall"] for one in found[1]]))]["reports"], options.scans)))
-    if options.json is not None:
-        options.json.write_text(json.dumps({"walls": {w: [o["wall"] for o in s] for w, s in found.items()}}))
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import resource
 import socket
 import threading
 import time
@@ -195,14 +196,15 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
     Returns
     -------
     dict
-        What was done, where, in which time (s), and how many bytes were written.
+        What was done, where, in which time (s, and of the processor), how many bytes were written, and the most memory the
+        process has taken so far.
 
     Raises
     ------
     ValueError
         If this process cannot do it: other versions, or the run or the work folder is not there.
     """
-    begun = time.perf_counter()
+    begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
         name = work.part(stage, number)
@@ -233,7 +235,7 @@ def do_fold(job: LaneJob, stage: str, blocks: int) -> Report:
     ValueError
         As for :func:`do_part`, or if a part is damaged.
     """
-    begun = time.perf_counter()
+    begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
         if stage not in work:
@@ -262,7 +264,7 @@ def do_finish(job: LaneJob) -> Report:
     FileExistsError
         If something that is no result lies at the output.
     """
-    begun = time.perf_counter()
+    begun = _now()
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
         detection = detection_with_features(chain)
@@ -300,13 +302,20 @@ def _opened(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
     return FeatureChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, work), work
 
 
-def _report(job: LaneJob, stage: str, number: int, begun: float, size: int) -> Report:
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
+
+
+def _report(job: LaneJob, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
+    wall, processor_time = _now()
     return {
         "lane": Path(job.output).name,
         "stage": stage,
         "block": number,
-        "seconds": time.perf_counter() - begun,
+        "seconds": wall - begun[0],
+        "processor_seconds": processor_time - begun[1],
         "bytes": size,
+        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "worker": f"{socket.gethostname()}:{os.getpid()}",
         "cpu": processor(),
     }
