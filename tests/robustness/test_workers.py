@@ -13,7 +13,7 @@ import pytest
 from flgpr.io import save_run
 from flgpr.pipeline import tasks
 from flgpr.pipeline.checkpoint import WorkError, begin
-from flgpr.pipeline.executors import Processes
+from flgpr.pipeline.executors import LostWorkersError, Processes
 from robust import content, small_job
 
 
@@ -86,6 +86,15 @@ def _alive(pid):
 def test_an_error_of_a_worker_is_the_drivers(lane, tmp_path):
     with Processes(1) as pool, pytest.raises(ValueError, match="not here"):
         list(pool.run(_fail, [()]))
+
+
+def test_workers_that_are_killed_again_and_again_are_told(lane):
+    with Processes(1) as pool, pytest.raises(LostWorkersError, match="3 times"):
+        list(pool.run(_die, [()]))
+
+
+def _die():
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _fail():

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Any
 
 from flgpr.io.extras import optional
-from flgpr.pipeline.executors import Report, Work
+from flgpr.pipeline.executors import LostWorkersError, Report, Work
 
 _PATIENCE = "20s"
 
@@ -64,6 +64,8 @@ class Cluster:
 
         Raises
         ------
+        LostWorkersError
+            If several workers are lost at the same piece.
         Exception
             What the work raised.
         """
@@ -73,6 +75,10 @@ class Cluster:
             for future, report in done:
                 future.release()
                 yield report
+        except self._distributed.KilledWorker as error:
+            raise LostWorkersError(
+                f"workers must live to do their work, several were lost at one piece ({error})"
+            ) from None
         finally:
             for future in futures:
                 future.release()

@@ -24,6 +24,10 @@ Work = Callable[..., Report]
 _TRIALS = 3
 
 
+class LostWorkersError(ValueError):
+    """Workers were lost time and again."""
+
+
 class Executor(Protocol):
     """Does pieces of work; a context manager."""
 
@@ -79,6 +83,7 @@ class Processes:
     """Does the work in processes of this machine, which share its processors evenly.
 
     They end when this process does, even if it is killed. If one of them is killed, what it worked on is begun anew.
+    A script that uses them does so under ``if __name__ == "__main__"``, since they import it.
 
     Parameters
     ----------
@@ -128,7 +133,7 @@ class Processes:
 
         Raises
         ------
-        RuntimeError
+        LostWorkersError
             If processes are killed time and again.
         """
         left = list(arguments)
@@ -153,7 +158,9 @@ class Processes:
                 return
             left = undone
             self._begin(pool)
-        raise RuntimeError(f"worker processes were killed {_TRIALS} times in a row; is there enough memory?")
+        raise LostWorkersError(
+            f"workers must live to do their work, they were killed {_TRIALS} times: too little memory?"
+        )
 
     def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
         """Start processes, unless another thread has done so since ``broken``."""

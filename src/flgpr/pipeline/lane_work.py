@@ -196,8 +196,8 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
     Returns
     -------
     dict
-        What was done, where, in which time (s, and of the processor), how many bytes were written, and the most memory the
-        process has taken so far.
+        What was done, where, in which time (s, and of the processor), how many bytes were written, and the most memory
+        that the process has taken so far.
 
     Raises
     ------
