@@ -108,7 +108,7 @@ def command_of(words):
 
 def commands_in(text):
     for kind, body in FENCE.findall(text):
-        if kind in ("", "sh", "console"):
+        if kind in ("", "sh", "bash", "console"):
             lines = re.sub(r"\\\n\s*", " ", body).splitlines()
             yield from (line.strip().removeprefix("$ ") for line in lines if re.match(r"\s*(\$ )?flgpr ", line))
     yield from re.findall(r"(?<!`)`(flgpr [^`]+)`", FENCE.sub("", text).replace("``", "`").replace("\n# ", " "))
