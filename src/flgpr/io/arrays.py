@@ -181,11 +181,17 @@ def _opener(path: Path) -> Callable[[Path], _Opened]:
 
 
 _LOOK = """
-import sys, h5py
+import contextlib, sys, h5py
+def notes(item):
+    for name in item.attrs:
+        with contextlib.suppress(Exception):
+            item.attrs[name]
 def look(name, item):
+    notes(item)
     if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
         item[()]
 with h5py.File(sys.argv[1], "r") as file:
+    notes(file)
     file.visititems(look)
 """
 

@@ -153,6 +153,17 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
     """
     path = Path(path)
     open_arrays(path, limit)  # looks at the file in a child process first
+    try:
+        return _read(path)
+    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: cannot be read as a result of gprMax: it is damaged ({words})") from None
+    except ValueError as error:
+        told = str(error)
+        raise ValueError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+
+
+def _read(path: Path) -> GprmaxOutput:
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
             raise ValueError(
