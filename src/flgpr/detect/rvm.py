@@ -147,7 +147,8 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
     algorithm : {"fast", "ard"}
         Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001).
     n_starts : int
-        Starts of "fast" from different first vectors; the evidence has many local maxima.
+        Starts of "fast", one by single best actions and the others from different first vectors; the evidence has many
+        local maxima.
     moderated : bool
         Whether probabilities average over the weights' posterior, σ(κ m), or use their mode, σ(m).
     tol : float

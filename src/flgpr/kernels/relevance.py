@@ -312,7 +312,7 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
         for j in range(active.size):
             ratio = s[j] / alpha[j]
             held = 0.5 * (q[j] * q[j] / (s[j] + alpha[j]) - np.log1p(ratio))
-            variance = best_variance(s[j], q[j], rate) if q[j] * q[j] > s[j] + rate else 0.0
+            variance = best_variance(s[j], q[j], rate) if s[j] > _TINY and q[j] * q[j] > s[j] + rate else 0.0
             if variance <= 0:
                 rise = -held
                 if active.size > 1 and (not leave or rise > most):
