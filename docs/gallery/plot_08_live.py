@@ -40,7 +40,9 @@ density = 40.0              # thinned for speed
 step = [1.0, 1.3]           # m between scans: 4.2 m/s at about four scans a second
 """
 )
-tasks.simulate_lane(home / "scene.toml", "sri-array", 5, home / "lane.zarr")
+files = tasks.simulate_lane(
+    home / "scene.toml", "sri-array", 5, home / "lane.zarr"
+)
 
 # %%
 # The radar's part: ``run.json`` with tones and antennas, then one file per scan, at last ``end.json``. A rate this high
