@@ -323,3 +323,10 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     for one in found:
         assert one.verdict in html
     assert (tmp_path / "figure-9.png").is_file()
+
+
+def test_least_squares_needs_the_iteration_before_it(calibration):
+    one = aperture(make_frames("A", 2, 3), 2, RECIPE.image)
+    for variants in (("original",), ("least squares", "iteration")):
+        with pytest.raises(ValueError, match="iteration before any least-squares form"):
+            clean(one, calibration.thresholds, RECIPE, variants)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from itertools import pairwise
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.io import write_whole
-from flgpr.pipeline.figures import data_url
 from flgpr.pipeline.reproduce import fuse2018_figures as figures
 from flgpr.pipeline.reproduce.fuse2018_findings import Finding
 from flgpr.pipeline.reproduce.fuse2018_fullwave import FullwaveStudy
@@ -24,6 +24,7 @@ from flgpr.pipeline.reproduce.fuse2018_process import VARIANTS, Calibration
 from flgpr.pipeline.reproduce.fuse2018_recipe import FuseRecipe
 from flgpr.pipeline.reproduce.fuse2018_results import LaneResult
 from flgpr.pipeline.reproduce.wang2007_figures import watermark
+from flgpr.scoring import figure_bytes
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1d232b; max-width: 1100px; margin: 2rem auto; padding: 0 1rem; }
@@ -103,10 +104,12 @@ def page_html(
     for name, caption, figure in _figures(recipe, lanes, loose, example, poses, fullwave):
         if quick:
             watermark(figure, "quick run")
-        figure.savefig(folder / f"{name}.png", dpi=80, metadata={"Software": None})
+        figure.set_dpi(50 if quick else 80)
+        picture = figure_bytes(figure)
+        write_whole(folder / f"{name}.png", picture)
+        source = f"data:image/png;base64,{b64encode(picture).decode()}"
         parts.append(
-            f'<figure><img src="{data_url(figure, 90)}" alt="{escape(caption)}"><figcaption>{escape(caption)}'
-            "</figcaption></figure>"
+            f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>'
         )
     write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
     return (

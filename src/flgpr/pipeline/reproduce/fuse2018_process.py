@@ -198,13 +198,21 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
     recipe : FuseRecipe
         The study.
     variants : sequence of str
-        Keys of ``VARIANTS``.
+        Keys of ``VARIANTS``; "iteration" must be among them, before any least-squares form.
 
     Returns
     -------
     Cleaned
         Images by variant.
+
+    Raises
+    ------
+    ValueError
+        If "iteration" is missing or comes after a form that is compared with it at equal cost.
     """
+    first = next((name for name in variants if name == "iteration" or name.startswith("least squares")), None)
+    if first != "iteration":
+        raise ValueError(f"variants must name iteration before any least-squares form, got {', '.join(variants)}")
     side = recipe.mask.roadside
     common = (thresholds, one.region, one.across)
     masks = {
@@ -294,7 +302,7 @@ def process_lane(
     track : Track
         Shows progress.
     variants : sequence of str
-        Keys of ``VARIANTS``, "iteration" among them before any least-squares form.
+        As for :func:`clean`.
     every : int
         Take every n-th aperture.
     example : callable, optional

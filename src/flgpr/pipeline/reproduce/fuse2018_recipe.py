@@ -152,6 +152,8 @@ def fuse_recipe(quick: bool = False) -> FuseRecipe:
         "lanes": recipe.lanes.model_copy(update=short),
         "image": recipe.image.model_copy(update={"spacing": study.quick_spacing, "frames": study.quick_frames}),
         "boxes": recipe.boxes.model_copy(update={"draws": 200}),
-        "study": study.model_copy(update={"example": 0.0, "every": study.quick_every}),
+        "study": study.model_copy(
+            update={"example": 0.0, "every": study.quick_every, "loose_every": study.quick_every}
+        ),
     }
     return recipe.model_copy(update=changes)

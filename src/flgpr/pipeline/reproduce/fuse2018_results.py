@@ -82,7 +82,10 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     str
         Twelve digits.
     """
-    content: dict[str, Any] = {"recipe": recipe.model_dump(mode="json"), "quick": quick}
+    # What a quick run would change is in the recipe already if this is one.
+    held = recipe.model_dump(mode="json")
+    held["study"] = {name: value for name, value in held["study"].items() if not name.startswith("quick")}
+    content: dict[str, Any] = {"recipe": held, "quick": quick}
     if calibration is not None:
         content["calibration"] = calibration_record(calibration)
     return sha256(canonical_json(content))[:12]
