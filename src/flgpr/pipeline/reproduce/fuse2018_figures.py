@@ -22,6 +22,7 @@ from flgpr.pipeline.reproduce.fuse2018_results import LaneResult
 
 Arrays = Mapping[str, NDArray[Any]]
 _RANGE = 40.0  # dB shown
+_DEEP = 55.0  # dB, where a mine must show beside a post
 COMPARED = {
     "original": ("0.25", "-"),
     "iteration": ("C3", "-"),
@@ -202,7 +203,7 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
 def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
     level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
     return axes.imshow(
-        level, origin="lower", extent=_extent(example), vmin=-_RANGE, vmax=0, cmap="viridis", aspect="auto"
+        level, origin="lower", extent=_extent(example), vmin=-_DEEP, vmax=0, cmap="viridis", aspect="auto"
     )
 
 
