@@ -132,7 +132,7 @@ def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
         Loss, dB.
     """
     turn = 4 * np.pi / SPEED_OF_LIGHT * np.multiply.outer(np.asarray(error, float), np.asarray(frequency, float))
-    return np.asarray(-20 * np.log10(np.exp(-(turn**2) / 2).mean(axis=-1)))
+    return np.asarray(0.0 - 20 * np.log10(np.exp(-(turn**2) / 2).mean(axis=-1)))
 
 
 def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
