@@ -59,7 +59,7 @@ step = [1.0, 1.0]
 wander = 0.2
 """
 SETTLED = 30.0  # m of the lane after which the estimates of 50 scans and more have settled
-NEAR = 0.3  # m
+NEAR, HALO = 0.3, 1.0  # m
 
 
 def make_model(folder: Path) -> Path:
@@ -95,12 +95,14 @@ def play(run: Path, lane: Path, home: Path, options: argparse.Namespace, model: 
 def agreement(live: pd.DataFrame, batch: pd.DataFrame) -> str:
     """Compare alarm tables where the estimates have settled."""
     live, batch = live[live["y"] > SETTLED], batch[batch["y"] > SETTLED]
-    found = cKDTree(live[["x", "y"]]).query(batch[["x", "y"]])[0] <= NEAR
+    away = cKDTree(live[["x", "y"]]).query(batch[["x", "y"]])[0]
+    found = away <= NEAR
     back = cKDTree(batch[["x", "y"]]).query(live[["x", "y"]])[0] <= NEAR
     top = len(batch) // 10
     return (
         f"{found.sum()} of batch's {len(batch)} alarms are live's ({found.mean():.2f}), {found[:top].sum()} of its top "
-        f"{top}; {back.sum()} of live's {len(live)} are batch's ({back.mean():.2f})"
+        f"{top}; {(away <= HALO).sum()} have one of live's within {HALO:g} m; {back.sum()} of live's {len(live)} are "
+        f"batch's ({back.mean():.2f})"
     )
 
 

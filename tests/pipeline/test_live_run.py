@@ -305,6 +305,9 @@ def test_a_file_that_is_still_written_is_waited_for(home, tmp_path):
     with (tmp_path / "a.scan").open("ab") as file:
         file.write(frame[3000:])
     assert inbox.arrivals.get(timeout=10).data == frame
+    (tmp_path / "b.scan").write_bytes(frame[:3000])  # taken away again
+    time.sleep(0.1)
+    (tmp_path / "b.scan").rename(tmp_path / "b.bad")
     (tmp_path / "b.scan").write_bytes(frame[:3000])  # never completed
     (tmp_path / "end.json").write_text("{}")
     assert [inbox.arrivals.get(timeout=10).name for _ in range(2)] == ["b.scan", "end.json"]

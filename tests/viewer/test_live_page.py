@@ -210,6 +210,30 @@ def test_the_threshold_hides_weak_alarms_and_keeps_its_place(live):
     assert page.page.locator("#live li").count() == 4
 
 
+def test_news_take_neither_focus_nor_clicks_away(live):
+    page, feeder = live
+    told = [alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k), 2.0) for k in range(1, 7)]
+    feeder.give(scan(0, 2.0), *told)
+    wait_words(page, "6 alarms")
+    button = page.page.locator("#rows button", has_text="alarm-4")
+    button.focus()
+    box = button.bounding_box()
+    page.page.mouse.move(box["x"] + 5, box["y"] + 5)
+    page.page.mouse.down()
+    changed = [alarm(f"alarm-{k}", 0.1 * k, 10.0 + k, float(k) + 0.25, 2.0, "update") for k in range(1, 7)]
+    feeder.give(scan(1, 2.5), *changed, alarm("alarm-7", 0, 20.0, 0.5, 2.0))
+    wait_words(page, "7 alarms")
+    assert page.page.evaluate("document.activeElement.textContent") == "alarm-4"
+    page.page.mouse.up()
+    assert page.text("#alarm-title") == "alarm-4"
+    assert "4.25" in page.text("#rows tr[aria-selected=true]")
+    feeder.give(alarm("alarm-1", 0.1, 11.0, 9.5, 2.0, "update"), alarm("alarm-6", 0.6, 16, 6.0, 2.0, "withdrawn"))
+    wait_words(page, "6 alarms")
+    names = page.page.eval_on_selector_all("#rows button", "(all) => all.map((one) => one.textContent)")
+    assert names == ["alarm-1", "alarm-5", "alarm-4", "alarm-3", "alarm-2", "alarm-7"]
+    assert page.text("#alarm-title") == "alarm-4"
+
+
 def test_live_alarms_are_exported_with_their_place_on_earth(live):
     page, feeder = live
     feeder.give(scan(0, 2.0), alarm("alarm-1", 1.0, 14.5, 4.5, 2.0), alarm("alarm-2", 0.0, 16.0, 2.0, 2.0))

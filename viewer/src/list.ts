@@ -18,6 +18,8 @@ export interface ListState {
 export class AlarmList {
   private most = PAGE;
   private state: ListState | null = null;
+  private current: HTMLElement | null = null;
+  private readonly lines = new Map<string, HTMLTableRowElement>();
 
   constructor(
     private readonly choose: (row: number) => void,
@@ -37,46 +39,66 @@ export class AlarmList {
     const all = el<HTMLInputElement>("tick-all");
     all.checked = rows.length > 0 && rows.every((row) => ticked.has(row));
     all.indeterminate = !all.checked && rows.some((row) => ticked.has(row));
-    const body = el("rows");
-    body.replaceChildren();
-    if (!detection) return;
     const place = selected === null ? -1 : rows.indexOf(selected);
     if (place >= this.most) this.most = Math.ceil((place + 1) / PAGE) * PAGE;
-    for (const row of rows.slice(0, this.most)) body.append(this.row(source, detection, row, row === selected, ticked.has(row)));
-    if (rows.length > this.most) {
-      const more = make("button", { type: "button" }, `show ${Math.min(PAGE, rows.length - this.most)} more`);
-      more.addEventListener("click", () => {
-        this.most += PAGE;
-        this.show(state);
-      });
-      body.append(make("tr", { class: "more" }, make("td", { colspan: "7" }, more)));
-    }
-    const current = body.querySelector<HTMLElement>('[aria-selected="true"]');
-    current?.scrollIntoView({ block: "nearest" });
+    const lines = detection ? rows.slice(0, this.most).map((row) => this.row(source, detection, row, row === selected, ticked.has(row))) : [];
+    if (rows.length > this.most) lines.push(this.more(state, Math.min(PAGE, rows.length - this.most)));
+    arrange(el("rows"), lines);
+    const current = place < 0 ? null : lines[place]!;
+    if (current !== this.current) current?.scrollIntoView({ block: "nearest" });
+    this.current = current;
   }
 
+  private more(state: ListState, count: number): HTMLElement {
+    const more = make("button", { type: "button" }, `show ${count} more`);
+    more.addEventListener("click", () => {
+      this.most += PAGE;
+      this.show(state);
+    });
+    return make("tr", { class: "more" }, make("td", { colspan: "7" }, more));
+  }
+
+  /** The line of an alarm: the same element as before, so that focus and clicks outlive the news of a live run. */
   private row(source: Source, detection: Detection, row: number, selected: boolean, ticked: boolean): HTMLElement {
     const { alarms } = detection;
+    const name = alarms.alarm_id?.[row] ?? `alarm-${row + 1}`;
+    const key = `${source.id}/${detection.name}/${name}`;
+    const line = this.lines.get(key) ?? this.newLine(name);
+    this.lines.set(key, line);
     const label = labelOf(source, detection, row);
     const { verdict, text } = this.state!.note(row);
-    const name = alarms.alarm_id?.[row] ?? `alarm-${row + 1}`;
-    const box = make("input", { type: "checkbox", "aria-label": `select ${name} for export` });
-    box.checked = ticked;
-    box.addEventListener("click", (event) => event.stopPropagation());
-    box.addEventListener("change", () => this.tick([row], box.checked));
-    const button = make("button", { type: "button" }, name);
-    const line = make(
-      "tr",
-      { "aria-selected": String(selected), "data-row": String(row) },
-      make("td", {}, box),
-      make("td", {}, button),
-      make("td", {}, digits(alarms.confidence[row], 4)),
-      make("td", {}, fixed(alarms.x[row]!, 2)),
-      make("td", {}, fixed(alarms.y[row]!, 2)),
-      make("td", { class: label }, SHORT[label] ?? label),
-      make("td", { title: text }, verdict + (text ? " ✎" : "")),
-    );
-    line.addEventListener("click", () => this.choose(row));
+    const values = [digits(alarms.confidence[row], 4), fixed(alarms.x[row]!, 2), fixed(alarms.y[row]!, 2), SHORT[label] ?? label, verdict + (text ? " ✎" : "")];
+    values.forEach((value, i) => {
+      const cell = line.cells[i + 2]!;
+      if (cell.textContent !== value) cell.textContent = value;
+    });
+    line.cells[5]!.className = label;
+    line.cells[6]!.title = text;
+    line.dataset["row"] = String(row);
+    line.setAttribute("aria-selected", String(selected));
+    line.querySelector("input")!.checked = ticked;
     return line;
+  }
+
+  private newLine(name: string): HTMLTableRowElement {
+    const box = make("input", { type: "checkbox", "aria-label": `select ${name} for export` });
+    const line = make("tr", {}, make("td", {}, box), make("td", {}, make("button", { type: "button" }, name)));
+    for (let i = 0; i < 5; i++) line.append(make("td", {}));
+    const row = (): number => Number(line.dataset["row"]);
+    box.addEventListener("click", (event) => event.stopPropagation());
+    box.addEventListener("change", () => this.tick([row()], box.checked));
+    line.addEventListener("click", () => this.choose(row()));
+    return line;
+  }
+}
+
+/** Give an element these children, leaving alone those that are in their place. */
+function arrange(home: HTMLElement, children: HTMLElement[]): void {
+  const wanted = new Set<Element>(children);
+  for (const child of [...home.children]) if (!wanted.has(child)) child.remove();
+  let at = home.firstElementChild;
+  for (const child of children) {
+    if (child === at) at = at.nextElementSibling;
+    else home.insertBefore(child, at);
   }
 }
