@@ -43,7 +43,7 @@ class LiveSettings:
     looks : int
         Scans that must have seen a place before an alarm is raised there.
     warm_up : int
-        Scans from which the background is learnt before the first image is cleaned.
+        The first scan that is cleaned, counted from 1; those before it only teach the background. At least 2.
     span : int or None
         Scans that the background remembers; None remembers all.
     least_step : float
