@@ -98,6 +98,7 @@ for one, other in zip(plain, shared, strict=True):
     print(one.folder.name, len(files), "files,", len(different), "different")
 
 # %%
-# And ``survey.json`` tells how each lane went.
+# And ``survey.json`` tells how each lane went. `Many workers <../cluster.html>`_ says what happens to workers that are
+# lost, and what a cluster costs and gains.
 
 print((home / "cluster" / "survey.json").read_text()[:600])
