@@ -50,8 +50,8 @@ class Killer:
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")
         child.join()
+        assert child.exitcode == 0  # else nothing would come through the pipe
         self.operations = ours.recv()
-        assert child.exitcode == 0
 
     def start(self, last, pipe, output):
         child = self.context.Process(target=counted, args=(self.home, last, pipe, self.work, (output,)))

@@ -55,6 +55,7 @@ def test_workers_end_when_their_driver_is_killed(lane, tmp_path):
     ours, theirs = context.Pipe()
     driver = context.Process(target=_drive, args=(theirs,))
     driver.start()
+    assert ours.poll(120)
     pids = ours.recv()
     driver.kill()
     driver.join()
