@@ -1,27 +1,23 @@
 import { AlarmPanel } from "./alarm";
 import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
-import { detectionOf, HALF, layerOf, loadEvidence, setLabel, Tiles } from "./data";
+import { drawComparison, rasters, type Compare } from "./compare";
+import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
 import { checkRadio, colour, digits, el, fitted, fixed, options } from "./dom";
 import { alarmRows, asCsv, asGeoJson, download } from "./exports";
 import { savePng, saveSvg, type FigureParts } from "./figure";
+import { Following } from "./following";
 import { extentOf, geographic } from "./geo";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
-import type { Live, LiveAlarm, LiveRows } from "./live";
-import { drawOverlay, hitTest, labelOf, secondOf, showLegend, type Overlay } from "./overlay";
+import type { Live } from "./live";
 import { Notes } from "./notes";
-import type { Pen } from "./pen";
+import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
+import { drawOverview } from "./overview";
 import { curveOf, equalFalse, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
-import { LABELS } from "./symbols";
 import type { Choice, Detection, Note, Source } from "./types";
-import { View, type Box } from "./view";
-
-/** Length of lane in sight when the picture follows the vehicle, and how much of it lies behind the vehicle, m. */
-const FOLLOWED = 27;
-const BEHIND = 6;
-
-export type Compare = "off" | "swipe" | "blink";
+import { View } from "./view";
+import { alarmFacts, alarmWords, readout } from "./words";
 
 export class App {
   a: Choice;
@@ -38,19 +34,19 @@ export class App {
   selected: number | null = null;
   ticked = new Set<number>();
   live: Live | null = null;
+  readonly following = new Following(this);
   readonly view: View;
   readonly picture: Picture;
-  private readonly tiles: Tiles;
+  readonly tiles: Tiles;
   private readonly panel: AlarmPanel;
   private readonly list: AlarmList;
   private readonly roc: RocPlot;
-  private thresholds: (number | null)[] = [null];
+  thresholds: (number | null)[] = [null];
   readonly notes: Notes;
   private waiting = 0;
-  private fitting = true;
+  fitting = true;
   private marked = false;
-  follow = false;
-  private evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
+  evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
 
   constructor(readonly sources: Source[]) {
@@ -96,103 +92,6 @@ export class App {
     return detectionOf(this.source, this.a.set);
   }
 
-  // ---------------------------------------------------------------- live
-
-  /** A live run is known: take its lane, lattice and channel as the source's. */
-  begin(live: Live): void {
-    const { index } = this.source;
-    const own = this.source.title === "live";
-    if (!own) return this.redraw();
-    const [polarization, subband] = live.channel;
-    this.tiles.drop(this.source.id);
-    Object.assign(index, { title: live.title, georeference: live.georeference, channel: live.channel, grid: live.grid, tile_rows: 512 });
-    index.layers = live.grid ? [{ detection: "live", stage: "live", polarization, subband, percentiles: { "50": 0 }, levels: [{ file: "", rows: 0 }] }] : [];
-    index.detections = [live.detection()];
-    this.a = { source: 0, set: "live", polarization, subband };
-    this.b = { ...this.a };
-    this.picture.recolour(this.colours);
-    this.extend(live);
-    el("roc").hidden = el("list").hidden = false;
-    el("subset").hidden = el("roc-plot").hidden = el("explain").hidden = true;
-    this.detectionChanged();
-    this.showChoices();
-    this.setFollow(live.lane === null || this.view.length > 80);
-    this.resized();
-  }
-
-  /** Rows of a live run-view came. */
-  grow(live: Live, { row, median, halves }: LiveRows): void {
-    const { index, id, title } = this.source;
-    const layer = index.layers[0];
-    if (title !== "live" || !layer || !live.grid) return;
-    index.grid = live.grid;
-    layer.levels[0]!.rows = live.grid.ny;
-    this.picture.repaint(id, 0, this.tiles.put(id, 0, row, live.grid.nx, index.tile_rows, halves));
-    if (Math.abs(median - (layer.percentiles["50"] ?? 0)) > 0.75) {
-      layer.percentiles["50"] = median;
-      this.picture.recolour(this.colours);
-    }
-    if (live.lane === null) this.extend(live);
-  }
-
-  /** Scans and alarms of a live run came. */
-  went(live: Live, fresh: LiveAlarm[]): void {
-    if (this.source.title === "live") {
-      const { index } = this.source;
-      const id = this.selected === null ? null : this.detection?.alarms.alarm_id?.[this.selected];
-      const ticked = new Set([...this.ticked].map((row) => this.detection?.alarms.alarm_id?.[row]));
-      const [least, last] = [this.threshold, this.row >= this.thresholds.length - 1];
-      index.detections = [live.detection()];
-      const names = index.detections[0]!.alarms.alarm_id!;
-      this.thresholds = thresholdsOf(this.source, "live");
-      const at = this.thresholds.findIndex((one) => one !== null && least !== null && one <= least);
-      this.row = last || least === null ? (last ? this.thresholds.length - 1 : 0) : at < 0 ? this.thresholds.length - 1 : this.thresholds[at] === least ? at : Math.max(at - 1, 0);
-      live.least = last ? -Infinity : (least ?? Infinity);
-      el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));
-      this.ticked = new Set(names.flatMap((name, row) => (ticked.has(name) ? [row] : [])));
-      this.selected = id ? (names.indexOf(id) >= 0 ? names.indexOf(id) : null) : null;
-      index.scans = { x: live.track.map((one) => one.x), y: live.track.map((one) => one.y), z: [], heading: live.track.map((one) => one.heading), masked: [] };
-      this.evidence.key = "";
-      this.showAlarm();
-      this.showThreshold();
-    }
-    const told = fresh.filter((one) => one.confidence >= live.least && !one.final && (live.distance(one) ?? 1) > 0);
-    if (told.length) {
-      const nearest = told.reduce((a, b) => ((live.distance(b) ?? Infinity) < (live.distance(a) ?? Infinity) ? b : a));
-      this.say(`New alarm: ${live.words(nearest)}${told.length > 1 ? `, and ${told.length - 1} more` : ""}`);
-    }
-    this.keepUp(live);
-    this.redraw();
-  }
-
-  setFollow(follow: boolean): void {
-    this.follow = follow;
-    el("follow").setAttribute("aria-pressed", String(follow));
-    if (!follow || !this.live) return;
-    this.fitting = false;
-    this.view.fill = true;
-    this.view.scale = Math.min(this.view.along / Math.min(FOLLOWED, 6 * this.view.breadth), (0.96 * this.view.across) / this.view.breadth);
-    this.keepUp(this.live);
-    this.redraw();
-  }
-
-  private keepUp(live: Live): void {
-    if (!this.follow || !live.here) return;
-    this.view.x = (this.view.extent.x_min + this.view.extent.x_max) / 2;
-    this.view.y = live.here.y + this.view.along / this.view.scale / 2 - BEHIND;
-  }
-
-  /** A lane without an end is as long as what was seen of it. */
-  private extend(live: Live): void {
-    const { grid, lane } = live;
-    if (!grid) return;
-    const x = { x_min: grid.x - grid.dx / 2, x_max: grid.x + (grid.nx - 0.5) * grid.dx };
-    const seen = grid.y + Math.max(grid.ny * grid.dy, 20);
-    this.source.index.lane = lane ?? { x_min: -1.5, x_max: 1.5, y_min: grid.y, y_max: seen };
-    this.view.extent = lane ? { ...x, y_min: Math.min(lane.y_min, grid.y), y_max: lane.y_max } : { ...x, y_min: grid.y, y_max: seen };
-    el("overview").hidden = this.view.length < 8 * this.view.breadth;
-  }
-
   // ---------------------------------------------------------------- choices
 
   choose(side: "a" | "b", change: Partial<Choice>): void {
@@ -226,7 +125,7 @@ export class App {
     this.redraw();
   }
 
-  private showChoices(): void {
+  showChoices(): void {
     for (const side of ["a", "b"] as const) {
       const choice = this[side];
       const sets = this.sources.flatMap((source) => {
@@ -263,7 +162,7 @@ export class App {
     this.showColours();
     this.draw();
     performance.measure("flgpr:recolour", "flgpr:recolour-start");
-    this.drawOverview();
+    drawOverview(this);
     this.panel.recolour(this.colours);
   }
 
@@ -279,7 +178,7 @@ export class App {
 
   // ---------------------------------------------------------------- thresholds, subsets, counts
 
-  private detectionChanged(): void {
+  detectionChanged(): void {
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     this.row = this.thresholds.length - 1;
     this.selected = null;
@@ -340,7 +239,7 @@ export class App {
     this.redraw();
   }
 
-  private showThreshold(): void {
+  showThreshold(): void {
     const [a, b] = this.operating();
     const slider = el<HTMLInputElement>("threshold");
     slider.value = String(this.row);
@@ -379,12 +278,12 @@ export class App {
     if (row !== null && move) {
       const before = this.view.y;
       this.view.show(this.detection!.alarms.x[row]!, this.detection!.alarms.y[row]!);
-      if (this.follow && this.view.y !== before) this.setFollow(false);
+      if (this.following.on && this.view.y !== before) this.following.set(false);
     }
     this.showAlarm();
     this.showList();
     this.redraw();
-    if (row !== null) this.say(this.inWords(row));
+    if (row !== null) this.say(alarmWords(this.source, this.detection!, row));
   }
 
   step(by: number): void {
@@ -395,14 +294,7 @@ export class App {
     this.select(rows[next]!, true);
   }
 
-  private inWords(row: number): string {
-    const { alarms } = this.detection!;
-    const label = labelOf(this.source, this.detection, row);
-    const place = `${fixed(alarms.y[row]!, 2)} metres down-track, ${fixed(Math.abs(alarms.x[row]!), 2)} metres ${alarms.x[row]! < 0 ? "left" : "right"}`;
-    return `${alarms.alarm_id?.[row] ?? "alarm"}, ${LABELS[label]}, confidence ${digits(alarms.confidence[row], 4)}, ${place}`;
-  }
-
-  private showAlarm(): void {
+  showAlarm(): void {
     const row = this.selected;
     const detection = this.detection;
     const was = el("alarm").hidden;
@@ -413,15 +305,9 @@ export class App {
     }
     if (was) this.resized();
     const { alarms } = detection;
-    const rank = [...alarms.confidence].filter((one) => one > alarms.confidence[row]!).length + 1;
-    const scored = this.source.score?.detections[detection.name];
-    const target = scored?.target[row] ?? -1;
-    const truth = this.source.score?.truth;
     el("alarm-title").textContent = alarms.alarm_id?.[row] ?? `alarm-${row + 1}`;
-    const label = labelOf(this.source, detection, row);
-    const what = target >= 0 && truth ? `${label === "detection" ? "hit of" : "in the halo of"} ${truth.target_id[target]} (${truth.kind[target]}, ${fixed(100 * (truth.depth[target] ?? NaN), 1)} cm), ${fixed(scored?.distance[row] ?? NaN, 2)} m off` : label === "plain" ? "" : LABELS[label]!;
-    el("alarm-facts").textContent = [`rank ${rank}`, `confidence ${digits(alarms.confidence[row], 4)}`, what].filter(Boolean).join(" · ");
-    el("alarm-facts").title = this.inWords(row);
+    el("alarm-facts").textContent = alarmFacts(this.source, detection, row);
+    el("alarm-facts").title = alarmWords(this.source, detection, row);
     const note = this.note(row);
     checkRadio("verdict", note.verdict);
     const field = el<HTMLInputElement>("note");
@@ -525,21 +411,8 @@ export class App {
     this.waiting = requestAnimationFrame(() => {
       this.waiting = 0;
       this.draw();
-      this.drawOverview();
+      drawOverview(this);
     });
-  }
-
-  private rasters(context: CanvasRenderingContext2D, density: number): boolean {
-    const { box } = this.view;
-    const draw = (choice: Choice, clip: Box): boolean => this.picture.raster(context, choice, clip, this.smooth, density);
-    if (this.compare === "swipe") {
-      const at = this.view.turned ? box.height * this.divide : box.width * this.divide;
-      const first = this.view.turned ? { ...box, height: at } : { ...box, width: at };
-      const rest = this.view.turned ? { ...box, top: box.top + at, height: box.height - at } : { ...box, left: box.left + at, width: box.width - at };
-      const [a, b] = [draw(this.a, first), draw(this.b, rest)];
-      return a && b;
-    }
-    return draw(this.compare === "blink" && this.flipped ? this.b : this.a, box);
   }
 
   private draw(): void {
@@ -550,14 +423,14 @@ export class App {
     context.clearRect(0, 0, width, height);
     context.fillStyle = palette.unseen;
     context.fillRect(box.left, box.top, box.width, box.height);
-    const whole = this.rasters(context, density);
+    const whole = rasters(this, context, density);
     const pen = canvasPen(context);
     context.save();
     context.beginPath();
     context.rect(box.left, box.top, box.width, box.height);
     context.clip();
     drawOverlay(pen, this.view, this.overlay());
-    this.drawComparison(pen);
+    drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
     if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
@@ -569,73 +442,15 @@ export class App {
     performance.measure("flgpr:frame", { start, end: performance.now() });
   }
 
-  private drawComparison(pen: Pen): void {
-    const { box, turned } = this.view;
-    if (this.compare === "off") return;
-    const words = (choice: Choice, name: string): string => {
-      const source = this.sources[choice.source]!;
-      const result = this.sources.length > 1 ? `${source.title.split(" ")[0]}, ` : "";
-      return `${name}: ${result}${setLabel(source, choice.set)}, ${choice.polarization} ${choice.subband}`;
-    };
-    const style = { fill: "#ffffff", halo: "#10151c", size: 12, bold: true };
-    if (this.compare === "blink") {
-      const [choice, name] = this.flipped ? [this.b, "B"] : [this.a, "A"];
-      pen.text(box.left + 10, box.top + box.height - 10, words(choice, name), style);
-      return;
-    }
-    const at = turned ? box.top + box.height * this.divide : box.left + box.width * this.divide;
-    const line: [number, number][] = turned ? [[box.left, at], [box.left + box.width, at]] : [[at, box.top], [at, box.top + box.height]];
-    pen.path(line, false, { stroke: "#10151c", width: 5 });
-    pen.path(line, false, { stroke: "#ffe45c", width: 2 });
-    if (turned) {
-      pen.text(box.left + 10, at - 8, words(this.a, "A"), style);
-      pen.text(box.left + 10, at + 18, words(this.b, "B"), style);
-    } else {
-      pen.text(at - 8, box.top + box.height - 10, words(this.a, "A"), { ...style, anchor: "end" });
-      pen.text(at + 8, box.top + box.height - 10, words(this.b, "B"), style);
-    }
-  }
-
   private showBadge(): void {
     const ratio = this.view.scaleX / this.view.scale;
     el("badge").textContent = ratio > 1.05 ? `cross-track stretched × ${fixed(ratio, ratio < 10 ? 1 : 0)}` : "";
     el("zoom-true").setAttribute("aria-pressed", String(ratio <= 1.05));
   }
 
-  private drawOverview(): void {
-    const canvas = el<HTMLCanvasElement>("overview");
-    const { context, width, height } = fitted(canvas);
-    const box: Box = { left: this.view.box.left, top: 4, width: Math.max(width - this.view.box.left - 52, 10), height: height - 8 };
-    context.clearRect(0, 0, width, height);
-    context.fillStyle = colour("unseen");
-    context.fillRect(box.left, box.top, box.width, box.height);
-    this.picture.overview(context, this.compare === "blink" && this.flipped ? this.b : this.a, box);
-    const { extent } = this.view;
-    const scale = box.width / this.view.length;
-    const rows = this.detection && this.show.alarms ? this.detection.alarms : null;
-    rows?.y.forEach((y, row) => {
-      if (!this.visible(row)) return;
-      context.fillStyle = labelOf(this.source, this.detection, row) === "false" ? "#ffb84d" : "#7fd4ff";
-      context.fillRect(box.left + (y - extent.y_min) * scale - 0.75, box.top + box.height - 5, 1.5, 5);
-    });
-    const [low, high] = this.view.span();
-    const from = box.left + Math.max((low - extent.y_min) * scale, 0);
-    const to = box.left + Math.min((high - extent.y_min) * scale, box.width);
-    context.lineWidth = 2;
-    context.strokeStyle = "#ffe45c";
-    context.strokeRect(from + 1, box.top - 1, Math.max(to - from - 2, 3), box.height + 2);
-  }
-
-  overviewTo(px: number): void {
-    const canvas = el<HTMLCanvasElement>("overview");
-    const width = Math.max(canvas.clientWidth - this.view.box.left - 52, 10);
-    this.view.y = this.view.extent.y_min + ((px - this.view.box.left) / width) * this.view.length;
-    this.moved();
-  }
-
   moved(): void {
     this.fitting = false;
-    if (this.follow) this.setFollow(false);
+    if (this.following.on) this.following.set(false);
     this.view.hold();
     this.redraw();
   }
@@ -654,7 +469,7 @@ export class App {
 
   fit(): void {
     this.fitting = true;
-    if (this.follow) this.setFollow(false);
+    if (this.following.on) this.following.set(false);
     this.view.fit();
     this.redraw();
   }
@@ -680,7 +495,7 @@ export class App {
       return;
     }
     const [x, y] = this.view.toLane(px, py);
-    el("readout").textContent = this.readout(x, y);
+    el("readout").textContent = readout(this, x, y);
     const hit = hitTest(this.view, this.overlay(), px, py);
     tip.hidden = !hit;
     if (hit) {
@@ -690,30 +505,6 @@ export class App {
       tip.style.right = right ? `${el("stage").clientWidth - px + 14}px` : "";
       tip.style.top = `${Math.min(py + 12, box.top + box.height - 44)}px`;
     }
-  }
-
-  private readout(x: number, y: number): string {
-    const words = [`y ${fixed(y, 2)} m`, `x ${fixed(x, 2)} m`];
-    const amplitude = (choice: Choice, name: string): void => {
-      const source = this.sources[choice.source]!;
-      const value = this.picture.value(choice, x, y, HALF);
-      const median = layerOf(source, choice)?.percentiles["50"] ?? 0;
-      if (Number.isFinite(value)) words.push(`${name}${fixed(value - median, 1)} dB above median${choice.set === "before" ? "" : ` (${fixed(value, 1)} re background)`}`);
-    };
-    amplitude(this.a, this.compare === "off" ? "" : "A ");
-    if (this.compare !== "off") amplitude(this.b, "B ");
-    const { scans } = this.source.index;
-    let best = -1;
-    scans.y.forEach((sy, i) => {
-      if (!scans.masked.includes(i) && sy < y && (best < 0 || sy > scans.y[best]!)) best = i;
-    });
-    if (best >= 0) words.push(`scan ${best}, range ${fixed(Math.hypot(x - scans.x[best]!, y - scans.y[best]!), 1)} m`);
-    const place = geographic(this.source.index.georeference);
-    if (place) {
-      const [latitude, longitude] = place(x, y);
-      words.push(`${latitude.toFixed(6)}°, ${longitude.toFixed(6)}°`);
-    }
-    return words.join("   ");
   }
 
   click(px: number, py: number): void {
@@ -755,10 +546,10 @@ export class App {
     return {
       title: this.describePicture(),
       palette: { ...this.palette(), text: colour("ink") },
-      raster: (context, factor) => this.rasters(context, factor),
+      raster: (context, factor) => rasters(this, context, factor),
       over: (pen) => {
         drawOverlay(pen, this.view, this.overlay());
-        this.drawComparison(pen);
+        drawComparison(this, pen);
       },
       around: (pen, palette) => {
         this.picture.axes(pen, palette);

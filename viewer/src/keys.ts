@@ -35,7 +35,7 @@ export const KEYS: Key[] = [
   { keys: ["f"], shown: "F", words: "whole lane", act: (app) => app.fit() },
   { keys: ["i"], shown: "I", words: "true scale or stretched", act: (app) => app.trueScale() },
   { keys: ["o"], shown: "O", words: "turn the picture", act: (app) => app.turn() },
-  { keys: ["l"], shown: "L", words: "follow the vehicle of a live run", act: (app) => app.live && app.setFollow(!app.follow) },
+  { keys: ["l"], shown: "L", words: "follow the vehicle of a live run", act: (app) => app.live && app.following.set(!app.following.on) },
   { keys: ["b"], shown: "B", words: "blink A and B", act: (app) => app.setCompare(app.compare === "blink" ? "off" : "blink") },
   { keys: ["s"], shown: "S", words: "swipe between A and B", act: (app) => app.setCompare(app.compare === "swipe" ? "off" : "swipe") },
   { keys: ["x"], shown: "X", words: "flip A and B once", act: (app) => app.compare === "blink" && app.flip() },

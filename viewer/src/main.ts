@@ -1,8 +1,10 @@
-import { App, type Compare } from "./app";
+import { App } from "./app";
+import type { Compare } from "./compare";
 import { getJson, loadSources } from "./data";
 import { el } from "./dom";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
+import { overviewTo } from "./overview";
 import type { Georeference, Source, Verdict } from "./types";
 
 function input(id: string, act: (field: HTMLInputElement) => void, event = "input"): void {
@@ -48,7 +50,7 @@ function wireButtons(app: App): void {
   click("zoom-fit", () => app.fit());
   click("zoom-true", () => app.trueScale());
   click("turn", () => app.turn());
-  click("follow", () => app.setFollow(!app.follow));
+  click("follow", () => app.following.set(!app.following.on));
   click("previous", () => app.step(-1));
   click("next", () => app.step(1));
   click("close", () => app.select(null));
@@ -130,7 +132,7 @@ function wirePointer(app: App): void {
   }, { passive: false });
   const overview = el<HTMLCanvasElement>("overview");
   const go = (event: PointerEvent): void => {
-    if (event.buttons & 1) app.overviewTo(event.clientX - overview.getBoundingClientRect().left);
+    if (event.buttons & 1) overviewTo(app, event.clientX - overview.getBoundingClientRect().left);
   };
   overview.addEventListener("pointerdown", (event) => {
     overview.setPointerCapture(event.pointerId);
@@ -168,9 +170,9 @@ async function start(): Promise<void> {
   let app: App | null = null;
   const live: Live | null = session.live
     ? new Live({
-        began: (one) => app?.begin(one),
-        rows: (rows) => live && app?.grow(live, rows),
-        changed: (fresh) => live && app?.went(live, fresh),
+        began: (one) => app?.following.begin(one),
+        rows: (rows) => live && app?.following.grow(live, rows),
+        changed: (fresh) => live && app?.following.went(live, fresh),
       })
     : null;
   if (!sources.length && live) sources.push(liveSource());

@@ -1,0 +1,52 @@
+import type { App } from "./app";
+import { HALF, layerOf } from "./data";
+import { digits, fixed } from "./dom";
+import { geographic } from "./geo";
+import { labelOf } from "./overlay";
+import { LABELS } from "./symbols";
+import type { Choice, Detection, Source } from "./types";
+
+/** An alarm as it is said. */
+export function alarmWords(source: Source, detection: Detection, row: number): string {
+  const { alarms } = detection;
+  const label = labelOf(source, detection, row);
+  const place = `${fixed(alarms.y[row]!, 2)} metres down-track, ${fixed(Math.abs(alarms.x[row]!), 2)} metres ${alarms.x[row]! < 0 ? "left" : "right"}`;
+  return `${alarms.alarm_id?.[row] ?? "alarm"}, ${LABELS[label]}, confidence ${digits(alarms.confidence[row], 4)}, ${place}`;
+}
+
+/** Rank, confidence and, where the truth is known, what an alarm stands for. */
+export function alarmFacts(source: Source, detection: Detection, row: number): string {
+  const { alarms } = detection;
+  const rank = [...alarms.confidence].filter((one) => one > alarms.confidence[row]!).length + 1;
+  const scored = source.score?.detections[detection.name];
+  const target = scored?.target[row] ?? -1;
+  const truth = source.score?.truth;
+  const label = labelOf(source, detection, row);
+  const what = target >= 0 && truth ? `${label === "detection" ? "hit of" : "in the halo of"} ${truth.target_id[target]} (${truth.kind[target]}, ${fixed(100 * (truth.depth[target] ?? NaN), 1)} cm), ${fixed(scored?.distance[row] ?? NaN, 2)} m off` : label === "plain" ? "" : LABELS[label]!;
+  return [`rank ${rank}`, `confidence ${digits(alarms.confidence[row], 4)}`, what].filter(Boolean).join(" · ");
+}
+
+/** What lies under the pointer. */
+export function readout(app: App, x: number, y: number): string {
+  const words = [`y ${fixed(y, 2)} m`, `x ${fixed(x, 2)} m`];
+  const amplitude = (choice: Choice, name: string): void => {
+    const source = app.sources[choice.source]!;
+    const value = app.picture.value(choice, x, y, HALF);
+    const median = layerOf(source, choice)?.percentiles["50"] ?? 0;
+    if (Number.isFinite(value)) words.push(`${name}${fixed(value - median, 1)} dB above median${choice.set === "before" ? "" : ` (${fixed(value, 1)} re background)`}`);
+  };
+  amplitude(app.a, app.compare === "off" ? "" : "A ");
+  if (app.compare !== "off") amplitude(app.b, "B ");
+  const { scans } = app.source.index;
+  let best = -1;
+  scans.y.forEach((sy, i) => {
+    if (!scans.masked.includes(i) && sy < y && (best < 0 || sy > scans.y[best]!)) best = i;
+  });
+  if (best >= 0) words.push(`scan ${best}, range ${fixed(Math.hypot(x - scans.x[best]!, y - scans.y[best]!), 1)} m`);
+  const place = geographic(app.source.index.georeference);
+  if (place) {
+    const [latitude, longitude] = place(x, y);
+    words.push(`${latitude.toFixed(6)}°, ${longitude.toFixed(6)}°`);
+  }
+  return words.join("   ");
+}
