@@ -29,24 +29,8 @@ from playwright.sync_api import sync_playwright
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "viewer"))
 from long_lane import make_long_lane
-from watching import CHROMIUM, FLAGS
+from watching import CHROMIUM, DRAG, FLAGS
 
-DRAG = """() => new Promise((done) => {
-    const canvas = document.getElementById('lane'), times = [];
-    const box = canvas.getBoundingClientRect();
-    const send = (type, x) => canvas.dispatchEvent(new PointerEvent(type,
-        { clientX: box.left + x, clientY: box.top + 250, button: 0, buttons: 1, pointerId: 1, bubbles: true }));
-    canvas.setPointerCapture = () => {};
-    send('pointerdown', 600);
-    let n = 0;
-    const step = (now) => {
-        times.push(now);
-        send('pointermove', 600 - 9 * (n % 60));
-        if (++n < 120) requestAnimationFrame(step);
-        else { send('pointerup', 600); done(times); }
-    };
-    requestAnimationFrame(step);
-})"""
 FIRST = "performance.getEntriesByName('flgpr:first-picture')"
 
 
@@ -79,7 +63,7 @@ def look(page, url):
         page.keyboard.press("+")
     page.wait_for_timeout(500)
     page.evaluate("performance.clearMeasures('flgpr:frame')")
-    times = page.evaluate(DRAG)
+    times = page.evaluate(DRAG, 120)
     frames = page.evaluate("performance.getEntriesByName('flgpr:frame').map((e) => e.duration)")
     for name in ("magma", "cividis", "grey", "viridis"):
         page.select_option("#map", name)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flgpr.model import SPEED_OF_LIGHT, Lane, lane_to_scan, make_run, vehicle_to_scan
-from flgpr.pipeline.recipe import recipe_text
+import small_lane
+from flgpr.model import Lane, make_run
 
 LANE = Lane(-0.75, 0.75, 2.0, 20.0)
 TARGETS = np.array([[0.2, 9.5], [-0.4, 11.4], [0.3, 13.3], [-0.3, 15.2], [0.1, 17.1]])
@@ -11,46 +11,14 @@ SCANS, STEP = 42, 0.4
 
 
 def small_recipe():
-    text = recipe_text("wang2007")
-    for old, new in (
-        ("x = [-6.0, 6.0]", "x = [-2.0, 2.0]"),
-        ("y = [7.0, 26.0]", "y = [2.5, 5.5]"),
-        ("F0 = [0.80e9, 2.80e9]\n", ""),
-        ("F3 = [1.75e9, 2.35e9]\nF4 = [2.25e9, 2.85e9]\n", ""),
-        ("x = [-3.0, 3.0]", "x = [-1.2, 1.2]"),
-        ("y_max = 16.0", "y_max = 4.5"),
-        ("median_step = 3", "median_step = 2"),
-        ("radius = 0.75", "radius = 0.4"),
-        ("median = 1.05", "median = 0.55"),
-        ("mean = 2.55", "mean = 1.05"),
-    ):
-        assert old in text
-        text = text.replace(old, new, 1)
-    return text
+    return small_lane.small_recipe(median_step=2)
 
 
 def make_lane_run(seed=12, scans=SCANS):
     rng = np.random.default_rng(seed)
     frequency = np.arange(0.75e9, 1.86e9, 1.5e7)
-    tx = np.repeat([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], 4, axis=0)
-    rx = np.tile([[x, 0.0, 0.0] for x in (-1.0, -0.4, 0.4, 1.0)], (2, 1))
-    pose = np.zeros((scans, 6))
-    pose[:, 0], pose[:, 1], pose[:, 2] = 0.03 * rng.normal(size=scans), STEP * np.arange(scans) - 1.0, 2.0
-    pose[:, 3] = 0.01 * rng.normal(size=scans)
-    count = 500
-    places = np.column_stack([rng.uniform(-2, 2, count), rng.uniform(0.5, 24, count), np.zeros(count)])
-    clutter = 0.3 * (rng.normal(size=(count, 3)) + 1j * rng.normal(size=(count, 3)))
-    mines = np.column_stack([TARGETS, np.zeros(len(TARGETS))])
-    places = np.vstack([places, mines])
-    matrix = np.vstack([clutter, np.array([[2.0, 1.5, 0.1]] * len(TARGETS))])
-    signal = np.zeros((scans, 3, 8, frequency.size), complex)
-    for k, one in enumerate(pose):
-        local = lane_to_scan(places, one)
-        a, b = (np.linalg.norm(local - vehicle_to_scan(p, one)[:, None], axis=-1) for p in (tx, rx))
-        ahead = ((local[:, 1] > 1) & (local[:, 1] < 7)) / (a * b)
-        phase = np.exp(-2j * np.pi * frequency * (a + b)[..., None] / SPEED_OF_LIGHT)
-        for c in range(3):
-            signal[k, c] = np.einsum("pn,n,pnf->pf", ahead, matrix[:, c], phase)
-    signal += 0.02 * (rng.normal(size=signal.shape) + 1j * rng.normal(size=signal.shape))
+    pose = small_lane.course(rng, STEP * np.arange(scans) - 1.0, 0.03)
+    signal = small_lane.echoes(rng, frequency, pose, *small_lane.scatterers(rng, TARGETS, 500, (0.5, 24)))
     time = np.arange(scans) / 4.2
-    return make_run(signal, frequency, ["HH", "VV", "HV"], tx, rx, pose, time, {"title": "small lane"})
+    polarizations = ["HH", "VV", "HV"]
+    return make_run(signal, frequency, polarizations, small_lane.TX, small_lane.RX, pose, time, {"title": "small lane"})

@@ -10,7 +10,7 @@ import statistics
 import numpy as np
 import pytest
 from long_lane import make_long_lane
-from watching import viridis
+from watching import DRAG, viridis
 
 ROWS = 12_000
 
@@ -266,27 +266,11 @@ def test_a_long_lane_pans_and_zooms(watch, serving, long_lanes, tmp_path, capsys
         page.mouse.move(box["x"] + 200, box["y"] + 251)
         assert float(re.search(r"y (\S+) m", one.text("#readout")).group(1)) == pytest.approx(start, abs=0.2)
         page.keyboard.press("f")
-        code = """() => new Promise((done) => {
-            const canvas = document.getElementById('lane'), times = [];
-            const box = canvas.getBoundingClientRect();
-            const send = (type, x) => canvas.dispatchEvent(new PointerEvent(type,
-                { clientX: box.left + x, clientY: box.top + 250, button: 0, buttons: 1, pointerId: 1, bubbles: true }));
-            canvas.setPointerCapture = () => {};
-            send('pointerdown', 600);
-            let n = 0;
-            const step = (now) => {
-                times.push(now);
-                send('pointermove', 600 - 9 * (n % 60));
-                if (++n < 90) requestAnimationFrame(step);
-                else { send('pointerup', 600); done(times); }
-            };
-            requestAnimationFrame(step);
-        })"""
         for _ in range(6):
             page.keyboard.press("+")
         one.pixels()
         page.evaluate("performance.clearMeasures('flgpr:frame')")
-        times = page.evaluate(code)
+        times = page.evaluate(DRAG, 90)
         drawn = page.evaluate("performance.getEntriesByName('flgpr:frame').map((e) => e.duration)")
         for name in ("magma", "cividis", "grey", "viridis"):
             page.select_option("#map", name)

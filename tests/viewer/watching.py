@@ -12,6 +12,22 @@ FLAGS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update",
 ]  # fmt: skip
+DRAG = """(steps) => new Promise((done) => {
+    const canvas = document.getElementById('lane'), times = [];
+    const box = canvas.getBoundingClientRect();
+    const send = (type, x) => canvas.dispatchEvent(new PointerEvent(type,
+        { clientX: box.left + x, clientY: box.top + 250, button: 0, buttons: 1, pointerId: 1, bubbles: true }));
+    canvas.setPointerCapture = () => {};
+    send('pointerdown', 600);
+    let n = 0;
+    const step = (now) => {
+        times.push(now);
+        send('pointermove', 600 - 9 * (n % 60));
+        if (++n < steps) requestAnimationFrame(step);
+        else { send('pointerup', 600); done(times); }
+    };
+    requestAnimationFrame(step);
+})"""
 
 
 def viridis(share):
