@@ -10,14 +10,13 @@ from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
 from flgpr.pipeline.progress import silent
 from flgpr.pipeline.reproduce import fuse2018, fuse2018_results
+from flgpr.pipeline.reproduce.findings import larger, within
 from flgpr.pipeline.reproduce.fuse2018_findings import (
     all_findings,
     clustered,
     frame_match,
-    holds,
     kept,
     lane_match,
-    larger,
     mine_changes,
     power_db,
     scored,
@@ -254,7 +253,7 @@ def test_intervals_and_verdicts():
     assert 86 <= held <= 99
     assert np.isnan(clustered([], [], 10)).all()
     assert [larger(0.1, 1), larger(-1, -0.1), larger(-1, 1)] == ["agrees", "disagrees", "undecided"]
-    assert [holds(5, 4, 6), holds(5, 6, 7)] == ["agrees", "disagrees"]
+    assert [within(5, 4, 6), within(5, 6, 7)] == ["agrees", "disagrees"]
     assert [kept(-0.5, 0.5), kept(-3, -2), kept(-2, 0)] == ["agrees", "disagrees", "undecided"]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -11,6 +11,7 @@ import flgpr
 from flgpr.pipeline.reproduce.flsar2004_experiment import Results
 from flgpr.pipeline.reproduce.flsar2004_figures import CAPTIONS
 from flgpr.pipeline.reproduce.flsar2004_lanes import Settings
+from flgpr.pipeline.reproduce.page import study_html, wide_table
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #ccd3dc; --head: #f3f5f8; --good: #006b3f; --bad: #b3261e; --open: #7a5b00; }
@@ -62,7 +63,7 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         "<h2>Sizes and sparsity</h2>",
         _sizes(settings, notes),
         "<h2>Areas under the ROC</h2>",
-        _table(
+        wide_table(
             ("curve", "area", "95 %"),
             [(name, f"{v:.3f}", f"{low:.3f} to {high:.3f}") for name, (v, low, high) in results.areas.items()],
         ),
@@ -75,10 +76,7 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         "<h2>What was chosen where the paper is silent</h2>",
         _choices(settings),
     ]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>flsar2004, reproduced</title>'
-        f"<style>{_STYLE}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
-    )
+    return study_html("flsar2004, reproduced", parts, _STYLE)
 
 
 def _findings(results: Results) -> str:
@@ -119,7 +117,7 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> str:
         if name.startswith(("prescreened", "fig5")):
             text = ", ".join(f"{k}: {_short(v)}" for k, v in told.items()) if isinstance(told, dict) else str(told)
             rows.append((name, "", text))
-    return _table(("", "paper", "here"), rows)
+    return wide_table(("", "paper", "here"), rows)
 
 
 def _short(value: Any) -> str:
@@ -138,7 +136,7 @@ def _variants(notes: Mapping[str, Any]) -> list[str]:
     return [
         "<p>Area under the ROC without prescreener, all depths, both polarizations, binary RVM; behind the semicolon "
         "its difference to the first row on the same examples. The first row is used everywhere else.</p>",
-        _table(("templates", *told), rows),
+        wide_table(("templates", *told), rows),
         f"<p>Share of the signatures' energy in their first principal component: {escape(shares)}.</p>",
     ]
 
@@ -149,7 +147,7 @@ def _registration(told: Mapping[str, Any]) -> str:
         for name, one in found.items():
             across, along = (f"{100 * shift:+.1f}" for shift in one["shift"])
             rows.append((site, name, f"{across}, {along} cm", f"{100 * one['residual']:.1f} cm", one["fiducials"]))
-    return _table(("site", "image", "shift across, along", "rms residual", "fiducials"), rows)
+    return wide_table(("site", "image", "shift across, along", "rms residual", "fiducials"), rows)
 
 
 def _figure(name: str, picture: bytes) -> str:
@@ -181,9 +179,3 @@ def _choices(settings: Settings) -> str:
         "free bias nothing but the bias survives.",
     ]
     return f"<ul>{''.join(f'<li>{escape(one)}</li>' for one in told)}</ul>"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    cells = "".join(f"<th>{escape(str(name))}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(v))}</td>" for v in row) + "</tr>" for row in rows)
-    return f"<div class=scroll><table><tr>{cells}</tr>{body}</table></div>"

@@ -8,56 +8,24 @@ interval of their mean change lies within 1 dB. The rules were fixed before the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import Grid, Lane
+from flgpr.pipeline.reproduce.findings import AGREES, DISAGREES, UNDECIDED, Finding, larger, within
 from flgpr.pipeline.reproduce.fuse2018_recipe import FuseRecipe
 from flgpr.pipeline.reproduce.fuse2018_results import LaneResult
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
 from flgpr.screen import prescreen
 from flgpr.screen.run_view import view_array
 
-AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
 CONVENTIONS = {"frames": "area accumulated over all frames (Sec. 4)", "lane": "lane area, every place once"}
 FloatArray = NDArray[np.float64]
 Interval = tuple[float, float, float]
 _SLOT = 10.0  # m of the unrolled lane given to a frame: its 5 m and a gap that no halo bridges
 _KEPT = 1.0  # dB
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding beside ours.
-
-    Attributes
-    ----------
-    claim, paper, ours : str
-        What is claimed, what the paper says of it ("not tried" where the question is ours), and our figure.
-    verdict : {"agrees", "disagrees", "undecided"}
-        By the module's rules.
-    note : str
-        What stands behind it.
-    """
-
-    claim: str
-    paper: str
-    ours: str
-    verdict: str
-    note: str = ""
-
-
-def larger(low: float, high: float) -> str:
-    """Judge a claim that a difference is positive by its interval."""
-    return AGREES if low > 0 else DISAGREES if high < 0 else UNDECIDED
-
-
-def holds(figure: float, low: float, high: float) -> str:
-    """Judge a figure of the paper by our interval."""
-    return AGREES if low <= figure <= high else DISAGREES
 
 
 def kept(low: float, high: float) -> str:
@@ -297,11 +265,11 @@ def _clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
     size = f"{len(boxes)} boxes of {boxes['cluster'].nunique()} objects"
     return [
         Finding(
-            "combination #6 lowers the clutter power by 26.5 dB", "26.5 dB", _in_words(fall), holds(26.5, *fall[1:]),
+            "combination #6 lowers the clutter power by 26.5 dB", "26.5 dB", _in_words(fall), within(26.5, *fall[1:]),
             f"mean over the strongest box on either side of every frame: {size}",
         ),
         Finding(
-            "averaging alone gives about 5.03 dB of it", "5.03 dB", _in_words(gain), holds(5.03, *gain[1:]),
+            "averaging alone gives about 5.03 dB of it", "5.03 dB", _in_words(gain), within(5.03, *gain[1:]),
             "#6 against the mean of iterations 6 and 7 in dB",
         ),
         Finding("averaging lowers the clutter", "yes", _in_words(gain), larger(*gain[1:])),

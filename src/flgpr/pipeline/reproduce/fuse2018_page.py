@@ -17,24 +17,22 @@ from numpy.typing import NDArray
 import flgpr
 from flgpr.io import write_whole
 from flgpr.pipeline.reproduce import fuse2018_figures as figures
-from flgpr.pipeline.reproduce.fuse2018_findings import Finding
+from flgpr.pipeline.reproduce.findings import Finding
 from flgpr.pipeline.reproduce.fuse2018_fullwave import FullwaveStudy
 from flgpr.pipeline.reproduce.fuse2018_poses import PoseStudy
 from flgpr.pipeline.reproduce.fuse2018_process import VARIANTS, Calibration
 from flgpr.pipeline.reproduce.fuse2018_recipe import FuseRecipe
 from flgpr.pipeline.reproduce.fuse2018_results import LaneResult
+from flgpr.pipeline.reproduce.page import findings_table, plain_table, study_html, wide_table
 from flgpr.pipeline.reproduce.wang2007_figures import watermark
 from flgpr.scoring import figure_bytes
 
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1d232b; max-width: 1100px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccd3dc; }
-img { max-width: 100%; height: auto; } figure { margin: 1.2rem 0; } figcaption { color: #4a5563; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; margin: .6rem 0; }
-th, td { padding: .2rem .55rem; border-bottom: 1px solid #e3e7ec; text-align: left; vertical-align: top; }
-th { background: #f3f5f8; } .agrees { color: #006b3f; } .disagrees { color: #b3261e; } .undecided { color: #7a5b00; }
-.quick { background: #fde7e7; border: 1px solid #b3261e; padding: .6rem; } .scroll { overflow-x: auto; }
-"""
+_RULES = (
+    "Intervals are 95 %, by bootstrap over objects, mines and stretches of lane. A claim that something is larger "
+    "agrees if the interval of the difference lies above zero, disagrees if below, and is undecided otherwise; a "
+    "figure of the paper agrees if it lies in our interval. Where the paper is silent (<i>not tried</i>) the question "
+    "is ours."
+)
 
 
 def page_html(
@@ -90,7 +88,7 @@ def page_html(
         note,
         _lanes_text(recipe, lanes),
         "<h2>Findings</h2>",
-        _findings_table(found),
+        findings_table(found, _RULES),
         "<h2>Thresholds</h2>",
         _threshold_table(calibration, recipe),
         "<h2>Suppression, variant by variant</h2>",
@@ -112,10 +110,7 @@ def page_html(
             f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>'
         )
     write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Fuse et al. 2018, reproduced</title>'
-        f"<style>{_STYLE}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
-    )
+    return study_html("Fuse et al. 2018, reproduced", parts)
 
 
 def _figures(
@@ -161,24 +156,7 @@ def _lanes_text(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> str:
         f"vehicle, one set of poses. Images over cross-range {recipe.image.x[0]:g} to {recipe.image.x[1]:g} m, "
         f"{recipe.image.y[0]:g} to {recipe.image.y[1]:g} m ahead, {recipe.image.frames} frames summed coherently. "
         "Lanes are simulated and hold metal mines only; thresholds come from a third lane and were not touched "
-        "afterwards.</p>" + _table(["lane", "length", "mines", "apertures", "bushes", "posts", "rocks"], rows)
-    )
-
-
-def _findings_table(found: Sequence[Finding]) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(one.claim)}</td><td>{escape(one.paper)}</td><td>{escape(one.ours)}</td>"
-        f"<td class={one.verdict}><b>{one.verdict}</b></td><td>{escape(one.note)}</td></tr>"
-        for one in found
-    )
-    count = {verdict: sum(one.verdict == verdict for one in found) for verdict in ("agrees", "disagrees", "undecided")}
-    text = ", ".join(f"{n} {verdict}" for verdict, n in count.items())
-    return (
-        f"<p>{text}. Intervals are 95 %, by bootstrap over objects, mines and stretches of lane. A claim that "
-        "something is larger agrees if the interval of the difference lies above zero, disagrees if below, and is "
-        "undecided otherwise; a figure of the paper agrees if it lies in our interval. Where the paper is silent ("
-        "<i>not tried</i>) the question is ours.</p><div class=scroll><table><tr><th>finding</th><th>paper</th>"
-        f"<th>here</th><th>verdict</th><th>remark</th></tr>{rows}</table></div>"
+        "afterwards.</p>" + plain_table(["lane", "length", "mines", "apertures", "bushes", "posts", "rocks"], rows)
     )
 
 
@@ -194,7 +172,7 @@ def _threshold_table(calibration: Calibration, recipe: FuseRecipe) -> str:
         "<p>From the calibration lane, per sub-region: VV the weakest mine's peak; VH and X the most that any mine's "
         f"response (within {recipe.mask.response_db:g} dB of its VV peak) reaches; the low VH threshold the mean at "
         "the roadside. The paper's extended mask, (VV low and VH low) or VH low, is VH low alone.</p>"
-        + _table(head, rows)
+        + plain_table(head, rows)
     )
 
 
@@ -214,7 +192,7 @@ def _course_table(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> str:
         f"<p>Means over the apertures; {recipe.suppress.iterations} iterations, combination "
         f"#{recipe.suppress.combination}. An aperture counts as stopped if the residual of the shared fit or of any of "
         "its frames would have risen before the last iteration; its last good iteration then stands in.</p>"
-        + _table(["variant", "pixels masked, %", "residual", "CPU, s (median)", "stopped"], rows)
+        + plain_table(["variant", "pixels masked, %", "residual", "CPU, s (median)", "stopped"], rows)
     )
 
 
@@ -227,7 +205,7 @@ def _pose_text(study: PoseStudy, recipe: FuseRecipe) -> str:
         f"frame to frame in the L band and {1000 * study.needed['x']:.1f} mm in the X band. The lanes have "
         f"{1000 * recipe.radar.position:g} mm in each axis; X-band frames are therefore averaged in magnitude. A sum "
         f"of only {recipe.image.frames} frames loses a little less than the formula, which is for many.</p>"
-        + _table(head, rows)
+        + plain_table(head, rows)
     )
 
 
@@ -244,19 +222,9 @@ def _fullwave_tables(study: FullwaveStudy) -> Iterator[str]:
          str(r["rank"]) if r["rank"] else "", str(r["above"]) if r["rank"] else ""]
         for r in table.to_dict("records")
     ]  # fmt: skip
-    yield (
-        "<div class=scroll>"
-        + _table(["roadside", "method", "object", "VV, dB", "HH, dB", "masked", "rank", "false above"], rows)
-        + "</div>"
-    )
-    yield _table(
+    yield wide_table(["roadside", "method", "object", "VV, dB", "HH, dB", "masked", "rank", "false above"], rows)
+    yield plain_table(
         ["roadside", "method", "false alarms in the lane", "pixels masked"],
         [[r["roadside"], r["method"], str(r["false alarms"]), f"{100 * r['masked']:.0f} %"]
          for r in study.false.to_dict("records")],
     )  # fmt: skip
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{body}</table>"

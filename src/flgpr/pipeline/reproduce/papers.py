@@ -13,6 +13,7 @@ import flgpr
 from flgpr.io import write_whole
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.reproduce import cosgrove2004, flsar2004, fuse2018, wang2007
+from flgpr.pipeline.reproduce.page import study_html
 
 VERDICTS = ("agrees", "disagrees", "cannot say")
 _WORDS = {"holds": "agrees", "fails": "disagrees", "undecided": "cannot say"} | {one: one for one in VERDICTS}
@@ -236,10 +237,7 @@ def overview_html(done: dict[str, tuple[Path, list[Verdict]]], quick: bool) -> s
         f"<div class=scroll><table><tr>{head}</tr>{''.join(rows)}</table></div>",
         *(_verdict_table(name, found) for name, (_, found) in done.items()),
     ]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>flgpr: papers reproduced</title>'
-        f"<style>{_STYLE}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
-    )
+    return study_html("flgpr: papers reproduced", parts, _STYLE)
 
 
 def _verdict_table(name: str, found: Sequence[Verdict]) -> str:

@@ -8,7 +8,6 @@ fixed before the lanes were run, and nothing is adjusted by the outcome.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +19,7 @@ from scipy.stats import mannwhitneyu
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.pipeline.recipe import Recipe
+from flgpr.pipeline.reproduce.findings import AGREES, DISAGREES, UNDECIDED, Finding, larger, within
 from flgpr.pipeline.reproduce.wang2007_analysis import (
     BURIED_PLASTIC,
     MINES,
@@ -31,63 +31,7 @@ from flgpr.pipeline.reproduce.wang2007_analysis import (
 )
 from flgpr.scoring import Match, clopper_pearson, compare, operating_row, roc_of
 
-AGREES, DISAGREES, UNDECIDED = "agrees", "disagrees", "undecided"
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding of the paper beside ours.
-
-    Attributes
-    ----------
-    claim, paper, ours : str
-        What the paper says, its figure and ours with its interval.
-    verdict : {"agrees", "disagrees", "undecided"}
-        By the module's rules.
-    note : str
-        What stands behind it, and why it may differ.
-    """
-
-    claim: str
-    paper: str
-    ours: str
-    verdict: str
-    note: str = ""
-
-
-def larger(low: float, high: float) -> str:
-    """Judge a claim that a difference is positive by its interval.
-
-    Parameters
-    ----------
-    low, high : float
-        Interval of the difference.
-
-    Returns
-    -------
-    str
-        The verdict.
-    """
-    return AGREES if low > 0 else DISAGREES if high < 0 else UNDECIDED
-
-
-def within(figure: float, low: float, high: float) -> str:
-    """Judge a figure of the paper by our interval.
-
-    Parameters
-    ----------
-    figure : float
-        The paper's.
-    low, high : float
-        Interval of ours.
-
-    Returns
-    -------
-    str
-        The verdict.
-    """
-    return AGREES if low <= figure <= high else DISAGREES
 
 
 def all_of(verdicts: Sequence[str]) -> str:

@@ -20,6 +20,8 @@ from flgpr.pipeline.figures import data_url
 from flgpr.pipeline.progress import Track
 from flgpr.pipeline.recipe import Recipe
 from flgpr.pipeline.reproduce import wang2007_figures as figures
+from flgpr.pipeline.reproduce.findings import Finding
+from flgpr.pipeline.reproduce.page import findings_table, study_html, wide_table
 from flgpr.pipeline.reproduce.wang2007_analysis import (
     BURIED_METAL,
     BURIED_PLASTIC,
@@ -35,7 +37,6 @@ from flgpr.pipeline.reproduce.wang2007_analysis import (
     table_two,
 )
 from flgpr.pipeline.reproduce.wang2007_findings import (
-    Finding,
     band_findings,
     curve_findings,
     feature_findings,
@@ -58,15 +59,13 @@ PAPER_TWO = {
 }
 PAPER_THREE = {"F1": ("5, 8, 1", 0.94), "F2": ("2, 7, 10", 0.72), "F3": ("5, 1, 6", 0.74), "F4": ("1, 2, 3", 0.64)}
 PAPER_FOUR = ((5, 8, 29, 31, 18), (0.93, 0.93, 0.94, 0.94, 0.94))
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1d232b; max-width: 1100px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccd3dc; }
-img { max-width: 100%; height: auto; } figure { margin: 1.2rem 0; } figcaption { color: #4a5563; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; margin: .6rem 0; }
-th, td { padding: .2rem .55rem; border-bottom: 1px solid #e3e7ec; text-align: left; vertical-align: top; }
-th { background: #f3f5f8; } .agrees { color: #006b3f; } .disagrees { color: #b3261e; } .undecided { color: #7a5b00; }
-.quick { background: #fde7e7; border: 1px solid #b3261e; padding: .6rem; } .scroll { overflow-x: auto; }
-"""
+
+_RULES = (
+    "Intervals are 95 %: exact binomial for a Pd, resampled over targets, lanes and stretches of lane for PD_mean and "
+    "its differences. A claim that something is larger agrees if the interval of the difference lies above zero, "
+    "disagrees if below, and is undecided otherwise; a figure agrees if it lies in our interval. The simulated world "
+    "was not adjusted to agree."
+)
 
 
 def page_html(
@@ -119,7 +118,7 @@ def page_html(
         _quick_note(quick),
         _lanes_text(calibration, blind, radar),
         "<h2>Findings</h2>",
-        _findings_table(findings),
+        findings_table(findings, _RULES),
         "<h2>Tables</h2>",
         *_tables(pool, by_band, searches, sets, nested, draws),
         "<h2>Figures</h2>",
@@ -132,11 +131,7 @@ def page_html(
             f'<figure><img src="{data_url(figure, 100)}" alt="Fig. {number}"><figcaption>Fig. {number}. {escape(text)}'
             "</figcaption></figure>"
         )
-    html = (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Wang et al. 2007, reproduced</title>'
-        f"<style>{_STYLE}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
-    )
-    return html, findings
+    return study_html("Wang et al. 2007, reproduced", parts), findings
 
 
 def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
@@ -243,27 +238,7 @@ def _lanes_text(calibration: Sequence[LaneResult], blind: Sequence[LaneResult], 
         f"<code>{SITE}</code>, targets are spread evenly with jitter, and the blind lanes hold as many mines, "
         "all at 7.5 cm, as the table says. All this was fixed before anything was scored. FAR areas are lane less the "
         "exact union of halos; halo radius 1 m; no correction of refraction. Classifier C of the paper "
-        "(time-frequency features of another group) is not reproduced.</p>" + later + _table(head, rows)
-    )
-
-
-def _findings_table(findings: Sequence[Finding]) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(one.claim)}</td><td>{escape(one.paper)}</td><td>{escape(one.ours)}</td>"
-        f"<td class={one.verdict}><b>{one.verdict}</b></td><td>{escape(one.note)}</td></tr>"
-        for one in findings
-    )
-    count = {
-        verdict: sum(one.verdict == verdict for one in findings) for verdict in ("agrees", "disagrees", "undecided")
-    }
-    text = ", ".join(f"{n} {verdict}" for verdict, n in count.items())
-    return (
-        f"<p>{text}. Intervals are 95 %: exact binomial for a Pd, resampled over targets, lanes and stretches of lane "
-        "for PD_mean and its differences. A claim that something is larger agrees if the interval of the difference "
-        "lies above zero, disagrees if below, and is undecided otherwise; a figure agrees if it lies in our interval. "
-        "The simulated world was not adjusted to agree.</p>"
-        "<div class=scroll><table><tr><th>finding</th><th>paper</th><th>here</th>"
-        f"<th>verdict</th><th>remark</th></tr>{rows}</table></div>"
+        "(time-frequency features of another group) is not reproduced.</p>" + later + wide_table(head, rows)
     )
 
 
@@ -280,10 +255,10 @@ def _tables(
     for method in METHODS:
         rows.append([f"({method}) {METHODS[method]}", "paper", *[f"{v:.2f}" for v in PAPER_ONE[method]]])
         rows.append(["", "here", *[f"{v:.2f}" for v in by_band["F1"].loc[method]]])
-    yield "<h3>Table I. PD_mean of single features of F1</h3>" + _table(head, rows)
+    yield "<h3>Table I. PD_mean of single features of F1</h3>" + wide_table(head, rows)
     yield "<p>The same with cross-track and down-track exchanged in all regions, and the polarimetric ones as the "
-    yield "paper normalises and averages them (method A):</p>" + _table(["variant", *FEATURES], _variant_rows(pool))
-    yield "<p>Method A for every sub-band, the wide one included:</p>" + _table(
+    yield "paper normalises and averages them (method A):</p>" + wide_table(["variant", *FEATURES], _variant_rows(pool))
+    yield "<p>Method A for every sub-band, the wide one included:</p>" + wide_table(
         ["sub-band", *FEATURES], [[band, *[f"{v:.2f}" for v in table.loc["A"]]] for band, table in by_band.items()]
     )
     rows = []
@@ -291,7 +266,9 @@ def _tables(
         order, score = PAPER_TWO[method]
         rows.append([f"({method})", "paper", *[f"({f}) {s:.2f}" for f, s in zip(order, score, strict=True)]])
         rows.append(["", "here", *[f"({step.feature + 1}) {step.score:.2f}" for step in searches[method]]])
-    yield "<h3>Table II. Sequential forward search in F1</h3>" + _table(["method", "", *map(str, range(1, 11))], rows)
+    yield "<h3>Table II. Sequential forward search in F1</h3>" + wide_table(
+        ["method", "", *map(str, range(1, 11))], rows
+    )
     low, high = pool.interval(nested[1], draws)
     chosen = "; ".join(", ".join(names) for names in nested[2])
     yield (
@@ -303,14 +280,14 @@ def _tables(
     for band in SUBBANDS:
         here = ", ".join(str(step.feature + 1) for step in sets[band])
         rows.append([band, PAPER_THREE[band][0], f"{PAPER_THREE[band][1]:.2f}", here, f"{sets[band][-1].score:.2f}"])
-    yield "<h3>Table III. Three features per sub-band</h3>" + _table(
+    yield "<h3>Table III. Three features per sub-band</h3>" + wide_table(
         ["sub-band", "paper's features", "PD_mean", "ours", "PD_mean"], rows
     )
     rows = [
         ["paper", *[f"({f}) {s:.2f}" for f, s in zip(*PAPER_FOUR, strict=True)]],
         ["here", *[f"({step.feature + 1}) {step.score:.2f}" for step in sets["all"]]],
     ]
-    yield "<h3>Table IV. Search over all 40 features</h3>" + _table(["", *map(str, range(1, 6))], rows)
+    yield "<h3>Table IV. Search over all 40 features</h3>" + wide_table(["", *map(str, range(1, 6))], rows)
 
 
 def _variant_rows(pool: Pool) -> list[list[str]]:
@@ -318,9 +295,3 @@ def _variant_rows(pool: Pool) -> list[list[str]]:
     columns = [f"paper.{name}_F1" for name in FEATURES[6:]]
     values = [f"{v:.2f}" for v in pool.singles(columns, "A")]
     return [*rows, ["own gain per polarization, linear mean of psi", *[""] * 6, *values]]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    cells = "".join(f"<th>{escape(str(name))}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(v))}</td>" for v in row) + "</tr>" for row in rows)
-    return f"<div class=scroll><table><tr>{cells}</tr>{body}</table></div>"
