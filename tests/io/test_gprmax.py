@@ -1,6 +1,7 @@
 """Results of gprMax, made here in its documented layout: dipoles in air, and one point that scatters."""
 
 import json
+import shutil
 
 import h5py
 import numpy as np
@@ -125,11 +126,7 @@ def test_info_explains_a_result(folder):
 
 
 def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
-    results, _ = folder
-    copy = tmp_path / "decks"
-    copy.mkdir()
-    for path in results.iterdir():
-        (copy / path.name).write_bytes(path.read_bytes())
+    copy = shutil.copytree(folder[0], tmp_path / "decks")
     one = next(copy.glob("scan*.out"))
     whole = one.read_bytes()
 
@@ -166,11 +163,7 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
 
 
 def test_a_result_with_values_that_are_not_finite_is_a_missing_sweep(folder, tmp_path):
-    results, _ = folder
-    copy = tmp_path / "decks"
-    copy.mkdir()
-    for path in results.iterdir():
-        (copy / path.name).write_bytes(path.read_bytes())
+    copy = shutil.copytree(folder[0], tmp_path / "decks")
     one = next(copy.glob("scan*-H.out"))
     with h5py.File(one, "r+") as file:
         file["rxs/rx1/Ex"][50] = np.nan
