@@ -2,7 +2,7 @@
 
 The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007``, see ``wang2007.py``. Usage::
 
-    python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
+    NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
     python benchmarks/workers.py --scheduler-load 2000
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
@@ -26,6 +26,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numba
 import numpy as np
 
 from flgpr.pipeline import tasks
@@ -125,6 +126,8 @@ def main() -> None:
     if options.scheduler_load:
         scheduler_load(options.scheduler_load)
         return
+    if numba.config.NUMBA_NUM_THREADS != 1:
+        parser.error("a worker must have one thread to compare one with two: set NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1")
     found: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
