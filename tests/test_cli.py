@@ -56,6 +56,9 @@ def test_info_says_it_in_words_and_as_json(tmp_path):
         (["detect", RUN, "--lane", "no.toml", "-o", "x"], ["no.toml"]),
         (["score", "no-result", "--truth", "t.csv"], ["manifest.json"]),
         (["import", "fullwave", "no.npz", "-o", "x.zarr"], ["no.npz"]),
+        (["import", "gprmax", "decks", "-o", "x.zarr"], ["decks", "not found"]),
+        (["score", "a.csv", "--truth", "t.csv"], ["--lane", "a.csv"]),
+        (["design", "sri-array", "--site", "moon"], ["site", "arid-sand", "'moon'"]),
     ],
 )
 def test_what_the_user_can_mend_is_one_line(arguments, words, tmp_path, monkeypatch):

@@ -159,10 +159,10 @@ def test_sweeps_with_nan_are_kept_and_flagged(arrays, field, tmp_path):
     [
         ('unit = "GHz"', 'unit = "GHz?"', ["frequency.unit", "guess"]),
         ('unit = "GHz"', 'unit = "furlong"', ["frequency.unit", "Hz, kHz"]),
-        ('unit = "GHz"', "", ["frequency.unit", "required"]),
-        ('variable = "f"', 'variable = "f"\nspeed = 3', ["frequency.speed", "not permitted"]),
+        ('unit = "GHz"', "", ["frequency.unit", "missing"]),
+        ('variable = "f"', 'variable = "f"\nspeed = 3', ["frequency.speed", "no such entry"]),
         ("[pose]", "[posing]", ["posing"]),
-        ("z = 1.5", "", ["pose.z", "required"]),
+        ("z = 1.5", "", ["pose.z", "missing"]),
         ('[tx_position]\nvariable = "tx"\nunit = "cm"', "", ["geometry is missing"]),
         ('"frequency", "rx"', '"frequency", "pair"', ["dims"]),
         ('"polarization", "scan"]', '"scan"]', ["dims", "5 axes"]),

@@ -56,6 +56,9 @@ def import_gprmax(
         if len(source) == 1 and source[0].is_dir():
             written = import_gprmax_results(source[0], output, keep_direct, track)
         else:
+            missing = next((one for one in source if not one.exists()), None)
+            if missing is not None:
+                raise FileNotFoundError(f"gprMax results not found: {missing}")
             if band is None or transmit is None or ground is None:
                 raise ValueError("result files need --band, --transmit and --ground, which they do not tell")
             if (waveform is None) != (centre is None):

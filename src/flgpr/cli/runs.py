@@ -144,6 +144,8 @@ def score(
         elif truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
         elif lane is None:
+            if alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
+                raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
             _score_result(alarms, truth, objects, output, quiet, as_json)
         else:
             told = score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
@@ -174,9 +176,10 @@ def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
     passphrase = typer.prompt("passphrase", hide_input=True, err=True)
     told = scoring_tasks.score_sealed(alarms, sealed, passphrase, output)
     typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
-    typer.echo(", ".join(f"{name} {value}" for name, value in told.counts.items()))
+    counts = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in told.counts.items()}
+    typer.echo(", ".join(f"{name} {value}" for name, value in counts.items()))
     typer.echo(
-        f"look {told.looks} at this truth, {told.lists} different alarm lists so far; "
+        f"look {told.looks} at this truth, different alarm lists so far: {told.lists}; "
         "the seal guards against accidents, not against the holder of the passphrase"
     )
 

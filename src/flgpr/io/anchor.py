@@ -15,6 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
+from flgpr.model.faults import first_fault
+
 FloatArray = NDArray[np.float64]
 GEODETIC, GEOCENTRIC = "EPSG:4979", "EPSG:4978"
 
@@ -266,11 +268,7 @@ def read_anchor(path: str | Path) -> Anchor:
             geographic=not plane,
         )  # fmt: skip
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise ValueError(
-            f"{path}: {where + ': ' if where else ''}{first['msg'].removeprefix('Value error, ')}"
-        ) from None
+        raise ValueError(f"{path}: {first_fault(error, _AnchorFile)}") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from flgpr.model.faults import first_fault
+
 UNITS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3},
@@ -336,10 +338,7 @@ def parse_mapping(text: str, name: str = "mapping") -> Mapping:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{name}: not valid TOML: {error}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        said = first["msg"].removeprefix("Value error, ")
-        raise ValueError(f"{name}: {where + ': ' if where else ''}{said}") from None
+        raise ValueError(f"{name}: {first_fault(error, Mapping)}") from None
 
 
 def read_mapping(path: str | Path) -> Mapping:

@@ -191,7 +191,9 @@ class RunWriter:
     ) -> None:
         self.path = Path(path)
         if self.path.exists() and not overwrite:
-            raise FileExistsError(f"path must not exist yet, got {self.path} (overwrite=True replaces it)")
+            raise FileExistsError(
+                f"path must not exist yet, got {self.path}: move it away (from Python, overwrite=True replaces it)"
+            )
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
         self._tx, self._rx = np.asarray(tx_position, dtype=np.float64), np.asarray(rx_position, dtype=np.float64)
@@ -489,7 +491,8 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
             raise RunStoreError(
                 f"{root}: writing stopped before the run was committed; {partial} holds what was written"
             )
-        raise FileNotFoundError(f"path must be a run store, got {root}, which is no folder")
+        said = "which is no folder" if root.exists() else "which does not exist"
+        raise FileNotFoundError(f"path must be a run store, got {root}, {said}")
     try:
         written = read_limited(root / _COMMIT)
         manifest = json.loads(written)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from flgpr.model.faults import first_fault, no_preset
 from flgpr.model.run import POLARIZATIONS
 
 Position = tuple[float, float, float]
@@ -223,12 +224,10 @@ def load_sensor(name: str | Path) -> Sensor:
     elif Path(name).is_file():
         data = Path(name).read_bytes()
     else:
-        raise ValueError(f"sensor must be a TOML file or one of {', '.join(sensor_presets())}, got {str(name)!r}")
+        raise ValueError(no_preset("sensor", name, sensor_presets()))
     try:
         return Sensor.model_validate(tomllib.loads(data.decode("utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"sensor {name}: not valid TOML: {error}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "sensor"
-        raise ValueError(f"sensor {name}: {where}: {first['msg']}") from None
+        raise ValueError(f"sensor {name}: {first_fault(error, Sensor, 'sensor')}") from None

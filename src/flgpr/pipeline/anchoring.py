@@ -52,7 +52,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     if missing or len(kinds) != 1:
         raise ValueError(
             f"{path}: must have lane_x_m and lane_y_m, and either {' and '.join(_PLANE)} or {' and '.join(_GLOBE)}; it "
-            f"has {', '.join(columns)}"
+            f"has {', '.join(name for name in columns if name != 'table')}"
         )
     names = ("lane_x_m", "lane_y_m", *kinds[0], *(["height_m"] if "height_m" in columns else []))
     rows = np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)

@@ -13,7 +13,7 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.pipeline.progress import Track, silent
-from flgpr.simulate import Scene, Simulator
+from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
 KINDS = ("metal", "plastic")
@@ -204,6 +204,8 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         If the band holds less than two tones, or site or window are not known.
     """
     asked = question or Question()
+    if asked.site not in sites():
+        raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
     spread = PointSpread(sensor, asked.band, asked.window)
     x_min, x_max, y_min, y_max = sensor.footprint
     near = max(y_min, 1.2 * sensor.height)

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS
 from flgpr.model import POLARIZATIONS, Grid, Lane
+from flgpr.model.faults import describe_fault, no_preset
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -255,7 +256,7 @@ def recipe_text(name: str | Path) -> str:
             return Path(name).read_text(encoding="utf-8")
         except UnicodeDecodeError as error:
             raise ValueError(f"recipe {name}: not valid TOML: {error}") from None
-    raise ValueError(f"recipe must be a TOML file or one of {', '.join(recipe_names())}, got {str(name)!r}")
+    raise ValueError(no_preset("recipe", name, recipe_names()))
 
 
 def load_recipe(name: str | Path) -> Recipe:
@@ -311,8 +312,7 @@ def parse_recipe(text: str, source: str = "recipe") -> Recipe:
 def _fault(text: str, fault: Any) -> str:
     place = [part for part in fault["loc"] if isinstance(part, str)]
     line = line_of(text, place)
-    where = ".".join(map(str, fault["loc"])) or "recipe"
-    return f"{f'line {line}: ' if line else ''}{where}: {fault['msg'].removeprefix('Value error, ')}"
+    return f"{f'line {line}: ' if line else ''}{describe_fault(fault, Recipe, 'recipe')}"
 
 
 def line_of(text: str, place: Sequence[str]) -> int | None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from flgpr.model import Lane
+from flgpr.model.faults import first_fault
 from flgpr.simulate import soil as soils
 
 Positive = Annotated[float, Field(gt=0)]
@@ -410,12 +411,10 @@ def load_scene(path: str | Path) -> Scene:
         If there is no such file or it breaks a rule; the message names the entry.
     """
     if not Path(path).is_file():
-        raise ValueError(f"scene must be a TOML file, got {str(path)!r}")
+        raise ValueError(f"scene file not found: {path}")
     try:
         return Scene.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"scene {path}: not valid TOML: {error}") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "scene"
-        raise ValueError(f"scene {path}: {where}: {first['msg']}") from None
+        raise ValueError(f"scene {path}: {first_fault(error, Scene, 'scene')}") from None
