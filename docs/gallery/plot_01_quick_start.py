@@ -19,7 +19,9 @@ from flgpr.pipeline import tasks
 home = Path(tempfile.mkdtemp())
 lane = sample_lane()
 run = open_run(lane / "run.zarr")
-print(dict(run.sizes), list(run["polarization"].values))
+for name, size in run.sizes.items():
+    print(f"{name:13}{size:4}")
+print("polarizations:", *run["polarization"].values)
 
 # %%
 # Detection takes a run and a recipe. It never sees the truth.
@@ -69,4 +71,4 @@ tasks.outcome_table(scored).round(2)
 # ``report.html`` in the result folder holds all of it on one page, and ``flgpr view`` shows it in the browser. Three
 # mines on one lane say that the chain works, not how well; `The first lane <../first-lane.html>`_ tells the rest.
 
-sorted(path.name for path in (home / "result").iterdir())
+print(*sorted(path.name for path in (home / "result").iterdir()), sep="\n")

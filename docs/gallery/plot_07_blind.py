@@ -42,7 +42,8 @@ truth, entry = scoring_tasks.plan_lane(
     output=home / "plan.csv",
     recipe=home / "recipe.toml",
 )
-print({name: str(value)[:24] for name, value in entry.items()})
+for name, value in entry.items():
+    print(f"{name:9}{str(value)[:60]}")
 truth.head()
 
 # %%
@@ -78,7 +79,9 @@ pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
 # anything. (``flgpr score alarms.csv --sealed sealed``.)
 
 told = scoring_tasks.score_sealed(home / "alarms.csv", home / "sealed", phrase)
-print(f"look {told.looks}, {told.lists} alarm list so far; {told.counts}")
+print(f"looks: {told.looks}, different alarm lists: {told.lists}")
+for name, value in told.counts.items():
+    print(f"{name:13}{value}")
 told.points.round(3)
 
 # %%
@@ -98,7 +101,7 @@ for shift, (group, points) in zip(
         capsize=2,
         label=f"{group} ({points.n_targets.iloc[0]:.0f})",
     )
-axes.axhline(0.8, color="0.6", ls="--", lw=1)
+axes.axhline(0.8, color="0.6", ls="--", lw=1, label="to be shown")
 axes.set(
     xscale="log",
     xlabel="false alarms allowed per m²",

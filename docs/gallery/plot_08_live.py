@@ -49,12 +49,8 @@ files = tasks.simulate_lane(
 # plays it as fast as it can be read.
 
 count = feed(home / "lane.zarr", home / "incoming", rate=1e4)
-print(
-    count,
-    "scans;",
-    *sorted(path.name for path in (home / "incoming").iterdir())[:2],
-    "...",
-)
+names = sorted(path.name for path in (home / "incoming").iterdir())
+print(f"{count} scans:", *names[:2], "...", names[-1])
 
 # %%
 # The detector's part. The vehicle drives 15 km/h, its bumper half a metre ahead of the array.
@@ -68,7 +64,9 @@ options = LiveOptions(
     vehicle=Vehicle(15 / 3.6, front=0.5),
 )
 report = LiveRun(options, lambda line: events.append(json.loads(line))).run()
-print(report.counts)
+for name, value in report.counts.items():
+    if value:
+        print(f"{name:10}{value:4}")
 
 # %%
 # What was told. ``left_m`` is the way left to the alarm when the newest scan was taken, ``margin_m`` what remains of it
@@ -100,4 +98,4 @@ axes.legend(fontsize=8)
 # The folder holds the alarms for ``flgpr score``, the events for the viewer and a snapshot from which a stopped run
 # goes on. `Live detection <../live.html>`_ has the formats, and what is done about scans that are lost, late or broken.
 
-sorted(path.name for path in (home / "out").iterdir())
+print(*sorted(path.name for path in (home / "out").iterdir()), sep="\n")

@@ -20,9 +20,9 @@ def test_example_trains_and_finds_its_own_mines(tmp_path, monkeypatch):
         values[:, row + 8, column] += 9
     axes = {"polarization": ["HH", "VV"], "y": 0.02 * np.arange(400), "x": 0.05 * np.arange(60)}
     image = xr.DataArray(values, dims=("polarization", "y", "x"), coords=axes)
-    (code,) = re.findall(r"```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)
+    code = re.findall(r"```python\n(.*?)```", DOC.read_text(encoding="utf-8"), re.DOTALL)[-1]
     monkeypatch.chdir(tmp_path)
-    space = {"image": image, "points": points}
+    space = {"np": np, "image": image, "points": points}
     exec(code, space)
     likelihood = space["likelihood"]
     best = np.unravel_index(np.argsort(np.nan_to_num(likelihood, nan=-np.inf).ravel())[-4:], likelihood.shape)

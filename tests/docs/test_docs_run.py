@@ -1,0 +1,207 @@
+"""The guides are followed from top to bottom: files that they show are written, programs and commands run in order."""
+
+import shlex
+import shutil
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.cli import app
+from flgpr.clutter import Thresholds
+from flgpr.io import sample_lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
+from flgpr.pipeline import tasks
+from flgpr.simulate import Scene
+from flgpr.simulate.scene import load_scene
+from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
+
+TINY = """
+site = "arid-sand"
+length = 8.0
+[[draws]]
+kind = "metal"
+depth = 0.02
+count = 2
+[surface]
+density = 20.0
+[track]
+step = [3.0, 4.0]
+"""
+PASSPHRASE = "a long passphrase\n"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """What a reader has before a page begins: simulated lanes, a result."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "tiny.toml").write_text(TINY)
+    for seed, name in enumerate(("c1", "c2", "lane"), 1):
+        tasks.simulate_lane(folder / "tiny.toml", "sri-array", seed, folder / f"{name}.zarr")
+    tasks.detect_run(sample_lane() / "run.zarr", "demo", folder / "result", report=False)
+    shutil.copy(sample_lane() / "truth.csv", folder / "truth.csv")
+    return folder
+
+
+def write_rail(path, offset=9.28, bias=0.44):
+    """A rail radar of the kind that exchange.md takes in: two reflectors, another clock, a bias of every range."""
+    ranges = 2 + 0.00915 * np.arange(960)
+    time = np.linspace(0.0, 10.5, 120)
+    clock = np.linspace(0.0, 20.7, 2000)
+    along = -5.1 + 0.62 * (clock - 9.0) + 0.3 * np.sin(1.1 * clock)  # never at one speed: else no focus tells the clock
+    there = np.interp(time + offset, clock, along)
+    recorded = np.zeros((120, 960))
+    for x, y, z in ((2.204, -3.874, 0.038), (2.329, 1.038, 0.040)):
+        away = np.sqrt(x**2 + (y - there) ** 2 + (z - 0.04) ** 2) + bias
+        late = ranges - away[:, None]
+        recorded += np.exp(-((late / 0.12) ** 2)) * np.cos(4 * np.pi * 3.8e9 / SPEED_OF_LIGHT * late)
+    recorded += np.random.default_rng(0).normal(0, 0.01, recorded.shape)
+    position = np.column_stack([np.zeros(2000), along, np.full(2000, 0.04)])
+    np.savez(
+        path, scan=(1e5 * recorded).astype(np.int32), t_scan_ms=(2.36e6 + 1e3 * time).astype(np.uint32),
+        range_m=ranges, t_mocap_s=clock, pos_mocap_m=position,
+    )  # fmt: skip
+
+
+def take(made, *names):
+    for name in names:
+        (shutil.copytree if (made / name).is_dir() else shutil.copy)(made / name, name)
+
+
+def before_exchange(made):
+    write_rail("rail_t6.npz")
+    take(made, "lane.zarr", "result", "truth.csv")
+
+
+def before_wang(made):
+    take(made, "c1.zarr", "c2.zarr", "lane.zarr", "c1-truth.csv", "c2-truth.csv")
+
+
+def before_scoring(made):
+    take(made, "result", "truth.csv")
+    with open("sorts.csv", "w") as file:
+        file.write("kind,depth,count\nmetal,0.05,5\n")
+    with open("lane.toml", "w") as file:
+        file.write("x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n")
+    with open("recipe.toml", "w") as file:
+        file.write("# a recipe\n")
+    with open("alarms.csv", "w") as file:
+        file.write("x,y,confidence\n0.1,4.2,3.0\n1.2,44.0,2.0\n-1.5,30.1,1.0\n")
+
+
+def nothing(made):
+    """Files that the page shows are all that it takes."""
+
+
+BEFORE = {
+    "exchange": before_exchange,
+    "simulation": nothing,
+    "imaging": nothing,
+    "rvm": nothing,
+    "scoring": before_scoring,
+    "extending": nothing,
+    "cosgrove2004": nothing,
+    "fuse2018": nothing,
+    "wang2007": before_wang,
+}
+NOT_HERE = (
+    "sh decks/run.sh",  # needs gprMax; tests/io/test_gprmax_files.py imports what it would write
+    "flgpr import gprmax",
+    "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
+    "flgpr reproduce",  # minutes; tests/pipeline has the papers
+)
+
+
+def follow(page, space):
+    """Do what a page says; return what each command printed."""
+    text, printed = read(page), {}
+    for fence in FENCE.finditer(text):
+        kind, body = fence.groups()
+        if kind in ("toml", "csv") and (name := file_shown(text, fence.start())):
+            with open(name, "w", encoding="utf-8") as file:
+                file.write(body)
+        elif kind == "python":
+            exec(compile(body, str(page), "exec"), vars(space))
+        elif kind in SHELL:
+            for line in shell_lines(body):
+                if line.startswith("flgpr ") and not line.startswith(NOT_HERE):
+                    words = shlex.split(line, comments=True)[1:]
+                    told = CliRunner().invoke(app, words, input=2 * PASSPHRASE)
+                    assert told.exit_code == 0, f"{line}\n{told.output}\n{told.exception!r}"
+                    printed[line.split("#")[0].strip()] = told.output
+    return printed
+
+
+@pytest.fixture
+def followed(request, made, tmp_path, monkeypatch):
+    """A page, followed in an empty folder: the names of its programs, what its commands printed, the folder."""
+    monkeypatch.chdir(tmp_path)
+    space = ModuleType("program_of_the_page")  # a module, so that classes it defines can be found again
+    monkeypatch.setitem(sys.modules, space.__name__, space)
+    BEFORE[request.param](made)
+    return space, follow(ROOT / "docs" / f"{request.param}.md", space), tmp_path
+
+
+def page(name):
+    return pytest.mark.parametrize("followed", [name], indirect=True)
+
+
+@page("exchange")
+def test_a_file_of_somebody_else_arrives_calibrated_and_leaves_on_earth(followed):
+    space, printed, folder = followed
+    (clock,) = [text for line, text in printed.items() if "calibrate clock" in line]
+    assert float(clock.split("offset ")[1].split(" s")[0]) == pytest.approx(9.28, abs=0.05)
+    (bias,) = [text for line, text in printed.items() if "range-bias" in line]
+    assert float(bias.split("range bias ")[1].split(" m")[0]) == pytest.approx(
+        0.44, abs=0.05
+    )  # half a wavelength is 0.04
+    assert space.arrived.run.sizes["scan"] == 120
+    wrote = {"ready.zarr", "surveyed.toml", "lane.geojson", "tied.zarr", "alarms.geojson", "view.tif", "truth.kml"}
+    assert wrote < {path.name for path in folder.iterdir()}
+
+
+@page("simulation")
+def test_the_scenes_can_be_simulated_and_written_for_a_solver(followed):
+    _, printed, folder = followed
+    assert {"scene.png", "ours.zarr", "decks"} < {path.name for path in folder.iterdir()}
+    assert load_scene(folder / "scene.toml") != Scene()
+    (told,) = [text for line, text in printed.items() if "gprmax" in line]
+    assert "4 runs and 4 of air alone" in told
+
+
+@page("scoring")
+def test_alarms_are_scored_openly_and_blind(followed):
+    space, printed, _ = followed
+    assert space.pd_at(space.curve, 0.01) == 1.0
+    assert "29 mines" in printed["flgpr plan mines --pd 0.9 --far 0.01"]
+    assert "look 1" in printed["flgpr score alarms.csv --sealed sealed"]
+
+
+@page("wang2007")
+def test_detect_train_and_detect_again(followed):
+    _, _, folder = followed
+    assert (folder / "trained" / "alarms.csv").read_text() != (folder / "plain" / "alarms.csv").read_text()
+
+
+@page("fuse2018")
+def test_a_frame_is_suppressed(followed):
+    space, _, _ = followed
+    sensor = load_sensor("dual-band-l")
+    tx, rx = (side + [0.0, 0.0, sensor.height] for side in sensor.pairs())
+    frequency = sensor.tones.axis()[::20]
+    pixels = Grid(-6.0, 5.5, 49, 37, 0.25, 0.25).points()
+    bush = space.ImagingOperator(frequency, tx, rx, np.array([[[5.0, 9.0, 0.0]]]))
+    data = bush.forward(np.ones((1, 1, 1, 1), np.complex64))
+    image = space.ImagingOperator(frequency, tx, rx, pixels).adjoint(data)[0, 0]
+    level = np.full(4, np.abs(image).max() / 3)
+    wanted = Thresholds(vv=level, vh=level, low_vh=level)
+    cleaned = space.suppress(data, frequency, tx, rx, pixels, image, image, wanted)
+    assert np.abs(cleaned).max() < 0.5 * np.abs(image).max()
+
+
+@pytest.mark.parametrize("followed", ["imaging", "rvm", "extending", "cosgrove2004"], indirect=True)
+def test_programs_run(followed):
+    space, _, _ = followed
+    assert len(vars(space)) > 10
