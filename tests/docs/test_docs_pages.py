@@ -200,7 +200,7 @@ def test_the_lines_for_the_shell_are_found():
 @pytest.mark.parametrize(
     "line",
     [
-        "flgpr detct a.zarr",
+        "flgpr detects a.zarr",
         "flgpr detect a.zarr -o b --lanes 3",
         "flgpr detect -o b",
         "flgpr detect a.zarr -o b --recipe wang",
