@@ -119,7 +119,7 @@ def follow(page, space):
     text, printed = read(page), {}
     for fence in FENCE.finditer(text):
         kind, body = fence.groups()
-        if kind in ("toml", "csv") and (name := file_shown(text, fence.start())):
+        if kind in ("toml", "text") and (name := file_shown(text, fence.start())):
             with open(name, "w", encoding="utf-8") as file:
                 file.write(body)
         elif kind == "python":

@@ -65,6 +65,20 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     ------
     ValueError
         If there is no image, only one and the method is not "none", or the method is unknown.
+
+    Examples
+    --------
+    What stays in place from scan to scan is the self-signature; a target that passes through enters it with its share
+    only.
+
+    >>> import numpy as np
+    >>> from flgpr.clutter import self_signature
+    >>> images = np.full((8, 5, 5), 2.0 + 0.0j)
+    >>> images[3, 2, 2] += 16.0  # in one of eight scans
+    >>> signature = self_signature(images)
+    >>> robust = self_signature(images, method="median")
+    >>> [round(float(abs(one[2, 2] / one[0, 0])), 2) for one in (signature, robust)]
+    [2.0, 1.0]
     """
     if method not in ("none", "mean", "median"):
         raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")

@@ -130,6 +130,15 @@ def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
     -------
     (...) ndarray
         Loss, dB.
+
+    Examples
+    --------
+    Ranges wrong by 1 cm rms from frame to frame cost a band below 3 GHz a few dB, and wipe out the X band.
+
+    >>> import numpy as np
+    >>> from flgpr.clutter import coherent_loss_db
+    >>> [round(float(coherent_loss_db(0.01, np.linspace(*band))), 1) for band in ((0.75e9, 3.2e9), (8.4e9, 10.4e9))]
+    [3.1, 64.0]
     """
     turn = 4 * np.pi / SPEED_OF_LIGHT * np.multiply.outer(np.asarray(error, float), np.asarray(frequency, float))
     return np.asarray(0.0 - 20 * np.log10(np.exp(-(turn**2) / 2).mean(axis=-1)))
@@ -154,6 +163,13 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     ------
     ValueError
         If ``loss_db`` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.clutter import accuracy_needed
+    >>> [round(1e3 * accuracy_needed(np.linspace(*band)), 1) for band in ((0.75e9, 3.2e9), (8.4e9, 10.4e9))]  # mm
+    [5.5, 1.2]
     """
     if not loss_db > 0:
         raise ValueError(f"loss_db must be positive, got {loss_db}")

@@ -59,6 +59,12 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     ------
     ValueError
         If there are fewer than two edges or they do not rise.
+
+    Examples
+    --------
+    >>> from flgpr.clutter import subregions
+    >>> subregions([4.0, 5.0, 9.9, 10.0, 15.0, 16.0], (5, 7.5, 10, 12.5, 15))
+    array([-1,  0,  1,  2,  3, -1])
     """
     borders, place = np.asarray(edges, dtype=np.float64), np.asarray(distance, dtype=np.float64)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():

@@ -66,6 +66,26 @@ def suppress_by_model(
     ------
     ValueError
         If ``iterations`` is not positive.
+
+    Examples
+    --------
+    A bright bush beside the lane is fitted and subtracted; a mine that the mask does not hold stays as it is alone.
+
+    >>> import numpy as np
+    >>> from flgpr.clutter import suppress_by_model
+    >>> from flgpr.imaging import ImagingOperator
+    >>> frequency = 0.5e9 + 10e6 * np.arange(101)
+    >>> rx = np.column_stack([np.linspace(-0.8, 0.8, 9), np.zeros(9), np.full(9, 1.5)])
+    >>> tx = np.zeros((9, 3)) + [0.0, 0.0, 1.5]
+    >>> def at(x):
+    ...     return ImagingOperator(frequency, tx, rx, [[[x, 5.0, 0.0]]], dtype="complex128")
+    >>> one = np.ones((1, 1, 1, 1))
+    >>> bush, mine = 10 * at(1.5).forward(one), at(0.0).forward(one)
+    >>> cleaned = suppress_by_model(bush + mine, at(1.5), iterations=5).data
+    >>> def level(data):
+    ...     return [round(abs(at(x).adjoint(data).item()) / 909, 2) for x in (1.5, 0.0)]  # 9 pairs, 101 tones
+    >>> level(bush + mine), level(mine), level(cleaned)  # at the bush and at the mine
+    ([10.02, 1.3], [0.06, 1.0], [0.0, 1.0])
     """
     if iterations < 1:
         raise ValueError(f"iterations must be at least 1, got {iterations}")

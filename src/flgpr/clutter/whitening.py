@@ -35,6 +35,15 @@ def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any
     ------
     ValueError
         If the basis is unknown or the covariance is not Hermitian and positive definite to the working precision.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.clutter import whitening_matrix
+    >>> covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
+    >>> w = whitening_matrix(covariance)
+    >>> np.allclose(w @ covariance @ w.conj().T, np.eye(2))
+    True
     """
     C = np.asarray(covariance)
     if basis not in BASES:

@@ -156,6 +156,20 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
     References
     ----------
     Cosgrove et al. 2004, Sec. II-B and IV-A.
+
+    Examples
+    --------
+    Whitened samples of clutter have unit variance; targets have more of it in one direction.
+
+    >>> import numpy as np
+    >>> from flgpr.detect import DeflectionDetector
+    >>> rng = np.random.default_rng(0)
+    >>> targets = rng.normal(size=(16, 4))
+    >>> targets[:, 0] *= 5
+    >>> detector = DeflectionDetector(rank=1).fit(targets)
+    >>> scores = detector.decision_function([[5.0, 0, 0, 0], [0, 5.0, 0, 0]])
+    >>> bool(scores[0] > scores[1])
+    True
     """
 
     def __init__(

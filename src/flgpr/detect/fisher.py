@@ -32,6 +32,19 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         y of Eq. 20.
     threshold_ : float
         Half-way between the classes' mean scores; :meth:`predict` parts there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.detect import FisherDiscriminant
+    >>> rng = np.random.default_rng(0)
+    >>> clutter, mines = rng.normal(0, 1, (200, 2)), rng.normal((2, 0), 1, (50, 2))  # the first feature tells
+    >>> X, y = np.concatenate([clutter, mines]), np.repeat([0, 1], [200, 50])
+    >>> machine = FisherDiscriminant().fit(X, y)
+    >>> (machine.direction_ / np.abs(machine.direction_).sum()).round(1)
+    array([0.9, 0.1])
+    >>> bool(machine.decision_function([[2.0, 0.0]]) > machine.decision_function([[0.0, 2.0]]))
+    True
     """
 
     def __init__(self, rcond: float = 1e-12) -> None:

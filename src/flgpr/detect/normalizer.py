@@ -27,6 +27,14 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         Per feature the values a (rising) and the b they go to.
     n_features_in_ : int
         Number of features.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.detect import HistogramNormalizer
+    >>> training = np.array([[1.0], [2.0], [4.0], [100.0]])
+    >>> HistogramNormalizer().fit(training).transform(training).round(2).ravel()  # ranks alone count
+    array([-1.  , -0.29,  0.29,  1.  ])
     """
 
     def fit(

@@ -35,6 +35,12 @@ def hit_weights(
     ------
     ValueError
         If the lengths differ, or w0, beta, label_radius or a hit's distance is out of range.
+
+    Examples
+    --------
+    >>> from flgpr.detect import hit_weights
+    >>> hit_weights([-1, 0, 0, 1], [9.0, 0.0, 0.5, 1.0], w0=10)  # a false alarm, two hits of one mine, one of another
+    array([ 1,  6,  4, 10])
     """
     hit_of = np.asarray(target, dtype=np.int64)
     away = np.asarray(distance, dtype=np.float64)

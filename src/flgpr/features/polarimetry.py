@@ -43,6 +43,20 @@ def entropy_alpha(
     ------
     ValueError
         If the shapes differ, a value is not finite or the window is not odd.
+
+    Examples
+    --------
+    One mechanism everywhere has no entropy; α is 0° for a plane, 45° for a dipole and 90° for a dihedral.
+
+    >>> import numpy as np
+    >>> from flgpr.features import entropy_alpha
+    >>> flat = np.ones((5, 5))
+    >>> for name, vv in (("plane", flat), ("dipole", 0 * flat), ("dihedral", -flat)):
+    ...     entropy, alpha = entropy_alpha(flat, 0 * flat, vv)
+    ...     print(f"{name}: {abs(entropy[2, 2]):.2f}, {np.degrees(alpha[2, 2]):.0f}°")
+    plane: 0.00, 0°
+    dipole: 0.00, 45°
+    dihedral: 0.00, 90°
     """
     channels, shape = _channels(hh, hv, vv)
     if any(n < 1 or n % 2 == 0 for n in window):
@@ -119,6 +133,19 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
     ------
     ValueError
         If the shapes differ or a value is not finite.
+
+    Examples
+    --------
+    A sphere or plane, a dihedral and a dipole; τ is 0 for symmetric scatterers.
+
+    >>> import numpy as np
+    >>> from flgpr.features import cameron
+    >>> tau, _ = cameron([1, 1, 1], [0, 0, 0], [1, -1, 0])  # HH, HV, VV
+    >>> tau.round(3)
+    array([0., 0., 0.])
+    >>> tau, _ = cameron(1, 1j, -1)  # a helix has no symmetry
+    >>> round(np.degrees(float(tau)))
+    45
     """
     channels, shape = _channels(hh, hv, vv)
     s_hh, s_hv, s_vv = channels

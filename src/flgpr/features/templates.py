@@ -161,6 +161,21 @@ def max_correlation(region: ArrayLike, template: ArrayLike, magnitude: bool = Tr
     -------
     (...) ndarray
         Between 0 and 1.
+
+    Examples
+    --------
+    The template is found wherever it lies in the region, and clutter lowers the figure.
+
+    >>> import numpy as np
+    >>> from flgpr.features import max_correlation, mean_template
+    >>> template = mean_template([[[1.0, 2.0, 1.0], [2.0, 5.0, 2.0]]])
+    >>> region = np.zeros((1, 8, 8))
+    >>> region[0, 4:6, 3:6] = template
+    >>> max_correlation(region, template).round(3)
+    array([1.])
+    >>> noisy = region + 0.1 * np.random.default_rng(0).random((1, 8, 8))
+    >>> max_correlation(noisy, template).round(2)
+    array([0.93])
     """
     regions = np.asarray(region)
     templates = np.asarray(template) if np.ndim(template) == 3 else np.asarray(template)[None]

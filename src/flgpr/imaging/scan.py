@@ -37,6 +37,20 @@ class ScanImager:
     ------
     ValueError
         If the run is not valid, no scan of it is complete, or a sub-band holds no tone.
+
+    Examples
+    --------
+    >>> from flgpr.imaging import ScanImager
+    >>> from flgpr.io import open_run, sample_lane
+    >>> from flgpr.model import Grid
+    >>> run = open_run(sample_lane() / "run.zarr")
+    >>> grid = Grid.spanning((-1.0, 1.0), (2.0, 5.0), 0.05)
+    >>> imager = ScanImager(run, grid, {"all": (0.45e9, 1.5e9), "low": (0.45e9, 0.8e9)}, window="hann")
+    >>> image = imager.image(0)
+    >>> dict(image.sizes)
+    {'polarization': 4, 'subband': 2, 'y': 61, 'x': 41}
+    >>> sum(1 for scan in imager)  # an iteration makes all scans, one at a time
+    3
     """
 
     def __init__(

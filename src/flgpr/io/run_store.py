@@ -146,11 +146,11 @@ class RunWriter:
     """Write a run scan by scan; the store appears under its name only when it is whole.
 
     Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written, unless
-    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that number:
+    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that number::
 
-    >>> with RunWriter(path, *fixed, resume=True) as writer:  # doctest: +SKIP
-    ...     for scan in range(len(writer), total):
-    ...         writer.append(signal(scan), pose[scan])
+        with RunWriter(path, *fixed, resume=True) as writer:
+            for scan in range(len(writer), total):
+                writer.append(signal(scan), pose[scan])
 
     Parameters
     ----------

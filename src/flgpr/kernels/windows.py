@@ -48,6 +48,13 @@ def ramp(frequency: FloatArray) -> FloatArray:
     Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a sample is
     ``k dk dθ``: the inverse transform, the image, is the backprojection of data weighed by ``k ∝ f``. It holds for data
     whose amplitude does not depend on frequency otherwise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.kernels.windows import ramp
+    >>> ramp(np.array([0.5e9, 1.0e9, 1.5e9])).round(3)
+    array([0.333, 0.667, 1.   ])
     """
     return np.asarray(frequency / frequency.max(), dtype=np.float64)
 

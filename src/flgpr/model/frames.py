@@ -123,6 +123,16 @@ def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]
     -------
     (..., 3) ndarray
         Points in the lane frame, m.
+
+    Examples
+    --------
+    A vehicle at (2, 10) m that heads to the right: what is a metre ahead of it lies a metre to the right in the lane.
+
+    >>> import numpy as np
+    >>> from flgpr.model import vehicle_to_lane
+    >>> pose = (2.0, 10.0, 1.5, np.radians(90), 0.0, 0.0)
+    >>> vehicle_to_lane([0.0, 1.0, 0.0], pose).round(3)
+    array([ 3. , 10. ,  1.5])
     """
     return scan_to_lane(vehicle_to_scan(position, pose), pose)
 
@@ -139,6 +149,19 @@ class Grid:
         Number of pixels cross-track and down-track.
     dx, dy : float
         Pixel spacing, m.
+
+    Examples
+    --------
+    >>> from flgpr.model import Grid
+    >>> grid = Grid.spanning((-1.0, 1.0), (7.0, 8.0), 0.5)
+    >>> grid.shape
+    (3, 5)
+    >>> grid.x
+    array([-1. , -0.5,  0. ,  0.5,  1. ])
+    >>> grid.points()[0, -1]
+    array([1., 7., 0.])
+    >>> grid.extent()
+    (-1.25, 1.25, 6.75, 8.25)
     """
 
     x_min: float

@@ -55,6 +55,17 @@ def make_run(
     ------
     ValueError
         Names the parameter, the rule it breaks and the value received.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.model import make_run
+    >>> frequency = 0.5e9 + 5e6 * np.arange(64)  # Hz
+    >>> antennas = [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]  # m in the vehicle frame, a row per pair
+    >>> pose = [[0, 0, 1.5, 0, 0, 0], [0, 0.5, 1.5, 0, 0, 0]]  # x, y, z, heading, pitch, roll
+    >>> run = make_run(np.zeros((2, 1, 2, 64)), frequency, ["VV"], antennas, antennas, pose)
+    >>> dict(run["signal"].sizes)
+    {'scan': 2, 'polarization': 1, 'pair': 2, 'frequency': 64}
     """
     data = np.asarray(signal)
     if data.ndim != 4:

@@ -218,6 +218,17 @@ def load_sensor(name: str | Path) -> Sensor:
     ------
     ValueError
         If there is no such preset or file, or it breaks a rule; the message names the entry.
+
+    Examples
+    --------
+    >>> from flgpr.model import load_sensor, sensor_presets
+    >>> sensor_presets()
+    ['dual-band-l', 'dual-band-x', 'sri-array', 'sri-van']
+    >>> sensor = load_sensor("sri-array")
+    >>> tx, rx = sensor.pairs()
+    >>> tones = sensor.tones.axis()
+    >>> print(f"{len(tx)} pairs, {tones.size} tones from {tones[0] / 1e9:.4f} to {tones[-1] / 1e9:.4f} GHz")
+    36 pairs, 1024 tones from 0.4425 to 3.0000 GHz
     """
     if str(name) in sensor_presets():
         data = (resources.files("flgpr.model") / "presets" / f"{name}.toml").read_bytes()

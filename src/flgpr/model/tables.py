@@ -76,6 +76,15 @@ class Lane:
     ----------
     x_min, x_max, y_min, y_max : float
         Its borders in the lane frame, m. A point on the border is inside.
+
+    Examples
+    --------
+    >>> from flgpr.model import Lane
+    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
+    >>> lane.area
+    240.0
+    >>> lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
+    array([ True,  True, False])
     """
 
     x_min: float

@@ -42,6 +42,16 @@ def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
     ------
     ValueError
         If the radius is not positive and finite or the centres do not have the shape (disc, 2).
+
+    Examples
+    --------
+    Two halos of 1 m that overlap, and one at the border, half outside:
+
+    >>> from flgpr.model import Lane
+    >>> from flgpr.scoring import union_area
+    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
+    >>> [round(union_area(centre, 1.0, lane), 3) for centre in ([[0, 10]], [[0, 10], [0, 11]], [[2, 30]])]
+    [3.142, 5.055, 1.571]
     """
     points = np.asarray(centre, dtype=np.float64).reshape(-1, 2) if np.size(centre) == 0 else np.asarray(centre, float)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():

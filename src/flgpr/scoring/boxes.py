@@ -96,6 +96,20 @@ def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float,
     ------
     ValueError
         If there is no H0 peak or the box area is not positive.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import peak_roc
+    >>> curve = peak_roc([3.0, 5.0], [1.0, 2.0, 3.5, 0.5], box_area=1.0)
+    >>> curve[["threshold", "pd", "far"]]
+       threshold   pd   far
+    0        inf  0.0  0.00
+    1        5.0  0.5  0.00
+    2        3.5  0.5  0.25
+    3        3.0  1.0  0.25
+    4        2.0  1.0  0.50
+    5        1.0  1.0  0.75
+    6        0.5  1.0  1.00
     """
     if not (math.isfinite(box_area) and box_area > 0):
         raise ValueError(f"box_area must be positive, got {box_area}")

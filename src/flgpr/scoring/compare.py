@@ -138,6 +138,13 @@ def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:
         Two-sided.
     enumerated : bool
         Whether all signs were tried.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import sign_flip_test
+    >>> p, exact = sign_flip_test([0.2, 0.1, 0.4, 0.3, 0.2])
+    >>> round(p, 4), exact  # all five of one sign: 2 of 2^5
+    (0.0625, True)
     """
     values = np.asarray(differences, dtype=np.float64)
     sizes = np.abs(values[values != 0])
@@ -168,6 +175,16 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
     -------
     float
         Two-sided p; 1 where the detectors agree on all.
+
+    Examples
+    --------
+    Nine mines that one detector alone finds against two that the other alone finds:
+
+    >>> from flgpr.scoring import mcnemar_test
+    >>> round(mcnemar_test(9, 2), 3)
+    0.065
+    >>> round(mcnemar_test(9, 0), 3)
+    0.004
     """
     total = only_a + only_b
     return float(stats.binomtest(only_a, total).pvalue) if total else 1.0

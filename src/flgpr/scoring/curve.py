@@ -139,6 +139,13 @@ def pd_at(curve: pd.DataFrame, far: Any) -> Any:
     ------
     ValueError
         If ``far`` is negative.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import example_roc, pd_at
+    >>> curve = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
+    >>> pd_at(curve, [0.0, 0.019, 0.02])
+    array([0.33333333, 0.33333333, 1.        ])
     """
     row = operating_row(curve, far)
     found = curve["pd"].to_numpy()[row]
@@ -193,6 +200,15 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["s
     ------
     ValueError
         If ``far_max`` is not positive or an option is unknown.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import example_roc, pd_mean
+    >>> curve = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
+    >>> round(pd_mean(curve, far_max=0.1), 4)  # a third up to 0.02 per m², all beyond
+    0.8667
+    >>> round(0.2 * 1 / 3 + 0.8 * 1, 4)
+    0.8667
     """
     one_of("interpolation", interpolation, ("step", "linear"))
     if not (math.isfinite(far_max) and far_max > 0):

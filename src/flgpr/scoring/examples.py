@@ -50,6 +50,18 @@ def example_roc(
     ValueError
         If shapes differ, a score is not finite, ``n_targets`` is less than the target examples, or ``repeats`` does
         not divide the number of clutter examples.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import example_roc
+    >>> curve = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
+    >>> curve[["threshold", "pd", "far"]].round(3)
+       threshold     pd   far
+    0        inf  0.000  0.00
+    1        4.0  0.333  0.00
+    2        3.0  0.333  0.02
+    3        2.0  0.667  0.02
+    4        1.0  1.000  0.02
     """
     scores, mine = np.asarray(score, dtype=np.float64), np.asarray(is_target)
     if scores.ndim != 1 or mine.shape != scores.shape:

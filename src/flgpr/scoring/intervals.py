@@ -33,6 +33,15 @@ def clopper_pearson(successes: ArrayLike, trials: ArrayLike, level: float = 0.95
     ------
     ValueError
         If the level is not in (0, 1), or there are more successes than trials or fewer than none.
+
+    Examples
+    --------
+    All of 12 found says little of the thirteenth; none of 50 bounds from above.
+
+    >>> from flgpr.scoring import clopper_pearson
+    >>> low, high = clopper_pearson([12, 9, 0], [12, 12, 50])
+    >>> low.round(3), high.round(3)
+    (array([0.735, 0.428, 0.   ]), array([1.   , 0.945, 0.071]))
     """
     tail = _tail(level)
     k, n = np.broadcast_arrays(np.asarray(successes, dtype=np.float64), np.asarray(trials, dtype=np.float64))
@@ -64,6 +73,15 @@ def poisson_interval(count: ArrayLike, exposure: ArrayLike = 1.0, level: float =
     ------
     ValueError
         If the level is not in (0, 1), a count is negative, or an exposure is not positive.
+
+    Examples
+    --------
+    No false alarm on 300 m², and three:
+
+    >>> from flgpr.scoring import poisson_interval
+    >>> low, high = poisson_interval([0, 3], 300.0)
+    >>> low.round(4), high.round(4)  # per m²
+    (array([0.    , 0.0021]), array([0.0123, 0.0292]))
     """
     tail = _tail(level)
     counts, over = np.asarray(count, dtype=np.float64), np.asarray(exposure, dtype=np.float64)

@@ -83,6 +83,25 @@ def roc(
     ------
     ValueError
         If a table, the lane or an option is not valid, or the area is not positive.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from flgpr.model import Lane
+    >>> from flgpr.scoring import roc
+    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3.0, 2.0, 1.0]})
+    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
+    >>> truth["depth"] = 0.05
+    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
+    >>> curve = roc(alarms, truth, lane, halo=1.0)
+    >>> curve[["threshold", "pd", "far", "n_detected", "n_false"]].round(4)
+       threshold   pd     far  n_detected  n_false
+    0        inf  0.0  0.0000           0        0
+    1        3.0  0.5  0.0000           1        0
+    2        2.0  0.5  0.0043           1        1
+    3        1.0  1.0  0.0043           2        1
+    >>> curve[["pd_low", "pd_high", "far_low", "far_high"]].iloc[-1].round(3).to_dict()
+    {'pd_low': 0.158, 'pd_high': 1.0, 'far_low': 0.0, 'far_high': 0.024}
     """
     matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction)
     curve = roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)

@@ -162,6 +162,23 @@ def match(
     ------
     ValueError
         If a table is not valid, does not lie in the lane, or an option is not one of those named.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from flgpr.model import Lane
+    >>> from flgpr.scoring import assign, label_alarms, match
+    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3.0, 2.0, 1.0]})
+    >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
+    >>> truth["depth"] = 0.05
+    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
+    >>> matched = match(alarms, truth, lane, halo=1.0)
+    >>> label_alarms(matched)["label"].tolist()
+    ['detection', 'false', 'detection']
+    >>> assign(matched)[["target_id", "rank", "distance"]].round(2)
+      target_id  rank  distance
+    0         a     1      0.36
+    1         b     3      0.14
     """
     if not (isinstance(halo, int | float | np.number) and math.isfinite(halo) and halo > 0):
         raise ValueError(f"halo must be a positive number of metres, got {halo!r}")

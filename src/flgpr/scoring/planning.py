@@ -78,6 +78,16 @@ def sample_size(
     ------
     ValueError
         If a probability is out of range or the detector is assumed no better than the claim.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import sample_size
+    >>> plan = sample_size(0.9, 0.01, 0.95)
+    >>> plan.mines, round(plan.area)
+    (29, 300)
+    >>> plan = sample_size(0.9, 0.01, 0.95, true_pd=0.96, true_far=0.005)  # for a detector that makes mistakes
+    >>> plan.mines, round(plan.area)
+    (116, 1944)
     """
     _check_open(pd=pd, confidence=confidence, power=power)
     if not (math.isfinite(far) and far > 0):
@@ -129,6 +139,12 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
     ------
     ValueError
         If a probability is out of range or ``misses`` is negative.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import mines_needed
+    >>> [mines_needed(0.9, misses) for misses in (0, 1, 2)]
+    [29, 46, 61]
     """
     _check_open(pd=pd, confidence=confidence)
     if misses < 0:
@@ -163,6 +179,12 @@ def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> floa
     ------
     ValueError
         If ``far`` is not positive, ``confidence`` is out of range or ``false_alarms`` is negative.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import area_needed
+    >>> [round(area_needed(0.01, count)) for count in (0, 1, 2)]  # m²
+    [300, 474, 630]
     """
     _check_open(confidence=confidence)
     if not (math.isfinite(far) and far > 0 and false_alarms >= 0):

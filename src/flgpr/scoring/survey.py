@@ -54,6 +54,13 @@ def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
     ------
     ValueError
         If ``sigma`` is negative or ``halo`` not positive.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import survey_share
+    >>> share = survey_share(0.1, halo=0.5)
+    >>> f"{share.radius_95:.3f} m, lost {share.lost:.1e}"
+    '0.245 m, lost 3.7e-06'
     """
     if not (math.isfinite(sigma) and sigma >= 0):
         raise ValueError(f"survey_error must not be negative, got {sigma}")

@@ -50,6 +50,23 @@ def prescreen(
     ------
     ValueError
         If radius or density is not positive or ``view`` is not two-dimensional.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from flgpr.model import Grid, Lane
+    >>> from flgpr.screen import prescreen
+    >>> grid = Grid.spanning((-2.0, 2.0), (0.0, 10.0), 0.1)
+    >>> x, y = np.meshgrid(grid.x, grid.y)
+    >>> bumps = [(0.5, 3.0, 4.0), (-1.0, 7.0, 9.0), (1.8, 7.0, 2.0)]  # x, y (m), height
+    >>> values = sum(h * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 0.1) for a, b, h in bumps)
+    >>> view = xr.DataArray(values, dims=("y", "x"), coords={"y": grid.y, "x": grid.x})
+    >>> prescreen(view, Lane(-1.5, 1.5, 0.0, 10.0)).head(3).round(2)
+         x    y  magnitude
+    0 -1.0  7.0        9.0
+    1  0.5  3.0        4.0
+    2  1.8  7.0        2.0
     """
     if not (radius > 0 and density > 0):
         raise ValueError(f"radius and density must be positive, got {radius} and {density}")

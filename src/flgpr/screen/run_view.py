@@ -193,6 +193,32 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     ------
     ValueError
         If there is no image.
+
+    Examples
+    --------
+    The second largest magnitude stands where two scans or more see a pixel: a flash in one scan does not.
+
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from flgpr.model import Grid
+    >>> from flgpr.screen import run_view
+    >>> ahead = Grid.spanning((-1.0, 1.0), (1.0, 4.0), 0.5)  # of the vehicle
+    >>> def scan(y, values):
+    ...     pose = np.array([0.0, y, 1.5, 0.0, 0.0, 0.0])
+    ...     axes = {"y": ahead.y, "x": ahead.x}
+    ...     return xr.DataArray(values, dims=("y", "x"), coords=axes, attrs={"pose": pose})
+    >>> still, flash = np.ones(ahead.shape, complex), np.ones(ahead.shape, complex)
+    >>> flash[2, 2] = 9.0
+    >>> lane = Grid.spanning((0.0, 0.5), (2.0, 3.0), 0.5)
+    >>> view = run_view([scan(0.0, flash), scan(0.5, still), scan(1.0, still)], lane, y_max=4.0)
+    >>> view.values
+    array([[1., 1.],
+           [1., 1.],
+           [1., 1.]], dtype=float32)
+    >>> view.looks.values
+    array([[3, 3],
+           [3, 3],
+           [3, 3]])
     """
     sums = RunViewSums(grid, y_max)
     template: xr.DataArray | None = None

@@ -98,6 +98,16 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
     -------
     (...) ndarray
         Shift away from the radar in ground range, m: ``d·sqrt(ε - sin²θ)/sinθ``.
+
+    Examples
+    --------
+    A point 10 cm deep in dry sand, seen at 67° from the vertical, and in a wetter soil:
+
+    >>> import numpy as np
+    >>> from flgpr.simulate.refraction import apparent_shift
+    >>> sine = np.sin(np.radians(67))
+    >>> apparent_shift(0.10, np.array([3.4, 10.7]), sine).round(3)  # m
+    array([0.174, 0.341])
     """
     s = np.asarray(sine, dtype=np.float64)
     return np.asarray(np.asarray(depth, dtype=np.float64) * np.sqrt(permittivity - s**2) / s)
@@ -138,6 +148,16 @@ def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[NDAr
     -------
     h, v : (...) ndarray of complex
         Two-way amplitude factors for plane waves.
+
+    Examples
+    --------
+    Near Brewster's angle V passes the surface almost unhindered; H loses 4 dB on the way in and out.
+
+    >>> import numpy as np
+    >>> from flgpr.simulate.refraction import two_way_transmission
+    >>> h, v = two_way_transmission(np.sin(np.radians(67)), 3.4)
+    >>> (20 * np.log10(np.abs([h, v]))).round(1)  # dB
+    array([-4. , -0.1])
     """
     r_h, r_v = reflection(sine, 1.0, permittivity)
     return 1 - r_h**2, 1 - r_v**2

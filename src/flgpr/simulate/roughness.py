@@ -77,6 +77,16 @@ def surface_backscatter(
     References
     ----------
     Valenzuela 1978; Ulaby, Moore & Fung 1982, vol. II, Sec. 12-5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.simulate.roughness import surface_backscatter
+    >>> sine = np.sin(np.radians(67))
+    >>> hh, vv = surface_backscatter([1.05e9, 2.55e9], sine, 3.4, rms_height=0.005, correlation_length=0.05)
+    >>> (10 * np.log10([hh, vv])).round(1)  # dB, rows HH and VV
+    array([[-40.6, -35.6],
+           [-32.6, -27.6]])
     """
     k = 2 * np.pi * np.asarray(frequency, dtype=float) / SPEED_OF_LIGHT
     theta = np.arcsin(np.asarray(sine, dtype=float))

@@ -387,7 +387,16 @@ class Scene(_Part):
 
 
 def sites() -> list[str]:
-    """Names of the packaged sites."""
+    """Names of the packaged sites.
+
+    Examples
+    --------
+    >>> from flgpr.simulate import Scene, sites
+    >>> sites()
+    ['arid-sand', 'gravel', 'temperate', 'wet-clay']
+    >>> [f"{Scene(site=name).soil.moisture:g}" for name in sites()]
+    ['0.03', '0.03', '0.12', '0.25']
+    """
     folder = resources.files("flgpr.simulate") / "sites"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
