@@ -61,20 +61,20 @@ def test_every_page_is_in_a_table_of_contents():
 
 def resolves(name):
     """Whether a dotted name is a module or something in one."""
-    parts = name.split(".")
-    for cut in range(len(parts), 0, -1):
-        try:
-            found = importlib.import_module(".".join(parts[:cut]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[cut:]:
-            if part in getattr(found, "model_fields", {}):
-                return True
-            if not hasattr(found, part):
+    first, *parts = name.split(".")
+    found, path = importlib.import_module(first), first
+    for part in parts:
+        path = f"{path}.{part}"
+        if part in getattr(found, "model_fields", {}):
+            return True
+        # An attribute comes before a module: a folder of data has the name of the function that lists it.
+        if not hasattr(found, part):
+            try:
+                importlib.import_module(path)
+            except ModuleNotFoundError:
                 return False
-            found = getattr(found, part)
-        return True
-    return False
+        found = getattr(found, part)
+    return True
 
 
 @pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=identify)

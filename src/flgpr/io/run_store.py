@@ -146,7 +146,7 @@ class RunWriter:
     """Write a run scan by scan; the store appears under its name only when it is whole.
 
     Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written, unless
-    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that number::
+    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that one::
 
         with RunWriter(path, *fixed, resume=True) as writer:
             for scan in range(len(writer), total):
