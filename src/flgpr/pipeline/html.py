@@ -13,6 +13,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .2rem .7rem; border-bottom: 1px solid #e3e7ec; text-align: right; vertical-align: top; }
 td { white-space: nowrap; } th { background: #f3f5f8; } td.t, th.t { text-align: left; } .scroll { overflow-x: auto; }
 pre { background: #f3f5f8; padding: .8rem; overflow-x: auto; font-size: 13px; } .note { color: #4a5563; }
+@media (max-width: 700px) { table { display: block; overflow-x: auto; } td.t { white-space: normal; } code { overflow-wrap: anywhere; } }
 """
 
 

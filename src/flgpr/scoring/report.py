@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 _STYLE = """body{font:15px/1.45 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}
 table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.2rem .7rem;border-bottom:1px solid #ccc;text-align:right}
-th:first-child,td:first-child,.w{text-align:left}td.w{overflow-wrap:anywhere}img{max-width:100%}h2{margin-top:2rem}.note{color:#555}"""
+th:first-child,td:first-child,.w{text-align:left}td.w{overflow-wrap:anywhere}img{max-width:100%}h2{margin-top:2rem}.note{color:#555}
+@media(max-width:700px){table{display:block;overflow-x:auto}}"""
 _NO_FIGURE = ("none", "never", "not known", "inf")
 _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 

@@ -19,6 +19,7 @@ h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bot
 img { max-width: 100%; } table { border-collapse: collapse; font-size: 14px; margin: .6rem 0; }
 th, td { padding: .2rem .7rem; border-bottom: 1px solid #e3e7ec; text-align: right; } th { background: #f3f5f8; }
 td.t, th.t { text-align: left; } .note { color: #4a5563; } .quick { background: #fff3cd; padding: .6rem 1rem; }
+@media (max-width: 700px) { table { display: block; overflow-x: auto; } }
 """
 
 _FIGURES = {
@@ -88,7 +89,8 @@ def page_html(
     parts += ["<h2>Resolution at 15 m</h2>", _resolution(responses)]
     parts += [_figure(name, picture) for name, picture in pictures.items()]
     parts.append(_choices(recipe))
-    head = f'<meta charset="utf-8"><title>cosgrove2004</title><style>{_CSS}</style>'
+    head = '<meta charset="utf-8"><title>cosgrove2004</title><meta name="viewport" content="width=device-width">'
+    head += f"<style>{_CSS}</style>"
     body = "\n".join(parts)
     return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 

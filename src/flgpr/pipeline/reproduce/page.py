@@ -16,6 +16,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .2rem .55rem; border-bottom: 1px solid #e3e7ec; text-align: left; vertical-align: top; }
 th { background: #f3f5f8; } .agrees { color: #006b3f; } .disagrees { color: #b3261e; } .undecided { color: #7a5b00; }
 .quick { background: #fde7e7; border: 1px solid #b3261e; padding: .6rem; } .scroll { overflow-x: auto; }
+@media (max-width: 700px) { table { display: block; overflow-x: auto; } }
 """
 
 
@@ -38,7 +39,9 @@ def study_html(title: str, parts: Sequence[str], style: str = _STYLE) -> str:
     """
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{style}</style></head><body>" + "\n".join(parts) + "</body></html>\n"
+        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head><body>'
+        + "\n".join(parts)
+        + "</body></html>\n"
     )
 
 
