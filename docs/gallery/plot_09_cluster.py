@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 from flgpr.pipeline import tasks
+from flgpr.pipeline.result import read_result
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(
@@ -91,11 +92,9 @@ for helper in reversed(helpers):
 # The manifests hold the SHA-256 of every file.
 
 for one, other in zip(plain, shared, strict=True):
-    files = one.manifest["files"]
-    different = [
-        name for name in files if files[name] != other.manifest["files"][name]
-    ]
-    print(one.folder.name, len(files), "files,", len(different), "different")
+    files, others = (read_result(at).manifest["files"] for at in (one, other))
+    different = [name for name in files if files[name] != others[name]]
+    print(one.name, len(files), "files,", len(different), "different")
 
 # %%
 # And ``survey.json`` tells how each lane went. `Many workers <../cluster.html>`_ says what happens to workers that are

@@ -101,6 +101,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
         [lane],
     )
     assert sorted(p.suffix for p in (tmp_path / "model").iterdir()) == [".json", ".npy", ".npy", ".npy", ".npy"]
+    assert not list(tmp_path.glob("*.work"))
     elsewhere = tmp_path / "field"
     elsewhere.mkdir()
     shutil.move(tmp_path / "train.zarr", elsewhere / "run.zarr")

@@ -13,10 +13,8 @@ import pytest
 from flgpr.io import RunStoreError, open_run, save_run, seal, sha256, unseal
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
-from flgpr.model import Lane
 from flgpr.pipeline import tasks
-from flgpr.pipeline.memory import check_memory, memory_needed, parse_size
-from flgpr.pipeline.recipe import load_recipe
+from flgpr.pipeline.memory import parse_size
 from flgpr.pipeline.result import ResultError, read_result
 
 
@@ -134,18 +132,6 @@ def test_a_run_larger_than_the_memory_is_refused(store):
     with pytest.raises(RunStoreError, match="max_memory"):
         open_run(store, max_memory=500)
     assert open_run(store, max_memory=10_000).sizes["scan"] == 4
-
-
-def test_a_lane_longer_than_the_memory_is_refused_with_the_length_that_fits():
-    recipe = load_recipe("wang2007")
-    sizes = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 720}
-    short, long = Lane(-1.5, 1.5, 0, 1200), Lane(-1.5, 1.5, 0, 200_000)
-    check_memory(sizes, recipe, short)
-    assert memory_needed(sizes | {"scan": 10**6}, recipe, short) == memory_needed(sizes, recipe, short)
-    with pytest.raises(ValueError, match=r"for a lane of 200000 m, got 2 GB, which is enough for (\d+) m"):
-        check_memory(sizes, recipe, long)
-    with pytest.raises(ValueError, match=r"at least .* for this run, got 0\.1 GB"):
-        check_memory(sizes, recipe, short, 10**8)
 
 
 def test_a_detection_that_takes_too_much_memory_writes_nothing(lane, tmp_path):

@@ -12,9 +12,11 @@ import pytest
 
 from flgpr.io import save_run
 from flgpr.pipeline import tasks
+from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import WorkError, begin
 from flgpr.pipeline.executors import LostWorkersError, Processes
-from robust import content, small_job
+from flgpr.pipeline.lane_run import features_of_lane
+from robust import content, digests, small_job
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
@@ -110,7 +112,7 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
     options = {"lanes": [lane.area, lane.area], "report": False, "workers": 2, "note": done.append}
     first = tasks.detect_runs(*where, **options)
-    assert content(first[0].folder) == lane.content
+    assert content(first[0]) == lane.content
     assert {report["lane"] for report in done} == {"a", "b"}
     told = json.loads((tmp_path / "out" / "survey.json").read_text())
     assert [row["lane"] for row in told] == ["a", "b"]
@@ -119,7 +121,7 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     done.clear()
     again = tasks.detect_runs(*where, **options)
     assert {report["lane"] for report in done} == {"b"}
-    assert content(again[1].folder) == content(first[1].folder)
+    assert content(again[1]) == content(first[1])
     with pytest.raises(ValueError, match="different names"):
         tasks.detect_runs([tmp_path / "a.zarr", tmp_path / "a.zarr"], lane.recipe, tmp_path / "out2")
     with pytest.raises(ValueError, match="at once"):
@@ -176,3 +178,50 @@ def test_recipes_without_features_have_no_blocks(tmp_path):
     with pytest.raises(ValueError, match="workers"):
         tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", workers=2)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(lane, tmp_path, monkeypatch):
+    truth = tmp_path / "truth.csv"
+    truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n")
+    columns = ("C_HH_F1", "M_VV_F1")
+    where = [lane.run, lane.run], [truth, truth], lane.recipe
+    options = {"lanes": [lane.area, lane.area]}
+    tasks.train_runs(*where, tmp_path / "plain", columns, **options, workers=2)
+
+    calls = []
+
+    def stopped(job, *rest):
+        calls.append(job)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return features_of_lane(job, *rest)
+
+    monkeypatch.setattr(tasks, "features_of_lane", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        tasks.train_runs(*where, tmp_path / "model", columns, **options)
+    assert [path.name for path in tmp_path.glob("model*")] == ["model-1.work"]
+    monkeypatch.undo()
+    monkeypatch.setattr(FeatureChain, "part", _only_of(tmp_path / "model-2.work", FeatureChain.part))
+    tasks.train_runs(*where, tmp_path / "model", columns, **options)
+    assert digests(tmp_path / "model") == digests(tmp_path / "plain")
+    assert [path.name for path in tmp_path.glob("model*")] == ["model"]
+
+
+def _only_of(folder, part):
+    """Let blocks be worked on for one work folder only."""
+
+    def checked(chain, stage, number):
+        assert chain.known.folder == folder
+        return part(chain, stage, number)
+
+    return checked
+
+
+def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    truth = tmp_path / "truth.csv"
+    truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\n")
+    with pytest.raises(FileExistsError, match="other files"):
+        tasks.train_runs([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "truth.csv"]

@@ -14,6 +14,7 @@ from flgpr.pipeline.detect import Detection
 from flgpr.pipeline.result import read_result
 from flgpr.pipeline.view_evidence import (
     MOST_SCANS,
+    EvidenceSums,
     collect_evidence,
     decibels,
     entropy_alpha_points,
@@ -94,7 +95,9 @@ def test_patches_and_cuts_hold_the_image(demo):
         assert [look["distance"] for look in scans] == sorted(look["distance"] for look in scans)
 
 
-def test_only_the_nearest_scans_are_kept():
+@pytest.fixture
+def approach():
+    """Eight scans of a vehicle that drives on, in dB like their number, and three alarms, one of them out of sight."""
     x, y = np.linspace(-2, 2, 41), np.linspace(2, 14, 121)
     images = []
     for scan in range(8):
@@ -102,13 +105,35 @@ def test_only_the_nearest_scans_are_kept():
         coords = {"polarization": ["HH"], "subband": ["all"], "y": y, "x": x}
         attrs = {"scan": scan, "pose": [0, 1.0 * scan, 5, 0, 0, 0]}
         images.append(xr.DataArray(values, dims=("polarization", "subband", "y", "x"), coords=coords, attrs=attrs))
-    alarms = pd.DataFrame({"x": [0.0, 1.0, 50.0], "y": [12.0, 3.5, 12.0]})
-    found = collect_evidence(iter(images), alarms, PatchShape(5, 0.1, (1, 1), (3, 3)), 20.0)
+    return images, pd.DataFrame({"x": [0.0, 1.0, 50.0], "y": [12.0, 3.5, 12.0]}), PatchShape(5, 0.1, (1, 1), (3, 3))
+
+
+def test_only_the_nearest_scans_are_kept(approach):
+    found = collect_evidence(*approach, 20.0)
     assert [[look["scan"] for look in scans] for scans in found.scans] == [[7, 6, 5, 4], [1, 0], []]
     assert len(found.scans[0]) == MOST_SCANS
     assert [block.shape for block in found.blocks] == [(4, 25 + 81), (2, 25 + 81), (0, 0)]
     np.testing.assert_allclose(found.blocks[0][0, :25], 7.0, atol=1 / 64)
     assert found.polarimetric["entropy"].isna().all()  # one polarization alone says nothing
+
+
+def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
+    images, alarms, patch = approach
+    expected = collect_evidence(*approach, 20.0)
+    poses = {image.attrs["scan"]: np.asarray(image.attrs["pose"]) for image in images}
+    together = EvidenceSums(alarms, patch, 20.0)
+    kept = []
+    for part in (images[:5], images[5:]):
+        sums = EvidenceSums(alarms, patch, 20.0, poses=poses)
+        for image in part:
+            sums.add(image)
+        kept += sums.sums()["scan"].tolist()
+        together.take(sums.sums())
+    found = together.result()
+    assert sorted(kept) == [0, 1, 4, 5, 6, 7]
+    assert found.scans == expected.scans
+    for one, other in zip(found.blocks, expected.blocks, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_entropy_and_alpha_of_canonical_scatterers():

@@ -14,8 +14,8 @@ from flgpr.pipeline import scoring_tasks, tasks
 from flgpr.pipeline.classifier import CLASSIFIER_B
 from flgpr.pipeline.exchange import explain_file
 from flgpr.pipeline.memory import parse_size
-from flgpr.pipeline.result import Result
-from flgpr.pipeline.scoring_tasks import score_alarms
+from flgpr.pipeline.result import SECTIONS, Result, read_result
+from flgpr.pipeline.scoring_tasks import score_alarms, score_sections
 from flgpr.viewer import serve
 from flgpr.viewer.command import view
 
@@ -61,27 +61,33 @@ def detect(
         int | None, typer.Option(help="Lanes of a survey at the same time; needs workers or a scheduler.", min=1)
     ] = None,
     max_memory: Annotated[
-        str, typer.Option(help="Memory of each process; what would take more is refused beforehand.")
+        str, typer.Option(help="Memory of each process; a lane that would take more is taken in sections.")
     ] = "2GB",
+    section: Annotated[
+        float | None, typer.Option(help="Longest section of a lane in metres, for recipes with features.")
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Raise alarms on runs; truth is not needed and not read. A run that was stopped is gone on with.
 
-    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json.
+    One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json. A lane in sections
+    has a result folder for each of them, section-01 and so on, and a table of all alarms.
     """
     with plain_errors(), progress(quiet or as_json) as track:
         options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
-        options["max_memory"] = parse_size(max_memory)
+        options |= {"max_memory": parse_size(max_memory), "section": section}
         if len(runs) > 1:
-            results = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
+            folders = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
-            results = [tasks.detect_run(runs[0], recipe, output, lane[0] if lane else None, track, **options)]
-    summaries = [_detected(result, quiet or as_json) for result in results]
+            folders = tasks.detect_long(runs[0], recipe, output, lane[0] if lane else None, track, **options)
+        summaries = [_detected(read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
-        typer.echo(json.dumps(summaries[0] if len(runs) == 1 else summaries))
+        typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
+    elif not quiet and len(runs) == 1 and len(folders) > 1:
+        typer.echo(f"the lane was taken in {len(folders)} sections; all alarms: {(output / 'alarms.csv').resolve()}")
 
 
 def _detected(result: Result, silently: bool) -> dict[str, Any]:
@@ -103,11 +109,18 @@ def train(
     recipe: Annotated[str, typer.Option(help="Recipe with features.")] = "wang2007",
     lane: Annotated[list[Path] | None, typer.Option(help="TOML of each lane, in the same order.")] = None,
     feature: Annotated[list[str] | None, typer.Option(help="Feature to use; once per feature.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; the classifier is the same.", min=1)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
+    ] = None,
+    max_memory: Annotated[str, typer.Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
-    """Train a classifier on runs with truth."""
+    """Train a classifier on runs with truth. A training that was stopped is gone on with."""
+    who: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
     with plain_errors(), progress(quiet) as track:
-        tasks.train_runs(runs, truth, recipe, output, feature or CLASSIFIER_B, lane, track=track)
+        who["max_memory"] = parse_size(max_memory)
+        tasks.train_runs(runs, truth, recipe, output, feature or CLASSIFIER_B, lane, track=track, **who)
     if not quiet:
         typer.echo(f"wrote {output}")
 
@@ -143,6 +156,9 @@ def score(
             _score_sealed(alarms, sealed, output)
         elif truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
+        elif lane is None and (alarms / SECTIONS).is_file():
+            told = score_sections(alarms, truth, output, recipe=recipe, book=book)
+            typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
         elif lane is None:
             if alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
                 raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")

@@ -6,7 +6,7 @@ from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.explain import Explanation, explain_file, propose_mapping
 from flgpr.io.extras import MissingExtraError
-from flgpr.io.files import canonical_json, sha256, write_whole
+from flgpr.io.files import canonical_json, replace_folder, sha256, write_whole
 from flgpr.io.fullwave import FullwaveLane, import_fullwave
 from flgpr.io.georeferenced import (
     georeference,
@@ -83,6 +83,7 @@ __all__ = [
     "read_survey",
     "read_table",
     "read_track",
+    "replace_folder",
     "sample_lane",
     "save_run",
     "scan_of",

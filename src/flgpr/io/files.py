@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +93,21 @@ def write_whole(path: Path, data: bytes | str) -> None:
         os.fsync(file.fileno())
     temporary.replace(path)
     sync_directory(path.parent)
+
+
+def replace_folder(new: Path, folder: Path) -> None:
+    """Let a folder that is whole take the place of an older one.
+
+    Parameters
+    ----------
+    new : Path
+        The folder that is whole.
+    folder : Path
+        Where it belongs.
+    """
+    old = folder.with_name(folder.name + ".old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    new.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)

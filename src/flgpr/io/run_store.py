@@ -438,19 +438,20 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
         raw = xr.open_zarr(store, chunks=None, consolidated=False, decode_cf=False, zarr_format=3)
         small = raw.drop_vars("signal").load()
         labels, free = [str(label) for label in attrs["polarization"]], dict(attrs["attrs"])
+        coords = {
+            "frequency": ("frequency", small["frequency"].values),
+            "polarization": ("polarization", labels),
+            "time": ("scan", small["time"].values),
+            "axis": ("axis", list(AXES)),
+            "component": ("component", list(POSE_COMPONENTS)),
+        }
+        names = ("valid", "tx_position", "rx_position", "pose")
+        variables: dict[str, Any] = {"signal": raw["signal"].variable}
+        variables |= {name: (small[name].dims, small[name].values) for name in names}
     except RunStoreError:
         raise
     except (KeyError, ValueError, TypeError, AttributeError, RecursionError, zarr.errors.BaseZarrError) as error:
         raise RunStoreError(f"{root}: not a run store ({error})") from error
-    coords = {
-        "frequency": ("frequency", small["frequency"].values),
-        "polarization": ("polarization", labels),
-        "time": ("scan", small["time"].values),
-        "axis": ("axis", list(AXES)),
-        "component": ("component", list(POSE_COMPONENTS)),
-    }
-    names = ("valid", "tx_position", "rx_position", "pose")
-    variables = {"signal": raw["signal"].variable, **{name: (small[name].dims, small[name].values) for name in names}}
     for variable in variables.values():
         if isinstance(variable, xr.Variable):
             variable.attrs = {}

@@ -20,6 +20,7 @@ from flgpr.model import Lane
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe
+from flgpr.pipeline.sections import Section, kept_rows, lane_threshold
 from flgpr.pipeline.view_evidence import Evidence, EvidenceSums
 from flgpr.pipeline.wang2007 import (
     Arrays,
@@ -27,6 +28,7 @@ from flgpr.pipeline.wang2007 import (
     Found,
     background_of,
     blocks_of,
+    cleaned_grid,
     features_of,
     features_part,
     gain_part,
@@ -34,7 +36,7 @@ from flgpr.pipeline.wang2007 import (
     signature_part,
     whole_imager,
 )
-from flgpr.screen import RunViewSums, prescreen, select, view_array
+from flgpr.screen import RunViewSums, local_maxima, select, view_array
 
 STAGES = {
     "signature": "self-signature",
@@ -61,6 +63,9 @@ class FeatureChain:
         Scores the alarms; default: their local contrast.
     known : mutable mapping of str to dict of ndarray, optional
         Folded results by stage, kept here and looked up here.
+    section : Section, optional
+        The rows of the lane's run-view that are asked for; default all. Backgrounds are those of the whole run, and
+        run-view, alarms and features those that the whole lane has there.
 
     Raises
     ------
@@ -75,6 +80,7 @@ class FeatureChain:
         lane: Lane,
         classifier: Classifier | None = None,
         known: MutableMapping[str, Any] | None = None,
+        section: Section | None = None,
     ) -> None:
         if recipe.features is None:
             raise ValueError("recipe must have the table features")
@@ -83,6 +89,27 @@ class FeatureChain:
         self.imager = whole_imager(run, recipe)
         self.blocks = blocks_of(len(self.imager))
         self.grid = recipe.run_view.grid(lane)
+        self.section = Section(0, self.grid.ny) if section is None else section
+        self._kept = kept_rows(recipe, lane, self.section)
+
+    def numbers(self, stage: str) -> list[int]:
+        """Tell which blocks a stage goes through.
+
+        Parameters
+        ----------
+        stage : str
+            One of ``STAGES``.
+
+        Returns
+        -------
+        list of int
+            All of them for the background; for the rest those that reach the section, and at least one.
+        """
+        everyone = list(range(len(self.blocks)))
+        if stage in ("signature", "gain"):
+            return everyone
+        windows = [self._rows(block) for block in self.blocks]
+        return [number for number in everyone if windows[number].start < windows[number].stop] or everyone[:1]
 
     def go(self, track: Track = silent, stages: Sequence[str] = tuple(STAGES)) -> None:
         """Do stages here and now, block after block; those already known are left out.
@@ -96,7 +123,8 @@ class FeatureChain:
         """
         for stage in stages:
             if stage not in self.known:
-                numbers = track(range(len(self.blocks)), STAGES[stage], len(self.blocks))
+                every = self.numbers(stage)
+                numbers = track(every, STAGES[stage], len(every))
                 self.known[stage] = self.fold(stage, (self.part(stage, number) for number in numbers))
 
     def part(self, stage: str, number: int) -> Arrays:
@@ -134,7 +162,7 @@ class FeatureChain:
         stage : str
             One of ``STAGES``.
         parts : iterable of dict of ndarray
-            What :meth:`part` gave, in the order of the blocks. They are taken one by one.
+            What :meth:`part` gave for the blocks of :meth:`numbers`, in their order. They are taken one by one.
 
         Returns
         -------
@@ -157,9 +185,16 @@ class FeatureChain:
         """The run's cleaned images; needs the stage ``gain``."""
         return CleanedRun(self.run, self.recipe, silent, self.known["gain"])
 
+    def maxima(self) -> pd.DataFrame:
+        """Give the local maxima of the prescreener's channel, before the density rule; needs the stage ``view``."""
+        return array_table(self.known["view"], "maximum.")
+
     def raised(self) -> pd.DataFrame:
         """Give the prescreener's alarms; needs the stage ``view``."""
-        return array_table(self.known["view"], "alarm.")
+        table, threshold = self.maxima(), self.section.threshold
+        if threshold is None:
+            threshold = lane_threshold(self.recipe, self.lane, table, int(self.known["view"]["seen"]))
+        return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
     def found(self) -> Found:
         """Give alarms, features and run-view; needs the stage ``features``."""
@@ -168,13 +203,16 @@ class FeatureChain:
         confidence = features[single] if classifier is None else classifier.confidence(features)
         notes = {"confidence": single if classifier is None else " + ".join(classifier.features)}
         alarms = self.raised().assign(confidence=confidence, scans=features["scans"])
-        return Found(alarms, features, self._as_view(self.known["view"]), notes)
+        return Found(alarms, features, self._own_view("view"), notes)
 
     def evidence(self) -> tuple[Evidence, xr.DataArray]:
         """Give what explains the alarms, and the run-view before suppression; needs the stage ``evidence``."""
         sums = self._evidence_sums()
         sums.take(_under(self.known["evidence"], "evidence"))
-        return sums.result(), self._as_view(self.known["evidence"])
+        return sums.result(), self._own_view("evidence")
+
+    def _own_view(self, stage: str) -> xr.DataArray:
+        return self._as_view(self.known[stage]["view"], self.known[stage]["looks"], self.section.rows)
 
     def _view_part(self, block: range) -> Arrays:
         sums = self._window(block)
@@ -183,17 +221,20 @@ class FeatureChain:
         return sums.sums()
 
     def _view(self, parts: Iterable[Arrays]) -> Arrays:
-        sums = RunViewSums(self.grid, self.recipe.run_view.y_max)
+        sums = RunViewSums(self.grid, self.recipe.run_view.y_max, self._kept)
         for part in parts:
             sums.take(part)
         values, looks = sums.result()
-        screen = self.recipe.prescreen
-        chosen = select(self._as_view({"view": values, "looks": looks}), screen.polarization, screen.subband)
-        alarms = prescreen(chosen, self.lane, screen.radius, screen.density, screen.count)
-        return {"view": values, "looks": looks, **table_arrays(alarms, "alarm.")}
+        screen, section = self.recipe.prescreen, self.section
+        chosen = select(self._as_view(values, looks, self._kept), screen.polarization, screen.subband)
+        maxima = local_maxima(chosen, screen.radius)
+        y = self.grid.y[section.rows]
+        own = maxima[(maxima["y"] >= y[0]) & (maxima["y"] <= y[-1])].reset_index(drop=True)
+        seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
+        return {**self._cropped(values, looks), "seen": np.array(seen), **table_arrays(own, "maximum.")}
 
     def _evidence_part(self, block: range) -> Arrays:
-        before, sums, cleaned = self._window(block), self._evidence_sums(), self.cleaned
+        before, sums, cleaned = self._window(block), self._evidence_sums(self._poses_near(block)), self.cleaned
         for place in block:
             image = cleaned.imager.image(int(cleaned.imager.scans[place]))
             before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
@@ -201,28 +242,46 @@ class FeatureChain:
         return {**before.sums(), **_named("evidence", sums.sums())}
 
     def _evidence_result(self, parts: Iterable[Arrays]) -> Arrays:
-        before, sums = RunViewSums(self.grid, self.recipe.run_view.y_max), self._evidence_sums()
+        before, sums = RunViewSums(self.grid, self.recipe.run_view.y_max, self._kept), self._evidence_sums()
         for part in parts:
             before.take(part)
             sums.take(_under(part, "evidence"))
-        values, looks = before.result()
-        return {"view": values, "looks": looks, **_named("evidence", sums.sums())}
+        return {**self._cropped(*before.result()), **_named("evidence", sums.sums())}
 
-    def _evidence_sums(self) -> EvidenceSums:
+    def _evidence_sums(self, poses: Mapping[int, NDArray[np.float64]] | None = None) -> EvidenceSums:
         contrast, alarms = self.recipe.contrast, self.found().ranked()[0]
-        return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband)
+        return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband, poses)
+
+    def _poses_near(self, block: range) -> dict[int, NDArray[np.float64]]:
+        """Give the poses of all scans that may see what a scan of the block sees."""
+        scans, every = self.imager.scans, self.run["pose"].values
+        farthest = float(np.abs(self.cleaned.grid.extent()).max()) * np.sqrt(2)
+        y = every[scans[block.start : block.stop], 1]
+        near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
+        return {int(scan): every[scan] for scan in scans[near]}
+
+    def _rows(self, block: range) -> slice:
+        """Tell which of the kept rows of the lane a block reaches."""
+        sums, grid = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0)), cleaned_grid(self.recipe)
+        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
+        rows = [sums.reach(grid, pose) for pose in poses]
+        begin = max(min(row.start for row in rows), self._kept.start)
+        return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))
 
     def _window(self, block: range) -> RunViewSums:
-        """Make the sums for the rows of the lane that a block reaches."""
-        sums = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0))
-        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
-        rows = [sums.reach(self.cleaned.grid, pose) for pose in poses]
-        begin, end = min(row.start for row in rows), max(row.stop for row in rows)
-        return RunViewSums(self.grid, self.recipe.run_view.y_max, slice(begin, end))
+        return RunViewSums(self.grid, self.recipe.run_view.y_max, self._rows(block))
 
-    def _as_view(self, arrays: Mapping[str, NDArray[Any]]) -> xr.DataArray:
+    @property
+    def _own(self) -> slice:
+        """The section's own rows among those that are kept."""
+        return slice(self.section.start - self._kept.start, self.section.stop - self._kept.start)
+
+    def _cropped(self, values: NDArray[np.float32], looks: NDArray[np.int64]) -> Arrays:
+        return {"view": values[..., self._own, :], "looks": looks[self._own]}
+
+    def _as_view(self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice) -> xr.DataArray:
         labels = {"polarization": self.run["polarization"].values, "subband": list(self.recipe.image.subbands)}
-        return view_array(arrays["view"], arrays["looks"], self.grid, labels)
+        return view_array(values, looks, self.grid, labels, rows)
 
 
 def table_arrays(table: pd.DataFrame, prefix: str = "") -> Arrays:

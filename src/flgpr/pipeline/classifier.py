@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer, hit_weights
-from flgpr.io import inside, read_limited, seal, sha256, unseal, write_whole
+from flgpr.io import inside, read_limited, replace_folder, seal, sha256, unseal, write_whole
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
@@ -232,7 +233,7 @@ def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplica
 
 
 def save_classifier(classifier: Classifier, folder: str | Path, notes: dict[str, Any] | None = None) -> Path:
-    """Write a classifier: ``model.json``, ``direction.npy`` and one ``knots-N.npy`` per feature.
+    """Write a classifier: ``model.json``, ``direction.npy`` and one ``knots-N.npy`` per feature; whole or not at all.
 
     Parameters
     ----------
@@ -253,15 +254,15 @@ def save_classifier(classifier: Classifier, folder: str | Path, notes: dict[str,
     FileExistsError
         If something else lies there.
     """
-    folder = Path(folder)
-    if folder.exists() and not (folder / "model.json").is_file() and (folder.is_file() or any(folder.iterdir())):
-        raise FileExistsError(f"output must be a new folder or an older model, got {folder}, which holds other files")
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = check_free_model(folder)
+    partial = folder.with_name(f"{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
     arrays = {"direction.npy": classifier.discriminant.direction_}
     arrays |= {f"knots-{i}.npy": knots for i, knots in enumerate(classifier.normalizer.knots_)}
     content = {name: _npy(array) for name, array in arrays.items()}
     for name, data in content.items():
-        write_whole(folder / name, data)
+        write_whole(partial / name, data)
     model = {
         "format": FORMAT,
         "version": VERSION,
@@ -271,7 +272,32 @@ def save_classifier(classifier: Classifier, folder: str | Path, notes: dict[str,
         "notes": classifier.notes | (notes or {}),
         "files": {name: sha256(data) for name, data in content.items()},
     }
-    write_whole(folder / "model.json", seal(model))
+    write_whole(partial / "model.json", seal(model))
+    replace_folder(partial, folder)
+    return folder
+
+
+def check_free_model(folder: str | Path) -> Path:
+    """Make sure that a classifier may be written at a place.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The place.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no classifier lies there.
+    """
+    folder = Path(folder)
+    if folder.exists() and not (folder / "model.json").is_file() and (folder.is_file() or any(folder.iterdir())):
+        raise FileExistsError(f"output must be a new folder or an older model, got {folder}, which holds other files")
     return folder
 
 
@@ -301,6 +327,7 @@ def load_classifier(folder: str | Path) -> Classifier:
         normalizer, discriminant = HistogramNormalizer(), FisherDiscriminant()
         normalizer.knots_ = [arrays[f"knots-{i}.npy"] for i in range(len(names))]
         discriminant.direction_, discriminant.threshold_ = arrays["direction.npy"], float(model["threshold"])
+        notes = dict(model["notes"])
     except FileNotFoundError as error:
         raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
     except (KeyError, TypeError, AttributeError, OSError, EOFError, MemoryError, OverflowError) as error:
@@ -309,7 +336,7 @@ def load_classifier(folder: str | Path) -> Classifier:
         raise ValueError(f"model {folder}: {str(error).removeprefix(f'model {folder}: ')}") from None
     normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
     discriminant.classes_ = np.array([0, 1])
-    return Classifier(names, normalizer, discriminant, model["notes"])
+    return Classifier(names, normalizer, discriminant, notes)
 
 
 def _read_model(folder: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.sections import Section
 from flgpr.pipeline.view_chain import contributions
 from flgpr.pipeline.view_evidence import Evidence, collect_evidence
 from flgpr.pipeline.wang2007 import Found, ranked
@@ -77,6 +78,7 @@ def detect(
     lane: Lane | None = None,
     track: Track = silent,
     classifier: Classifier | None = None,
+    section: Section | None = None,
 ) -> list[Detection]:
     """Run a recipe on a run.
 
@@ -92,6 +94,8 @@ def detect(
         Shows progress.
     classifier : Classifier, optional
         Trained classifier whose score is the confidence, for recipes with features; default: the local contrast.
+    section : Section, optional
+        Part of the lane, for recipes with features; default all of it.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def detect(
     _check_channels(run, recipe)
     lane = lane or lane_of(run, recipe)
     if recipe.features is not None:
-        chain = FeatureChain(run, recipe, lane, classifier)
+        chain = FeatureChain(run, recipe, lane, classifier, section=section)
         chain.go(track)
         return [detection_with_features(chain)]
     if classifier is not None:

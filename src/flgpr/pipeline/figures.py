@@ -21,6 +21,10 @@ from flgpr.pipeline.score import Score
 from flgpr.screen import select
 
 DYNAMIC_RANGE = 30.0  # dB
+_ROWS = 2400  # more than that are not told apart in a figure
+_LONG = 12.0  # lanes longer than so many times their width are not drawn to scale
+_RANKS = 100  # so many alarms get their rank written beside them
+_POSES = 200  # so many stops of the array are drawn
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
@@ -75,7 +79,8 @@ def run_view_figure(
         title = "recipe as it stands" if one.name == "main" else one.title
         axes.set_title(_wrapped(title), fontsize=9)
     figure.legend(handles=_legend(truth, objects), loc="outside lower center", ncols=7, fontsize=8, frameon=False)
-    figure.suptitle(f"Run-view {screen.polarization}, {screen.subband} GHz", fontsize=11)
+    scale = ", not to scale" if _is_long(chosen[0].view) else ""
+    figure.suptitle(f"Run-view {screen.polarization}, {screen.subband} GHz{scale}", fontsize=11)
     return figure
 
 
@@ -158,18 +163,20 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
     if looks is not None:
-        most = int(looks.max())
+        most, looks = int(looks.max()), _thinned(looks)
         mesh = plan.pcolormesh(
             looks["x"], looks["y"], looks, cmap="Blues", vmin=0, vmax=max(most, 1), shading="nearest"
         )
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
     plan.add_patch(_lane_patch(lane))
-    for k, one in enumerate(pose):
+    for k, one in enumerate(pose[:: -(-len(pose) // _POSES)]):
         turn = np.array([[np.cos(one[3]), np.sin(one[3])], [-np.sin(one[3]), np.cos(one[3])]])
         for positions, marker, name in ((rx, ".", "receivers"), (tx, "^", "transmitters")):
             place = positions[:, :2] @ turn.T + one[:2]
             plan.plot(*place.T, marker, ms=5, color="C3" if marker == "^" else "0.25", label=name if k == 0 else None)
-    plan.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="equal", title="plan")
+    scale = looks is not None and _is_long(looks)
+    plan.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", title="plan, not to scale" if scale else "plan")
+    plan.set_aspect("auto" if scale else "equal")
     plan.set_ylim(pose[:, 1].min() - beyond, lane.y_max + beyond)
     plan.legend(fontsize=8, loc="upper right")
     side.axhline(0, color="saddlebrown")
@@ -178,7 +185,7 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
         for y in (lane.y_min, lane.y_max):
             side.plot([one[1], y], [one[2], 0], color="0.6", lw=0.8)
     side.set(xlabel="down-track y (m)", ylabel="height z (m)", title="side, with rays to both ends of the lane")
-    side.set_aspect("equal")
+    side.set_aspect("auto" if scale else "equal")
     side.set_ylim(-0.3 * pose[:, 2].max(), 1.4 * pose[:, 2].max())
     return figure
 
@@ -204,12 +211,32 @@ def looks_of(imager: ScanImager, lane: Lane, spacing: float) -> xr.DataArray:
     return xr.DataArray(imager.looks(grid.points()), dims=("y", "x"), coords={"y": grid.y, "x": grid.x})
 
 
-def _ratio(view: xr.DataArray) -> float:
+def _shape(view: xr.DataArray) -> float:
     x, y = view["x"].values, view["y"].values
-    return float(np.clip((y[-1] - y[0]) / (x[-1] - x[0]), 0.3, 6.0))
+    return float((y[-1] - y[0]) / (x[-1] - x[0]))
+
+
+def _ratio(view: xr.DataArray) -> float:
+    return float(np.clip(_shape(view), 0.3, 6.0))
+
+
+def _is_long(view: xr.DataArray) -> bool:
+    return _shape(view) > _LONG
+
+
+def _thinned(view: xr.DataArray) -> xr.DataArray:
+    """Take the largest of neighbouring rows where there are more than a figure shows."""
+    step = -(-view.sizes["y"] // _ROWS)
+    if step == 1:
+        return view
+    starts = np.arange(0, view.sizes["y"], step)
+    middle = view["y"].values[np.minimum(starts + step // 2, view.sizes["y"] - 1)]
+    values = np.fmax.reduceat(view.values, starts, axis=0)
+    return xr.DataArray(values, dims=("y", "x"), coords={"y": middle, "x": view["x"].values})
 
 
 def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
+    stretched, view = _is_long(view), _thinned(view)
     x, y = view["x"].values, view["y"].values
     level = 20 * np.log10(np.maximum(view.values, 1e-12))
     inside = level[lane.contains(*np.meshgrid(x, y)) & np.isfinite(level)]
@@ -217,7 +244,7 @@ def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:
     axes.set_facecolor("0.8")
     mesh = axes.pcolormesh(x, y, level, cmap="viridis", vmin=-DYNAMIC_RANGE, vmax=0, shading="nearest", rasterized=True)
     axes.add_patch(_lane_patch(lane))
-    axes.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="equal")
+    axes.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", aspect="auto" if stretched else "equal")
     if bar and axes.figure is not None:
         axes.figure.colorbar(mesh, ax=axes, shrink=0.7, label="dB re strongest pixel in the lane")
 
@@ -238,7 +265,7 @@ def _overlay(
             halo = Circle((row["x"], row["y"]), result.recipe.score.halo, fill=False, ec="red", lw=1.2, ls=":")
             axes.add_patch(halo)
     axes.plot(alarms["x"], alarms["y"], "o", mfc="none", mec="white", ms=6, mew=1.2)
-    for rank, (x, y) in enumerate(zip(alarms["x"], alarms["y"], strict=True), 1):
+    for rank, (x, y) in enumerate(zip(alarms["x"][:_RANKS], alarms["y"][:_RANKS], strict=True), 1):
         offset = (-11, 3) if x > 0.8 * result.lane.x_max else (5, 3)
         axes.annotate(str(rank), (x, y), xytext=offset, textcoords="offset points", color="white", fontsize=8)
 

@@ -8,7 +8,8 @@ import resource
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections import ChainMap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -28,6 +29,7 @@ from flgpr.pipeline.executors import Report
 from flgpr.pipeline.recipe import parse_recipe
 from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import add_files, describe_run, read_result, write_result
+from flgpr.pipeline.sections import Section, section_lane, section_note
 from flgpr.pipeline.wang2007 import BLOCK, Arrays
 
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
@@ -60,6 +62,10 @@ class LaneJob:
         Processor of the machine that drives.
     max_memory : int
         Memory that reading the run may take, bytes.
+    section : Section, optional
+        The rows of the lane that are worked on; default all.
+    shared : str
+        Work folder that has the background, for a section; "" without one.
     """
 
     run: str
@@ -73,6 +79,8 @@ class LaneJob:
     code: tuple[tuple[str, str], ...]
     cpu: str
     max_memory: int = MAX_MEMORY
+    section: Section | None = None
+    shared: str = ""
 
     @property
     def work(self) -> Path:
@@ -81,8 +89,10 @@ class LaneJob:
         return output.with_name(output.name + ".work")
 
     def identity(self) -> dict[str, Any]:
-        """All that the bits of the result depend on."""
+        """All that the bits of the result depend on; a section's threshold follows from it."""
+        rows = None if self.section is None else [self.section.start, self.section.stop]
         return {
+            "rows": rows,
             "run": self.store_sha256,
             "recipe": sha256(self.recipe.encode()),
             "lane": list(self.lane),
@@ -213,7 +223,7 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
         return _report(job, stage, number, begun, work.size(name))
 
 
-def do_fold(job: LaneJob, stage: str, blocks: int) -> Report:
+def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
     """Fold the blocks of a stage and leave the stage's result in the work folder.
 
     Parameters
@@ -222,8 +232,8 @@ def do_fold(job: LaneJob, stage: str, blocks: int) -> Report:
         The job.
     stage : str
         The stage.
-    blocks : int
-        Number of blocks.
+    numbers : sequence of int
+        Numbers of its blocks, in their order.
 
     Returns
     -------
@@ -239,7 +249,7 @@ def do_fold(job: LaneJob, stage: str, blocks: int) -> Report:
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
         if stage not in work:
-            work[stage] = chain.fold(stage, _parts(work, stage, blocks))
+            work[stage] = chain.fold(stage, _parts(work, stage, numbers))
         work.drop_parts(stage)
         return _report(job, stage, -1, begun, work.size(stage))
 
@@ -269,14 +279,17 @@ def do_finish(job: LaneJob) -> Report:
         chain, _ = _open(job)
         detection = detection_with_features(chain)
         described = describe_run(chain.run, job.run)
-        folder = write_result(job.output, [detection], job.recipe, chain.lane, described, chain.classifier)
+        lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None
+        told = None if cut is None else section_note(chain.lane, cut)
+        folder = write_result(job.output, [detection], job.recipe, lane, described, chain.classifier, told)
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
+        _opened.cache_clear()  # lets the run-views go
         return _report(job, "finish", -1, begun, 0) | {"alarms": len(detection.alarms)}
 
 
-def _parts(work: Checkpoint, stage: str, blocks: int) -> Iterator[Arrays]:
-    for number in range(blocks):
+def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+    for number in numbers:
         yield dict(ArrayFile(work.path(work.part(stage, number))))
 
 
@@ -299,7 +312,8 @@ def _opened(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
     if job.model is not None and model_digest(job.model) != job.model_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
     work = Checkpoint(job.work)
-    return FeatureChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, work), work
+    known = ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work
+    return FeatureChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, known, job.section), work
 
 
 def _now() -> tuple[float, float]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.model import Lane
 from flgpr.pipeline.recipe import Recipe
+from flgpr.pipeline.sections import Section, divide, margin, section_lane
 
+SHORTEST = 50.0
+"""Length of a lane for which there must be memory, m."""
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _PROGRAM = 350e6  # interpreter, libraries, compiled kernels
@@ -42,7 +46,7 @@ def parse_size(text: str) -> int:
     return int(float(found[1]) * _UNITS[found[2].upper()])
 
 
-def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> float:
+def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
     """Estimate from above the memory of a process that works on a lane with a recipe with features.
 
     It does not grow with the number of scans; what grows with the length of the lane are its run-views and alarms.
@@ -55,6 +59,8 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> float
         The recipe.
     lane : Lane
         The lane.
+    rows : int, optional
+        Rows of the lane's run-view that are worked on at a time; default all.
 
     Returns
     -------
@@ -64,18 +70,21 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane) -> float
     bands, image, view = len(recipe.image.subbands), recipe.image.grid(), recipe.run_view.grid(lane)
     channels = sizes["polarization"] * bands
     samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"] * bands
-    alarms = recipe.prescreen.density * (view.nx * view.dx * view.ny * view.dy) / (3.14 * recipe.prescreen.radius**2)
+    pixels = view.nx * (view.ny if rows is None else rows)
+    alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
     return (
         _PROGRAM
         + _PER_PIXEL * channels * image.nx * image.ny
         + _PER_SAMPLE * samples
-        + _PER_VIEW_PIXEL * channels * view.nx * view.ny
+        + _PER_VIEW_PIXEL * channels * pixels
         + _PER_ALARM * bands * alarms
     )
 
 
-def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY) -> None:
-    """Refuse a detection that would take more memory than there is, before anything is decoded.
+def plan_sections(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY, longest: float | None = None
+) -> list[Section]:
+    """Cut a lane into as few sections as the memory allows, before anything is decoded.
 
     Parameters
     ----------
@@ -83,22 +92,38 @@ def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: in
         As for :func:`memory_needed`.
     limit : int
         Memory of a process, bytes.
+    longest : float, optional
+        Longest section that is wanted, m; infinity for the lane in one piece or not at all.
+
+    Returns
+    -------
+    list of Section
+        One for a lane that fits.
 
     Raises
     ------
     ValueError
-        If it takes more; the message tells how long the lane may be.
+        If the lane in one piece takes more, or the memory does not suffice for sections of ``SHORTEST`` metres (or of
+        the longest that is wanted), or the recipe's run-view reaches beyond the lane so that a section would have none
+        of it. The message tells what would do.
     """
-    needed = memory_needed(sizes, recipe, lane)
-    if needed <= limit:
-        return
-    length = lane.y_max - lane.y_min
-    short = Lane(lane.x_min, lane.x_max, lane.y_min, lane.y_min + min(1.0, length))
-    least = memory_needed(sizes, recipe, short)
+    if longest is not None and not longest > 0:
+        raise ValueError(f"section must be a positive length in metres, got {longest}")
+    grid, needed = recipe.run_view.grid(lane), memory_needed(sizes, recipe, lane)
+    if longest == math.inf and needed > limit:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
+            f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
+        )
+    wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
+    if wanted >= grid.ny and needed <= limit:
+        return [Section(0, grid.ny)]
+    beyond, shortest = 2 * margin(recipe), min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
+    least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:
         raise ValueError(f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB")
-    longest = length * (limit - least) / max(needed - least, 1.0)
-    raise ValueError(
-        f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {length:.0f} m, got {limit / 1e9:.3g} GB, "
-        f"which is enough for {longest:.0f} m: give more memory or take the lane in parts (--lane)"
-    )
+    each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
+    sections = divide(grid.ny, min(wanted, shortest + int((limit - least) / each)))
+    for section in sections:
+        section_lane(recipe, lane, section)
+    return sections

@@ -14,6 +14,8 @@ from flgpr.pipeline.result import Result
 from flgpr.pipeline.score import Score
 from flgpr.scoring import pd_mean
 
+_MOST_ALARMS = 500
+
 
 def report_html(
     result: Result,
@@ -180,8 +182,11 @@ def _alarms(alarms: pd.DataFrame) -> str:
     ]
     columns += [("roadside", "explained by roadside", "{:.0%}"), ("label", "*counts as", "{}")]
     used = [column for column in columns if column[0] in alarms]
-    rows = [[form.format(row[name]) for name, _, form in used] for row in alarms.to_dict("records")]
-    return html_table([title for _, title, _ in used], rows) if rows else "<p>No alarms.</p>"
+    rows = [[form.format(row[name]) for name, _, form in used] for row in alarms[:_MOST_ALARMS].to_dict("records")]
+    if not rows:
+        return "<p>No alarms.</p>"
+    more = f"<p class=note>The first {len(rows)} of {len(alarms)}; alarms.csv has them all.</p>"
+    return html_table([title for _, title, _ in used], rows) + (more if len(alarms) > len(rows) else "")
 
 
 def _variant_note(run: dict[str, Any]) -> str:

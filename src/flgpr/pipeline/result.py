@@ -23,6 +23,7 @@ from flgpr.io import (
     read_limited,
     read_manifest,
     read_table,
+    replace_folder,
     seal,
     sha256,
     unseal,
@@ -39,6 +40,8 @@ from flgpr.pipeline.view_files import plain_json, write_view
 FORMAT, VERSION = "flgpr-result", 2
 MODEL = "model"
 """Folder of the classifier inside a result."""
+SECTIONS = "sections.json"
+"""What lists the result folders of a lane that was taken in sections."""
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
 
 
@@ -121,6 +124,7 @@ def write_result(
     lane: Lane,
     run: dict[str, Any],
     classifier: Classifier | None = None,
+    section: dict[str, Any] | None = None,
 ) -> Path:
     """Write a result folder; it appears whole or not at all.
 
@@ -138,6 +142,8 @@ def write_result(
         Description of the run, from :func:`describe_run`.
     classifier : Classifier, optional
         What scored the alarms; it is kept with the result.
+    section : dict, optional
+        What part of a longer lane it is, from :func:`flgpr.pipeline.sections.section_note`.
 
     Returns
     -------
@@ -167,13 +173,10 @@ def write_result(
     if classifier is not None:
         save_classifier(classifier, partial / MODEL)
     content = plain_json(_content(partial, detections, recipe_text, lane, run))
+    if section is not None:
+        content["section"] = section
     write_whole(partial / "manifest.json", _manifest(content, {}))
-    old = folder.with_name(folder.name + ".old")
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
-        folder.rename(old)
-    partial.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
+    replace_folder(partial, folder)
     return folder
 
 
@@ -196,7 +199,8 @@ def check_free(folder: str | Path) -> Path:
         If something that is no result lies there.
     """
     folder = Path(folder)
-    if folder.exists() and not (folder / "manifest.json").is_file() and (folder.is_file() or any(folder.iterdir())):
+    known = any((folder / name).is_file() for name in ("manifest.json", SECTIONS))
+    if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
         raise FileExistsError(f"output must be a new folder or an older result, got {folder}, which holds other files")
     return folder
 

@@ -14,6 +14,8 @@ import pandas as pd
 
 from flgpr.io import read_table, write_table, write_whole
 from flgpr.model import Lane
+from flgpr.pipeline.lane_run import homes_at
+from flgpr.pipeline.result import read_result
 from flgpr.scoring import (
     BlindScore,
     SamplePlan,
@@ -125,6 +127,43 @@ def score_alarms(
     told = json.loads(files["json"].read_text(encoding="utf-8"))
     told.pop("points")
     return {**told, "files": {name: str(path) for name, path in files.items()}}
+
+
+def score_sections(
+    folder: PathLike,
+    truth: PathLike,
+    output: PathLike | None = None,
+    *,
+    recipe: PathLike | None = None,
+    book: PathLike | None = None,
+) -> dict[str, Any]:
+    """Score a lane that was taken in sections as one lane, and write the report.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of sections; the halo is that of its recipe.
+    truth : path
+        CSV table of the targets.
+    output : path, optional
+        Folder for the files; default ``score`` in ``folder``.
+    recipe, book : path, optional
+        As for :func:`score_alarms`.
+
+    Returns
+    -------
+    dict
+        As :func:`score_alarms` returns it.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If an input is not valid or altered, or the recipe is not registered; nothing is written then.
+    """
+    home = Path(folder)
+    halo = read_result(homes_at(home)[0]).recipe.score.halo
+    to = Path(output) if output is not None else home / "score"
+    return score_alarms(home / "alarms.csv", truth, home / "lane.toml", to, halo=halo, recipe=recipe, book=book)
 
 
 def seal(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,78 +11,16 @@ from typing import Any
 
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.model import Lane
-from flgpr.pipeline.blocks import STAGES
-from flgpr.pipeline.checkpoint import begin, finish
 from flgpr.pipeline.cluster import Cluster
 from flgpr.pipeline.detect import lane_of
-from flgpr.pipeline.executors import Executor, Here, Processes, Report
-from flgpr.pipeline.lane_work import LaneJob, do_finish, do_fold, do_part, make_job
-from flgpr.pipeline.memory import check_memory
+from flgpr.pipeline.executors import Executor, Here, Processes
+from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, is_done, unnoted
+from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, parse_recipe
-from flgpr.pipeline.result import MODEL, ResultError, check_free, read_result
-from flgpr.pipeline.wang2007 import blocks_of, whole_imager
+from flgpr.pipeline.result import check_free, read_result
 
-Note = Callable[[Report], None]
 PathLike = str | Path
-
-
-def unnoted(report: Report) -> None:
-    """Take a report and do nothing.
-
-    Parameters
-    ----------
-    report : dict
-        The report.
-    """
-
-
-def detect_lane(job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted) -> Path:
-    """Run a recipe with features on a stored lane, block by block, and write its result folder.
-
-    The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same call
-    goes on there, and the result has the same bits. It is deleted when the result is written.
-
-    Parameters
-    ----------
-    job : LaneJob
-        What to do.
-    executor : Executor
-        Who does it.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-
-    Returns
-    -------
-    Path
-        The result folder.
-
-    Raises
-    ------
-    ValueError, FileExistsError
-        If the run does not fit the recipe, something else lies at the output, or another process works on it.
-    """
-    folder = check_free(job.output)
-    run, recipe = open_run(job.run, job.max_memory), parse_recipe(job.recipe)
-    check_memory(dict(run.sizes), recipe, Lane(*job.lane), job.max_memory)  # type: ignore[arg-type]
-    blocks = len(blocks_of(len(whole_imager(run, recipe))))
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with begin(job.work, job.identity()) as work:
-        for stage, label in STAGES.items():
-            if stage not in work:
-                missing = [number for number in range(blocks) if work.part(stage, number) not in work]
-                parts = executor.run(do_part, [(job, stage, number) for number in missing])
-                for report in track(parts, label, len(missing)):
-                    note(report)
-                for report in executor.run(do_fold, [(job, stage, blocks)]):
-                    note(report)
-            work.drop_parts(stage)
-        for report in track(executor.run(do_finish, [(job,)]), "writing the result", 1):
-            note(report)
-        finish(job.work)
-    return folder
 
 
 def executor_for(workers: int | None = None, scheduler: str | None = None) -> Executor:
@@ -124,6 +62,7 @@ def detect_survey(
     max_memory: int = MAX_MEMORY,
     track: Track = silent,
     note: Note = unnoted,
+    section: float | None = None,
 ) -> list[Path]:
     """Run a recipe with features on many stored lanes.
 
@@ -154,11 +93,13 @@ def detect_survey(
         Shows progress.
     note : callable
         Takes a report of every piece of work that was done.
+    section : float, optional
+        Longest section that is wanted of a lane, m; infinity for lanes in one piece or not at all.
 
     Returns
     -------
     list of Path
-        The result folders, in the order of the runs.
+        The lanes' folders, in the order of the runs: results, or folders of sections.
 
     Raises
     ------
@@ -183,7 +124,9 @@ def detect_survey(
     with ExitStack() as stack:
         stack.enter_context(who)
         pool = stack.enter_context(ThreadPoolExecutor(at_once))
-        futures = [pool.submit(detect_lane, job, who, _named(track, Path(job.output).name), note) for job in left]
+        futures = [
+            pool.submit(detect_lane, job, who, _named(track, Path(job.output).name), note, section) for job in left
+        ]
         try:
             for future in futures:
                 future.result()
@@ -242,39 +185,13 @@ def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = 
     return lane if lane is not None else lane_of(open_run(run, max_memory), recipe)
 
 
-def is_done(job: LaneJob) -> bool:
-    """Tell whether the result of a job is there and whole.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-
-    Returns
-    -------
-    bool
-        True if it was made of the same run with the same recipe, lane and classifier.
-    """
-    if job.work.exists():
-        return False
-    try:
-        result = read_result(job.output)
-    except ResultError:
-        return False
-    manifest = result.manifest
-    return bool(
-        manifest["run"].get("store_sha256") == job.store_sha256
-        and manifest["recipe_sha256"] == job.identity()["recipe"]
-        and (result.lane.x_min, result.lane.x_max, result.lane.y_min, result.lane.y_max) == job.lane
-        and manifest["files"].get(f"{MODEL}/model.json", "") == job.model_sha256
-        and ("report.html" in manifest["added"] or not job.report)
-    )
-
-
 def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:
     rows = []
     for run, folder in zip(runs, folders, strict=True):
-        result = read_result(folder)
+        alarms, area = 0, 0.0
+        homes = homes_at(folder)
+        for result in map(read_result, homes):
+            alarms, area = alarms + len(result.detections[0].alarms), area + result.lane.area
         described = result.manifest["run"]
         rows.append(
             {
@@ -282,8 +199,9 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
                 "run": str(run),
                 "scans": described["scans"],
                 "masked_scans": len(described["masked_scans"]),
-                "area_m2": round(result.lane.area, 3),
-                "alarms": len(result.detections[0].alarms),
+                "area_m2": round(area, 3),
+                "alarms": alarms,
+                "sections": len(homes),
             }
         )
     return rows

@@ -21,27 +21,32 @@ from flgpr.io import (
     sha256,
     write_whole,
 )
+from flgpr.pipeline.checkpoint import finish
 from flgpr.pipeline.classifier import (
     CLASSIFIER_B,
     Classifier,
-    load_classifier,
+    check_free_model,
     make_training_set,
     save_classifier,
     train,
 )
-from flgpr.pipeline.detect import detect, lane_of
+from flgpr.pipeline.detect import detect
+from flgpr.pipeline.detect_tasks import detect_long, detect_run, detect_runs
+from flgpr.pipeline.lane_run import features_of_lane
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import Result, add_files, check_free, describe_run, read_result, write_result
+from flgpr.pipeline.result import Result, add_files, describe_run, read_result, write_result
 from flgpr.pipeline.run_tasks import import_fullwave_lane, run_info, simulate_lane, write_gprmax_lane
 from flgpr.pipeline.score import Score, roc_json, score
-from flgpr.pipeline.survey import Note, area_of, detect_lane, detect_survey, executor_for, lane_names, unnoted
+from flgpr.pipeline.sections import noted_section
+from flgpr.pipeline.survey import area_of, executor_for
 from flgpr.pipeline.view_score import VIEW_SCORE, view_score
 
 __all__ = [
     "demo",
+    "detect_long",
     "detect_run",
     "detect_runs",
     "import_fullwave_lane",
@@ -55,137 +60,6 @@ __all__ = [
 ]
 
 PathLike = str | Path
-
-
-def detect_run(
-    run: PathLike,
-    recipe: PathLike,
-    output: PathLike,
-    lane: PathLike | None = None,
-    track: Track = silent,
-    report: bool = True,
-    model: PathLike | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    note: Note = unnoted,
-    max_memory: int = MAX_MEMORY,
-) -> Result:
-    """Detect on a stored run and write a result folder with its report.
-
-    With a recipe that has features this works block by block and can be stopped and gone on with, see
-    :func:`flgpr.pipeline.survey.detect_lane`.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    recipe : str or path
-        Name of a packaged recipe, or a TOML file.
-    output : path
-        Result folder to make.
-    lane : path, optional
-        TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
-    track : Track
-        Shows progress.
-    report : bool
-        Whether to write ``report.html`` now; scoring writes it anew anyway.
-    model : path, optional
-        Folder of a trained classifier, for recipes with features.
-    workers : int, optional
-        Number of processes, for recipes with features; default this one. The result is the same, bit for bit.
-    scheduler : str, optional
-        Address of a Dask scheduler in place of workers.
-    note : callable
-        Takes a report of every piece of work that was done.
-    max_memory : int
-        Memory that each process may take, bytes; what would take more is refused before anything is decoded.
-
-    Returns
-    -------
-    Result
-        The result as written.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output would overwrite something else; nothing is written then.
-    """
-    text = recipe_text(recipe)
-    parsed = parse_recipe(text, str(recipe))
-    if parsed.features is not None:
-        area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
-        job = make_job(run, text, area, output, report, model, max_memory)
-        with executor_for(workers, scheduler) as executor:
-            return read_result(detect_lane(job, executor, track, note))
-    if workers is not None or scheduler is not None:
-        raise ValueError(f"workers and scheduler need a recipe with the table features, got {recipe}")
-    check_free(output)
-    dataset = open_run(run, max_memory)
-    area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
-    classifier = load_classifier(model) if model is not None else None
-    detections = detect(dataset, parsed, area, track, classifier)
-    folder = write_result(output, detections, text, area, describe_run(dataset, run))
-    result = read_result(folder)
-    if report:
-        for page in track(["report.html"], "drawing the report", 1):
-            add_files(folder, {page: report_html(result)})
-    return read_result(folder)
-
-
-def detect_runs(
-    runs: Sequence[PathLike],
-    recipe: PathLike,
-    output: PathLike,
-    lanes: Sequence[PathLike] | None = None,
-    track: Track = silent,
-    report: bool = True,
-    model: PathLike | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    lanes_at_once: int | None = None,
-    note: Note = unnoted,
-    max_memory: int = MAX_MEMORY,
-) -> list[Result]:
-    """Detect on many stored runs; goes on where it was stopped.
-
-    Parameters
-    ----------
-    runs : sequence of path
-        Run stores with different names.
-    recipe : str or path
-        Name of a packaged recipe, or a TOML file.
-    output : path
-        Folder that takes a result folder per run, named like it, and ``survey.json``.
-    lanes : sequence of path, optional
-        TOML of each lane, in the same order, in place of the recipe's.
-    track, report, model, workers, scheduler, note, max_memory
-        As for :func:`detect_run`.
-    lanes_at_once : int, optional
-        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
-
-    Returns
-    -------
-    list of Result
-        The results as written, in the order of the runs.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output would overwrite something else.
-    """
-    text = recipe_text(recipe)
-    if parse_recipe(text, str(recipe)).features is None:
-        names = lane_names(runs)
-        areas = [None] * len(runs) if lanes is None else list(lanes)
-        if len(areas) != len(runs):
-            raise ValueError(f"lanes must be one per run, got {len(areas)} for {len(runs)} runs")
-        found = []
-        for run, name, area in zip(runs, names, areas, strict=True):
-            found.append(detect_run(run, recipe, Path(output) / name, area, track, report, model, workers, scheduler))
-        return found
-    who = executor_for(workers, scheduler)
-    folders = detect_survey(runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note)
-    return [read_result(folder) for folder in folders]
 
 
 def score_result(
@@ -248,8 +122,14 @@ def train_runs(
     lanes: Sequence[PathLike] | None = None,
     label_radius: float = 1.0,
     track: Track = silent,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    max_memory: int = MAX_MEMORY,
 ) -> Classifier:
     """Train a classifier on stored runs and write it.
+
+    What is found in the runs is kept beside the output until the classifier is written (``OUTPUT-1.work`` and so on),
+    so that a training that was stopped goes on.
 
     Parameters
     ----------
@@ -267,8 +147,8 @@ def train_runs(
         TOML of each lane, in the same order, in place of the recipe's.
     label_radius : float
         Alarms this near to a target are its hits, m.
-    track : Track
-        Shows progress.
+    track, workers, scheduler, max_memory
+        As for :func:`detect_run`.
 
     Returns
     -------
@@ -287,18 +167,21 @@ def train_runs(
     if parsed.features is None:
         raise ValueError(f"recipe must have the table features to train, got {recipe}")
     tables = [read_table(truth, "truth") for truth in truths]
-    found = []
-    for number, (run, truth) in enumerate(zip(runs, tables, strict=True)):
-        dataset = open_run(run)
-        area = read_lane(lanes[number]) if lanes is not None else lane_of(dataset, parsed)
-        detection = detect(dataset, parsed, area, track)[0]
-        if detection.features is None:
-            raise ValueError(f"recipe must compute features to train, got {recipe}")
-        found.append((f"{number + 1}:{Path(run).stem}", detection.alarms, detection.features, truth, area))
+    found, jobs = [], []
+    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    with executor_for(workers, scheduler) as executor:
+        for number, (run, targets) in enumerate(zip(runs, tables, strict=True)):
+            area = area_of(run, parsed, read_lane(lanes[number]) if lanes is not None else None, max_memory)
+            beside = Path(output).with_name(f"{Path(output).name}-{number + 1}")
+            jobs.append(make_job(run, text, area, beside, max_memory=max_memory))
+            alarms, table = features_of_lane(jobs[-1], executor, track)
+            found.append((f"{number + 1}:{Path(run).stem}", alarms, table, targets, area))
     classifier = train(make_training_set(found, label_radius, features), features)
     digests = [read_manifest(run)["sha256"] for run in runs]
     notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
     save_classifier(classifier, output, notes)
+    for job in jobs:
+        finish(job.work)
     return classifier
 
 
@@ -363,9 +246,11 @@ def replay(
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
     text = (old.folder / "recipe.toml").read_text(encoding="utf-8")
     classifier = old.classifier()
-    detections = detect(dataset, old.recipe, old.lane, track, classifier)
+    told = old.manifest.get("section")
+    lane, section = (old.lane, None) if told is None else noted_section(told)
+    detections = detect(dataset, old.recipe, lane, track, classifier, section)
     with TemporaryDirectory() as temporary:
-        home = write_result(Path(temporary) / "result", detections, text, old.lane, now, classifier)
+        home = write_result(Path(temporary) / "result", detections, text, old.lane, now, classifier, told)
         new = read_result(home)
     files, before = new.manifest["files"], old.manifest["files"]
     differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,6 +123,9 @@ class EvidenceSums:
     ----------
     alarms, patch, y_max, run, subband
         As for :func:`collect_evidence`.
+    poses : mapping of int to (6,) ndarray, optional
+        Poses by scan of all images that will be taken in, here or by others, as far as they see the same alarms. With
+        them only the scans that will be kept are cut up.
     """
 
     def __init__(
@@ -132,6 +135,7 @@ class EvidenceSums:
         y_max: float,
         run: xr.Dataset | None = None,
         subband: str | None = None,
+        poses: Mapping[int, NDArray[np.float64]] | None = None,
     ) -> None:
         self._points = np.zeros((min(len(alarms), MOST_ALARMS), 3))
         self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
@@ -139,6 +143,8 @@ class EvidenceSums:
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._coherency = np.zeros((len(self._points), 3, 3), np.complex128)
         self._channels: tuple[list[str], list[str]] = ([], [])
+        self._poses = poses
+        self._nearest: list[set[int]] | None = None
 
     def add(self, image: xr.DataArray) -> None:
         """Take one scan in.
@@ -152,12 +158,25 @@ class EvidenceSums:
         self._channels = (polarization, subband)
         scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
         local = lane_to_scan(self._points, pose)
+        if self._poses is not None and self._nearest is None:
+            self._nearest = self._nearest_scans(image, self._poses)
         seen = _in_sight(image, local, self._y_max)
-        tracer = None if self._run is None or not seen.size else _tracer(self._run, scan, pose)
-        for number in seen:
+        wanted = [number for number in seen if self._nearest is None or scan in self._nearest[number]]
+        tracer = None if self._run is None or not wanted else _tracer(self._run, scan, pose)
+        for number in wanted:
             values = _explain(image, local[number], self._patch, tracer)
-            self._look(int(number), _Look(scan, float(np.hypot(*local[number, :2])), values))
+            self._look(int(number), _Look(scan, _distance(local[number]), values))
+        for number in seen:
             self._coherency[number] += _coherency(image.sel(subband=self._subband or subband[0]), local[number])
+
+    def _nearest_scans(self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]) -> list[set[int]]:
+        """Find the scans of every alarm that will be kept; all images have the pixels of this one."""
+        found: list[list[tuple[float, int]]] = [[] for _ in self._points]
+        for scan, pose in poses.items():
+            local = lane_to_scan(self._points, pose)
+            for number in _in_sight(image, local, self._y_max):
+                found[number].append((_distance(local[number]), scan))
+        return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in found]
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another.
@@ -222,6 +241,10 @@ class EvidenceSums:
     def _look(self, number: int, look: _Look) -> None:
         some = [*self._looks[number], look]
         self._looks[number] = sorted(some, key=lambda one: (one.distance, one.scan))[:MOST_SCANS]
+
+
+def _distance(place: NDArray[np.float64]) -> float:
+    return float(np.hypot(place[0], place[1]))
 
 
 def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> NDArray[np.intp]:

@@ -114,6 +114,25 @@ def whole_imager(run: xr.Dataset, recipe: Recipe) -> ScanImager:
     return ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
 
 
+def cleaned_grid(recipe: Recipe) -> Grid:
+    """Give the pixels of cleaned images, which end at the distance that counts.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Grid
+        The nearest rows of the whole images.
+    """
+    table, whole = recipe.image, recipe.image.grid()
+    reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
+    rows = min(whole.ny, int(np.ceil((reach - whole.y_min) / whole.dy)) + 1)
+    return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
+
+
 def estimator(recipe: Recipe) -> BackgroundEstimator:
     """Make the estimator of a recipe's background.
 
@@ -246,7 +265,7 @@ class CleanedRun:
     def __init__(
         self, run: xr.Dataset, recipe: Recipe, track: Track, background: Mapping[str, NDArray[Any]] | None = None
     ) -> None:
-        table, whole = recipe.image, recipe.image.grid()
+        table = recipe.image
         if background is None:
             imager = whole_imager(run, recipe)
             blocks = blocks_of(len(imager))
@@ -255,12 +274,10 @@ class CleanedRun:
             done = track(blocks, "gain background", len(blocks))
             background = background_of(recipe, (gain_part(imager, recipe, block, first) for block in done), first)
         self.gains: FloatArray = background["gains"]
-        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
-        rows = min(whole.ny, int(np.ceil((reach - whole.y_min) / whole.dy)) + 1)
-        self.grid = Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
+        self.grid = cleaned_grid(recipe)
         self.imager = ScanImager(run, self.grid, table.subbands, table.window, table.tolerance)
         self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
-        self.background: Background = self.whole_background.cropped(rows)
+        self.background: Background = self.whole_background.cropped(self.grid.ny)
 
     def __len__(self) -> int:
         return len(self.imager)

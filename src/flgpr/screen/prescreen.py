@@ -68,18 +68,50 @@ def prescreen(
     1  0.5  3.0        4.0
     2  1.8  7.0        2.0
     """
-    if not (radius > 0 and density > 0):
-        raise ValueError(f"radius and density must be positive, got {radius} and {density}")
     if count not in ("lane", "view"):
         raise ValueError(f"count must be lane or view, got {count!r}")
     table = local_maxima(view, radius)
     inside = table if count == "view" else table[lane.contains(table["x"], table["y"])]
-    area = _area_seen(view) if count == "view" else lane.area
+    area = area_seen(view) if count == "view" else lane.area
+    threshold = density_threshold(inside["magnitude"].to_numpy(), area, radius, density)
+    return table[table["magnitude"] >= threshold].reset_index(drop=True)
+
+
+def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float, density: float) -> float:
+    """Find the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
+
+    Parameters
+    ----------
+    magnitude : (maximum,) ndarray
+        Magnitudes of the local maxima in any order.
+    area : float
+        The area they were found on, m².
+    radius : float
+        An alarm is the largest pixel within this distance, m.
+    density : float
+        ρ, mean number of alarms kept per area π·radius².
+
+    Returns
+    -------
+    float
+        The threshold; -inf if all are kept, inf if none is.
+
+    Raises
+    ------
+    ValueError
+        If radius or density is not positive.
+
+    Examples
+    --------
+    >>> density_threshold(np.array([5.0, 1.0, 3.0, 2.0]), area=4.0, radius=0.75, density=0.9)
+    3.0
+    """
+    if not (radius > 0 and density > 0):
+        raise ValueError(f"radius and density must be positive, got {radius} and {density}")
     keep = math.floor(density * area / (math.pi * radius**2))
-    if len(inside) > keep:
-        threshold = inside["magnitude"].iloc[keep - 1] if keep else math.inf
-        table = table[table["magnitude"] >= threshold]
-    return table.reset_index(drop=True)
+    if len(magnitude) <= keep:
+        return -math.inf
+    return float(np.partition(magnitude, -keep)[-keep]) if keep else math.inf
 
 
 def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
@@ -112,7 +144,19 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     )
 
 
-def _area_seen(view: xr.DataArray) -> float:
+def area_seen(view: xr.DataArray) -> float:
+    """Measure the area of a run-view that was seen.
+
+    Parameters
+    ----------
+    view : xarray.DataArray
+        Run-view (y, x) in the lane frame; NaN where nothing was seen.
+
+    Returns
+    -------
+    float
+        Area, m².
+    """
     dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
     return float(np.isfinite(view.values).sum()) * dy * dx
 

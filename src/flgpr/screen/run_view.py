@@ -45,8 +45,7 @@ class RunViewSums:
     y_max : float
         Farthest distance ahead of the array that counts, m.
     rows : slice, optional
-        Rows of the grid that are kept, for a part of the lane; default all. Scans may not reach others, see
-        :meth:`reach`.
+        Rows of the grid that are kept, for a part of the lane; default all.
     """
 
     def __init__(self, grid: Grid, y_max: float, rows: slice | None = None) -> None:
@@ -75,7 +74,7 @@ class RunViewSums:
             shape = (*magnitude.shape[:-2], *self._looks.shape)
             self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
         reached, start = self.reach(grid, pose), self._window.start
-        rows = slice(reached.start - start, reached.stop - start)
+        rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
         local = lane_to_scan(self._points[rows], pose)
         row, column = (local[..., 1] - grid.y_min) / grid.dy, (local[..., 0] - grid.x_min) / grid.dx
         values = bilinear(magnitude, row, column).astype(np.float32)
@@ -127,7 +126,7 @@ class RunViewSums:
         return {"first": self._first, "second": self._second, "looks": self._looks, "row": row}
 
     def take(self, sums: dict[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans of the same lane.
+        """Take in what another gathered of other scans of the same lane, as far as it lies in the rows kept here.
 
         Parameters
         ----------
@@ -138,12 +137,14 @@ class RunViewSums:
             shape = (*sums["first"].shape[:-2], *self._looks.shape)
             self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
         start = int(sums["row"]) - self._window.start
-        rows = slice(start, start + len(sums["looks"]))
-        self._looks[rows] += sums["looks"]
+        rows = slice(max(start, 0), max(start + len(sums["looks"]), 0))
+        theirs = slice(rows.start - start, rows.start - start + len(self._looks[rows]))
+        self._looks[rows] += sums["looks"][theirs]
         first, second = self._first[..., rows, :], self._second[..., rows, :]
-        np.maximum(second, sums["second"], out=second)
-        np.maximum(second, np.minimum(first, sums["first"]), out=second)
-        np.maximum(first, sums["first"], out=first)
+        one, two = sums["first"][..., theirs, :], sums["second"][..., theirs, :]
+        np.maximum(second, two, out=second)
+        np.maximum(second, np.minimum(first, one), out=second)
+        np.maximum(first, one, out=first)
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
         """Tell which rows of the run-view a scan can reach.
@@ -232,7 +233,11 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
 
 
 def view_array(
-    view: NDArray[np.float32], looks: NDArray[np.int64], grid: Grid, channels: Mapping[str, Any]
+    view: NDArray[np.float32],
+    looks: NDArray[np.int64],
+    grid: Grid,
+    channels: Mapping[str, Any],
+    rows: slice | None = None,
 ) -> xr.DataArray:
     """Attach coordinates to a run-view.
 
@@ -246,6 +251,8 @@ def view_array(
         Pixels in the lane frame.
     channels : mapping of str to sequence
         Names and labels of the leading dimensions.
+    rows : slice, optional
+        Rows of the grid that the run-view holds; default all.
 
     Returns
     -------
@@ -255,7 +262,7 @@ def view_array(
     return xr.DataArray(
         view,
         dims=(*channels, "y", "x"),
-        coords={**channels, "y": grid.y, "x": grid.x, "looks": (("y", "x"), looks)},
+        coords={**channels, "y": grid.y[rows or slice(None)], "x": grid.x, "looks": (("y", "x"), looks)},
         name="run_view",
     )
 

@@ -1,0 +1,233 @@
+"""A lane in sections: the run-view, alarms and features of the lane in one piece, in little memory."""
+
+import json
+import math
+import os
+import shutil
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.cli import app
+from flgpr.model import Lane
+from flgpr.pipeline import tasks
+from flgpr.pipeline.lane_run import detect_lane, homes_at
+from flgpr.pipeline.memory import memory_needed, plan_sections
+from flgpr.pipeline.recipe import load_recipe
+from flgpr.pipeline.result import ResultError, read_result
+from flgpr.pipeline.scoring_tasks import score_alarms
+from flgpr.pipeline.sections import Section, divide, section_lane
+from flgpr.pipeline.survey import executor_for
+from robust import content, digests, small_job
+
+SIZES = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 120_000}
+
+
+@pytest.fixture(scope="module")
+def folder(lane, tmp_path_factory):
+    output = tmp_path_factory.mktemp("long") / "result"
+    tasks.detect_long(*lane.arguments, output, lane.area, report=False, section=2.0)
+    return output
+
+
+def results(folder):
+    return [read_result(home) for home in homes_at(folder)]
+
+
+def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
+    parts, whole = results(folder), lane.result.detections[0].view
+    assert len(parts) == 4
+    views = [part.detections[0].view for part in parts]
+    assert max(view.sizes["y"] for view in views) <= 20
+    np.testing.assert_array_equal(np.concatenate([view.values for view in views], axis=2), whole.values)
+    np.testing.assert_array_equal(np.concatenate([view["y"].values for view in views]), whole["y"].values)
+    np.testing.assert_array_equal(np.concatenate([view["looks"].values for view in views]), whole["looks"].values)
+
+
+def test_sections_hold_the_alarms_and_features_of_the_whole_lane(lane, folder):
+    parts, whole = results(folder), lane.result.detections[0]
+    order = ["y", "x"]
+    features = pd.concat([part.detections[0].alarms[order].join(part.detections[0].features) for part in parts])
+    expected = whole.alarms[order].join(whole.features)
+    assert len(expected) > 10
+    pd.testing.assert_frame_equal(
+        features.sort_values(order).reset_index(drop=True), expected.sort_values(order).reset_index(drop=True)
+    )
+    together = pd.read_csv(folder / "alarms.csv")
+    columns = ["x", "y", "confidence", "magnitude", "scans"]
+    pd.testing.assert_frame_equal(together[columns], whole.alarms[columns].astype(together[columns].dtypes))
+    assert together["alarm_id"].str.fullmatch(r"section-0[1-4]/alarm-\d+").all()
+
+
+def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
+    parts = results(folder)
+    assert parts[0].lane.y_min == lane.lane.y_min
+    assert parts[-1].lane.y_max == lane.lane.y_max
+    for one, other in pairwise(parts):
+        assert one.lane.y_max == other.lane.y_min
+    for part in parts:
+        alarms = part.detections[0].alarms
+        assert alarms["y"].between(part.lane.y_min, part.lane.y_max).all()
+
+
+def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
+    other = tmp_path / "result"
+    tasks.detect_long(*lane.arguments, other, lane.area, report=False, section=2.0, workers=2)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+    for one, two in zip(homes_at(folder), homes_at(other), strict=True):
+        assert content(one) == content(two)
+    assert digests(folder)["alarms.csv"] == digests(other)["alarms.csv"]
+
+
+class _Stop(Exception):
+    """The work is stopped."""
+
+
+@pytest.mark.parametrize("pieces", [3, 14, 20])
+def test_sections_go_on_where_they_were_stopped(lane, folder, pieces, tmp_path):
+    job, done = small_job(lane, tmp_path / "result"), []
+
+    def note(report):
+        done.append((report["lane"], report["stage"], report["block"]))
+        if len(done) == pieces:
+            raise _Stop
+
+    with executor_for() as executor:
+        with pytest.raises(_Stop):
+            detect_lane(job, executor, note=note, longest=2.0)
+        assert not (tmp_path / "result").exists()
+        homes = detect_lane(job, executor, note=note, longest=2.0)
+    assert len(done) == len(set(done))
+    for one, two in zip(homes_at(folder), homes, strict=True):
+        assert content(one) == content(two)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+
+
+def test_another_division_begins_anew(lane, tmp_path):
+    job = small_job(lane, tmp_path / "result")
+
+    def stop(report):
+        if report["stage"] == "finish":
+            raise _Stop
+
+    with executor_for() as executor:
+        with pytest.raises(_Stop):
+            detect_lane(job, executor, note=stop, longest=2.0)
+        detect_lane(job, executor, longest=4.0)
+    told = json.loads((tmp_path / "result" / "sections.json").read_text())
+    assert told["sections"] == ["section-01", "section-02"]
+    assert {path.name for path in (tmp_path / "result").iterdir()} == {
+        "section-01",
+        "section-02",
+        "alarms.csv",
+        "lane.toml",
+        "sections.json",
+    }
+
+
+def test_a_section_is_replayed(folder):
+    assert tasks.replay(homes_at(folder)[1]) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+
+
+def test_one_piece_takes_the_place_of_sections_and_the_other_way_round(lane, tmp_path):
+    for section in (4.0, None, 4.0):
+        tasks.detect_long(*lane.arguments, tmp_path / "result", lane.area, report=False, section=section)
+    assert len(homes_at(tmp_path / "result")) == 2
+    assert not (tmp_path / "result" / "manifest.json").exists()
+
+
+def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
+    done = []
+    options = {"lanes": [lane.area], "report": False, "section": 4.0, "note": done.append}
+    first = tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options)
+    assert [home.name for home in first] == ["section-01", "section-02"]
+    row = json.loads((tmp_path / "out" / "survey.json").read_text())[0]
+    assert row["sections"] == 2
+    assert row["alarms"] == len(lane.result.detections[0].alarms)
+    assert row["area_m2"] == pytest.approx(lane.lane.area)
+    done.clear()
+    assert tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options) == first
+    assert not done
+
+
+@pytest.mark.parametrize("name", ["alarms.csv", "lane.toml", "sections.json", "section-02/manifest.json"])
+def test_an_altered_folder_of_sections_is_refused(folder, name, tmp_path):
+    shutil.copytree(folder, tmp_path / "copy")
+    data = bytearray((tmp_path / "copy" / name).read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "copy" / name).write_bytes(data)
+    with pytest.raises(ResultError):
+        homes_at(tmp_path / "copy")
+    (tmp_path / "copy" / name).unlink()
+    if name != "sections.json":
+        with pytest.raises(ResultError, match="missing"):
+            homes_at(tmp_path / "copy")
+
+
+def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
+    truth = tmp_path / "truth.csv"
+    truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n")
+    output = tmp_path / "out"
+    words = ["detect", str(lane.run), "--recipe", str(lane.recipe), "--lane", str(lane.area), "-o", str(output)]
+    told = CliRunner().invoke(app, [*words, "--section", "4", "--quiet"])
+    assert told.exit_code == 0, told.output
+    told = CliRunner().invoke(app, ["score", str(output), "--truth", str(truth), "--json"])
+    assert told.exit_code == 0, told.output
+    scored = json.loads(told.stdout)
+    whole = score_alarms(
+        lane.result.folder / "alarms.csv", truth, lane.area, tmp_path / "whole", halo=lane.result.recipe.score.halo
+    )
+    different = {name for name in scored if scored[name] != whole[name]}
+    assert scored["n_targets"] == 3
+    assert different <= {"files", "alarms_sha256"}
+    assert (output / "score" / "report.html").is_file()
+    assert (output / "section-02" / "report.html").is_file()
+
+
+def test_a_lane_of_any_length_is_planned_within_the_memory():
+    recipe = load_recipe("wang2007")
+    short, long = Lane(-1.5, 1.5, 0, 1200), Lane(-1.5, 1.5, 0, 200_000)
+    assert plan_sections(SIZES, recipe, short) == [Section(0, 12001)]
+    assert memory_needed(SIZES | {"scan": 10**6}, recipe, short) == memory_needed(SIZES, recipe, short)
+    sections = plan_sections(SIZES, recipe, long)
+    assert sections[0].start == 0
+    assert sections[-1].stop == 2_000_001
+    assert all(one.stop == other.start for one, other in pairwise(sections))
+    most = max(section.stop - section.start for section in sections)
+    assert memory_needed(SIZES, recipe, long, most) <= 2e9 < memory_needed(SIZES, recipe, long, 2 * most)
+    assert len(plan_sections(SIZES, recipe, long, 2 * 10**9, 1000.0)) == 201
+    with pytest.raises(ValueError, match=r"for a lane of 200000 m in one piece, got 2 GB"):
+        plan_sections(SIZES, recipe, long, longest=math.inf)
+    with pytest.raises(ValueError, match=r"at least .* for this run, got 0\.1 GB"):
+        plan_sections(SIZES, recipe, short, 10**8)
+    with pytest.raises(ValueError, match="section must be a positive length in metres, got -1"):
+        plan_sections(SIZES, recipe, short, longest=-1.0)
+
+
+def test_parts_are_even_and_cover_everything():
+    for rows, longest in ((1, 1), (10, 3), (1001, 250), (7, 100)):
+        sections = divide(rows, longest)
+        sizes = [section.stop - section.start for section in sections]
+        assert sum(sizes) == rows
+        assert max(sizes) <= longest
+        assert max(sizes) - min(sizes) <= 1
+        assert len(sizes) == -(-rows // longest)
+
+
+def test_a_section_that_the_lane_does_not_reach_is_refused():
+    recipe = load_recipe("wang2007")
+    with pytest.raises(ValueError, match="lane must have"):
+        section_lane(recipe, Lane(-1.5, 1.5, 0, 100), Section(2000, 2100))
+
+
+def test_a_stretch_without_scans_has_no_alarms(lane, tmp_path):
+    area = tmp_path / "far.toml"
+    area.write_text("x_min = -0.75\nx_max = 0.75\ny_min = 3.0\ny_max = 40.0\n")
+    homes = tasks.detect_long(*lane.arguments, tmp_path / "result", area, section=15.0)
+    counts = [len(read_result(home).detections[0].alarms) for home in homes]
+    assert counts[0] > 10
+    assert counts[-1] == 0
+    assert os.path.getsize(homes[-1] / "report.html") > 1000
