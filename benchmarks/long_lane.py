@@ -16,6 +16,7 @@ import argparse
 import resource
 import tempfile
 import time
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,9 @@ def main() -> None:
     recipe, lane = load_recipe("wang2007"), Lane(-1.5, 1.5, 0.0, arguments.length)
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
-        write_noise_run(home / "run.zarr", arguments.scans)
+        writer = get_context("spawn").Process(target=write_noise_run, args=(home / "run.zarr", arguments.scans))
+        writer.start()  # a process of its own, so that its memory is not counted
+        writer.join()
         area = home / "lane.toml"
         area.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {arguments.length}\n")
         options = {"lane": area, "report": arguments.compare is None}
