@@ -55,7 +55,13 @@ for axes, (title, detection) in zip(panels, shown.items(), strict=True):
     axes.plot(detection.alarms.x, detection.alarms.y, "w+", ms=9, label="alarm")
     axes.set(title=title, xlabel="cross-track x (m)", aspect="equal")
 panels[0].set_ylabel("down-track y (m)")
-panels[0].legend(loc="lower left", fontsize=8)
+panels[0].legend(
+    loc="lower left",
+    fontsize=8,
+    markerscale=0.6,
+    facecolor="0.25",
+    labelcolor="w",
+)
 figure.colorbar(picture, ax=panels, shrink=0.6, label="dB over the median")
 
 # %%

@@ -116,12 +116,12 @@ for axes, polarization in zip(panels, sensor.polarization, strict=True):
     axes.plot(truth.x, truth.y, "wo", mfc="none", ms=22)
     axes.set(title=polarization, xlabel="x (m)", aspect="equal")
 panels[0].set_ylabel("y (m)")
-figure.colorbar(shown, ax=panels, label="dB of the run-view")
+figure.colorbar(shown, ax=panels, label="dB of the run-view", shrink=0.7)
 
 # %%
 # Neither mine shines at its centre. The one on the ground answers from its front edge, nearer to the radar; the buried
 # one from its two rims, in VV the far one stronger, and refraction moves both away:
-# the theory pages tell why.
+# `Mine signatures <../theory/signatures.html>`_ and `Refraction <../theory/refraction.html>`_ tell why.
 #
 # ``flgpr simulate scene.toml -o lane.zarr --sensor bar.toml`` does the same from files, and every preset can be the
 # start of yours: ``src/flgpr/model/presets`` holds the four papers' radars.

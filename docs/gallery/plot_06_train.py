@@ -102,5 +102,7 @@ for kind, mark in (("false", "0.6"), ("detection", "C3"), ("ignored", "C1")):
     )
 axes.set(xlabel="local contrast C_HH, F1", ylabel="magnitude M_VV, F1")
 axes.legend()
-weights = np.round(classifier.discriminant.direction_, 2)
-print("weights of the normalised features:", *classifier.features, *weights)
+print("weights of the normalised features:")
+weights = classifier.discriminant.direction_
+for name, weight in zip(classifier.features, weights, strict=True):
+    print(f"{name:9}{weight:.2f}")

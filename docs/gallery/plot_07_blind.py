@@ -51,7 +51,9 @@ truth.head()
 # -o sealed`` asks for the passphrase.)
 
 phrase = "a long passphrase"
-scoring_tasks.seal(home / "plan.csv", home / "lane.toml", home / "sealed", phrase)
+sealed = scoring_tasks.seal(
+    home / "plan.csv", home / "lane.toml", home / "sealed", phrase
+)
 
 # %%
 # The detector's turn. It is played here by random numbers: most mines with an alarm near them, and false alarms.
@@ -78,10 +80,10 @@ pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
 # The score tells operating points and counts, never a position or a threshold, and logs every look before it tells
 # anything. (``flgpr score alarms.csv --sealed sealed``.)
 
-told = scoring_tasks.score_sealed(home / "alarms.csv", home / "sealed", phrase)
+told = scoring_tasks.score_sealed(home / "alarms.csv", sealed, phrase)
 print(f"looks: {told.looks}, different alarm lists: {told.lists}")
 for name, value in told.counts.items():
-    print(f"{name:13}{value}")
+    print(f"{name:13}{value:.2f}" if name == "area" else f"{name:13}{value}")
 told.points.round(3)
 
 # %%

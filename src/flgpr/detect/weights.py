@@ -38,8 +38,10 @@ def hit_weights(
 
     Examples
     --------
+    A false alarm, two hits of one mine, and one of another:
+
     >>> from flgpr.detect import hit_weights
-    >>> hit_weights([-1, 0, 0, 1], [9.0, 0.0, 0.5, 1.0], w0=10)  # a false alarm, two hits of one mine, one of another
+    >>> hit_weights([-1, 0, 0, 1], [9.0, 0.0, 0.5, 1.0], w0=10)
     array([ 1,  6,  4, 10])
     """
     hit_of = np.asarray(target, dtype=np.int64)

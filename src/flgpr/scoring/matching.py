@@ -168,7 +168,7 @@ def match(
     >>> import pandas as pd
     >>> from flgpr.model import Lane
     >>> from flgpr.scoring import assign, label_alarms, match
-    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3.0, 2.0, 1.0]})
+    >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3, 2, 1]})
     >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
     >>> truth["depth"] = 0.05
     >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)

@@ -85,7 +85,7 @@ def sample_size(
     >>> plan = sample_size(0.9, 0.01, 0.95)
     >>> plan.mines, round(plan.area)
     (29, 300)
-    >>> plan = sample_size(0.9, 0.01, 0.95, true_pd=0.96, true_far=0.005)  # for a detector that makes mistakes
+    >>> plan = sample_size(0.9, 0.01, 0.95, true_pd=0.96, true_far=0.005)
     >>> plan.mines, round(plan.area)
     (116, 1944)
     """

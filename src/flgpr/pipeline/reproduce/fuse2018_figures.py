@@ -52,7 +52,7 @@ def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool 
     Figure
         The figure.
     """
-    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     shown = _image(left, example, example[image])
     figure.colorbar(shown, ax=left, label="dB")
@@ -65,7 +65,7 @@ def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool 
 
 def mixed_figure(example: Arrays) -> Figure:
     """Draw the mixed masks of the example frame, as Fig. 6, and the fundamental part by connected region beside."""
-    figure = Figure(figsize=(13, 3.4), layout="constrained")
+    figure = Figure(figsize=(9.5, 2.7), layout="constrained")
     parts = {
         "fundamental": "(a) fundamental part, by pixel",
         "fundamental by region": "(a') fundamental part, by connected region",
@@ -80,12 +80,12 @@ def mixed_figure(example: Arrays) -> Figure:
 def stages_figure(example: Arrays) -> Figure:
     """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
     chosen = {f"stage #{c}": f"({letter}) #{c}" for letter, c in zip("abcd", (1, 3, 4, 6), strict=True)}
-    return _many(example, chosen, (11, 6.4), 2)
+    return _many(example, chosen, (8.6, 5.2), 2)
 
 
 def variants_figure(example: Arrays) -> Figure:
     """Draw the example frame as every variant leaves it."""
-    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (13, 8.6), 3)
+    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (9.5, 6.6), 3)
 
 
 def _many(example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int) -> Figure:
@@ -105,7 +105,7 @@ def _many(example: Arrays, chosen: Mapping[str, str], size: tuple[float, float],
 
 def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe) -> Figure:
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
-    figure = Figure(figsize=(10.5, 3.9), layout="constrained")
+    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     boxes = strongest_boxes(lanes)
     first = lanes[0]
     nearest = int(np.nanargmin(np.abs(first.origins[:, 1] - float(example["origin"][1]))))
@@ -132,7 +132,7 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
 
 def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
     """Draw the ROC curves of both lanes by both conventions, as Fig. 9."""
-    figure = Figure(figsize=(10.5, 7.4), layout="constrained")
+    figure = Figure(figsize=(8.6, 6.4), layout="constrained")
     places = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
     for row, (convention, words) in zip(places, CONVENTIONS.items(), strict=True):
         for axes, lane in zip(row, lanes, strict=True):
@@ -153,7 +153,7 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
 
 def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
     """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
-    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
     left, right = figure.subplots(1, 2)
     errors = 1000 * np.asarray(study.errors)
     for band, dash in (("l", "-"), ("x", "--")):
@@ -178,7 +178,7 @@ def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult
 
 def fullwave_figure(study: FullwaveStudy) -> Figure:
     """Draw the full-wave lane before and after, with its masks."""
-    figure = Figure(figsize=(13, 7.6), layout="constrained")
+    figure = Figure(figsize=(9.5, 5.8), layout="constrained")
     rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
     places = figure.subplots(len(rules), 4, sharex=True, sharey=True)
     top = study.images["VV"].max()
@@ -196,6 +196,9 @@ def fullwave_figure(study: FullwaveStudy) -> Figure:
         for axes in row:
             for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
                 axes.plot(px, py, mark, mfc="none", mec="C2" if mark == "^" else "C3", color="C3", ms=9)
+        row[0].set_ylabel("y (m)")
+    for axes in places[-1]:
+        axes.set_xlabel("x (m)")
     figure.colorbar(shown, ax=places.ravel().tolist(), label="dB under the VV peak")
     return figure
 

@@ -102,7 +102,7 @@ def page_html(
     for name, caption, figure in _figures(recipe, lanes, loose, example, poses, fullwave):
         if quick:
             watermark(figure, "quick run")
-        figure.set_dpi(50 if quick else 80)
+        figure.set_dpi(60 if quick else 110)
         picture = figure_bytes(figure)
         write_whole(folder / f"{name}.png", picture)
         source = f"data:image/png;base64,{b64encode(picture).decode()}"
