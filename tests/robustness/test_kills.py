@@ -1,7 +1,7 @@
 """Kill an import and a detection again and again: nothing breaks, and the end is the same to the byte.
 
 Half of the kills come at a random one of the file operations, which is exact and repeatable; half at a random time.
-``FLGPR_KILLS`` tells how many kills of each there are.
+``FLGPR_KILLS`` tells how many kills of each there are; of a detection in sections half as many.
 """
 
 import multiprocessing
@@ -15,6 +15,7 @@ import pytest
 
 from flgpr.io import open_run
 from flgpr.pipeline import tasks
+from flgpr.pipeline.lane_run import homes_at
 from flgpr.pipeline.result import ResultError, read_result
 from robust import content, digests
 
@@ -102,15 +103,35 @@ def test_kills_of_a_detection(lane, tmp_path):
         shutil.rmtree(tmp_path / "result")
 
 
+def test_kills_of_a_detection_in_sections(lane, tmp_path):
+    def state(folder):
+        found = {name: digest for name, digest in digests(folder).items() if "manifest" not in name}
+        return {**found, **{home.name: content(home) for home in homes_at(folder)}}
+
+    def check():
+        """What is there is whole or absent."""
+        if (tmp_path / "result").exists():
+            state(tmp_path / "result")
+
+    killer = Killer(9, tmp_path, Detection(lane.run, lane.recipe, lane.area, section=3.0))
+    want = state(tmp_path / "probe")
+    assert {"section-01", "section-02", "section-03", "alarms.csv", "sections.json"} <= set(want)
+    while killer.kills < KILLS // 2:
+        killer.siege(tmp_path / "result", check)
+        assert state(tmp_path / "result") == want
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["probe", "result"]
+        shutil.rmtree(tmp_path / "result")
+
+
 class Detection:
     """A detection that may have been done already."""
 
-    def __init__(self, *arguments):
-        self.arguments = arguments
+    def __init__(self, *arguments, section=None):
+        self.arguments, self.section = arguments, section
 
     def __call__(self, output):
         run, recipe, area = self.arguments
-        tasks.detect_run(run, recipe, output, area, report=False)
+        tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
 
 
 class Import:
