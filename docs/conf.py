@@ -23,6 +23,7 @@ extensions = [
     "mathml",
     "names",
     "commands",
+    "links",
 ]
 exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
 suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of docstrings may fit twice
