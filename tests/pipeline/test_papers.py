@@ -79,7 +79,7 @@ def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
         ("fuse2018", "disagrees"),
         ("wang2007", "cannot say"),
     ]
-    assert rows[0]["ours"] == "0.2 (0.1 to 0.3)"
+    assert rows[0]["ours"] == "0.20 (0.10 to 0.30)"
     assert "no interval" in rows[1]["ours"]
     html = page.read_text("utf-8")
     for text in ("Quick run", 'href="wang2007/wang2007.html"', "0.9 &amp; more", "F1 &lt; F2"):

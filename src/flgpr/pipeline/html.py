@@ -17,7 +17,7 @@ pre { background: #f3f5f8; padding: .8rem; overflow-x: auto; font-size: 13px; } 
 """
 
 
-def html_page(title: str, parts: Sequence[str]) -> str:
+def html_page(title: str, parts: Sequence[str], style: str = _STYLE) -> str:
     """Put a page together.
 
     Parameters
@@ -26,6 +26,8 @@ def html_page(title: str, parts: Sequence[str]) -> str:
         Plain text.
     parts : sequence of str
         HTML of the body.
+    style : str
+        CSS.
 
     Returns
     -------
@@ -34,7 +36,7 @@ def html_page(title: str, parts: Sequence[str]) -> str:
     """
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
+        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head><body>'
         + "\n".join(parts)
         + "</body></html>\n"
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import Thresholds, fundamental_mask
 from flgpr.clutter.masks import above, extended_mask
-from flgpr.io import canonical_json, sha256, write_whole
+from flgpr.io import canonical_json, open_arrays, sha256, write_whole
 from flgpr.pipeline.reproduce.fuse2018_lanes import Frames
 from flgpr.pipeline.reproduce.fuse2018_process import (
     Calibration,
@@ -189,8 +189,8 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 
 def read_arrays(path: Path) -> Arrays:
     """Read arrays from one file."""
-    with np.load(path, allow_pickle=False) as held:
-        return {name: held[name] for name in held.files}
+    held = open_arrays(path)
+    return {name: held.read(name) for name in held.arrays}
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, calibration: Calibration, recipe: FuseRecipe) -> Arrays:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from flgpr.pipeline.html import html_page
 from flgpr.pipeline.reproduce.findings import AGREES, DISAGREES, UNDECIDED, Finding
 
 _STYLE = """
@@ -37,12 +38,7 @@ def study_html(title: str, parts: Sequence[str], style: str = _STYLE) -> str:
     str
         HTML that needs nothing beside it.
     """
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head><body>'
-        + "\n".join(parts)
-        + "</body></html>\n"
-    )
+    return html_page(title, parts, style)
 
 
 def plain_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -97,7 +98,10 @@ def _with_interval(value: float | None, low: float | None, high: float | None) -
         return "nothing to measure"
     if low is None or high is None:
         return f"{value:.3g} (one sample, no interval)"
-    return f"{value:.3g} ({low:.3g} to {high:.3g})"
+    if not high > low:
+        return f"{value:.3g} ({low:.3g} to {high:.3g})"
+    digits = max(0, 1 - math.floor(math.log10(high - low)))  # as many as the interval's width has meaning for
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def _cosgrove2004(folder: Path) -> list[Verdict]:
