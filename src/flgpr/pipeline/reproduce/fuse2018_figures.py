@@ -67,9 +67,9 @@ def mixed_figure(example: Arrays) -> Figure:
     """Draw the mixed masks of the example frame, as Fig. 6, and the fundamental part by connected region beside."""
     figure = Figure(figsize=(9.5, 2.7), layout="constrained")
     parts = {
-        "fundamental": "(a) fundamental part, by pixel",
-        "fundamental by region": "(a') fundamental part, by connected region",
-        "extended": "(b) extended part: low VH threshold at the roadside",
+        "fundamental": "(a) fundamental, by pixel",
+        "fundamental by region": "(a') fundamental, by connected region",
+        "extended": "(b) extended: low VH threshold",
     }
     for axes, (name, title) in zip(figure.subplots(1, 3, sharey=True), parts.items(), strict=True):
         _mask(axes, example, example[name], title)
