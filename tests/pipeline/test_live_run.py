@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -200,6 +201,32 @@ def test_a_run_that_was_killed_goes_on(home, whole, tmp_path, after):
     mine = without_times(line for line in lines[resumed + 1 :])
     usual = without_times(events(whole[0]))
     assert mine == usual[-len(mine) :]
+
+
+def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, tmp_path):
+    """SIGKILL after so many lines of the event file, three times, snapshots being written all along."""
+    incoming, output = tmp_path / "in", tmp_path / "out"
+    feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)  # it waits for the rest
+    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "recipe.toml")]
+    command += ["-o", str(output), "--snapshot", "3", "--quiet"]
+    for line in (12, 45, 70):
+        with subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
+        ) as process:
+            wait_for(lambda at=line, one=process: one.poll() is not None or lines_of(output) >= at)
+            process.kill()
+        assert process.returncode == -signal.SIGKILL
+        assert not (output / "alarms.csv").exists()
+    feed(home / "run.zarr", incoming, FAST, first=SCANS - 3)
+    report = LiveRun(options(home, output, incoming)).run()
+    assert report.counts == whole[1].counts
+    assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
+    assert len(events(output, "resume")) >= 1
+
+
+def lines_of(output):
+    file = output / "live.jsonl"
+    return file.read_bytes().count(b"\n") if file.is_file() else 0
 
 
 def test_going_on_needs_the_same_recipe_unless_fresh(home, tmp_path):
