@@ -206,10 +206,11 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     scan = sri_scan()
     truth = direct_sums(scan)
     cases = own_cases(scan, truth, device)
+    missing: list[str] = []
     if peers:
-        from flgpr.pipeline.bench_peers import peer_cases
+        from flgpr.pipeline.bench_peers import missing_peers, peer_cases
 
-        cases += peer_cases(scan, truth)
+        cases, missing = cases + peer_cases(scan, truth), missing_peers()
     errors = [_error(case, truth) for case in cases]
     times, flops, bandwidth = _interleave([case.run for case in cases], rounds)
     rows = []
@@ -225,6 +226,7 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     own = table[table["code"] == f"flgpr {device}"].set_index("work")["time"]
     table["ratio"] = table["time"] / table["work"].map(own)
     table.attrs["flops"], table.attrs["bandwidth"] = flops, bandwidth
+    table.attrs["missing"] = missing
     return table.sort_values(["work", "time"], ignore_index=True)
 
 
@@ -281,4 +283,7 @@ def format_bench(table: pd.DataFrame) -> str:
         figures = f"{row['time'] * 1e3:.1f} | {row['error']:.1e} | {row['rate'] / 1e9:.2f} | {ratio} | {share}"
         lines.append(f"| {row['work']} | {row['code']} | {figures} |")
     flops, bandwidth = table.attrs["flops"] / 1e9, table.attrs["bandwidth"] / 1e9
-    return "\n".join([*lines, "", f"Measured peaks: {flops:.0f} GFLOP/s in single precision, {bandwidth:.1f} GB/s."])
+    lines += ["", f"Measured peaks: {flops:.0f} GFLOP/s in single precision, {bandwidth:.1f} GB/s."]
+    if table.attrs["missing"]:
+        lines += ["", f"Not installed and so not measured: {', '.join(table.attrs['missing'])} (extra bench)."]
+    return "\n".join(lines)

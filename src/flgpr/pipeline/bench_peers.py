@@ -20,12 +20,17 @@ from flgpr.pipeline.bench import SUBBANDS, Case, Scan, Truth
 ComplexArray = NDArray[np.complex64]
 
 
+def missing_peers() -> list[str]:
+    """Name the peers that are not installed."""
+    return [name for name in ("finufft", "fastsar") if importlib.util.find_spec(name) is None]
+
+
 def peer_cases(scan: Scan, truth: Truth) -> list[Case]:
     """List the installed peers' cases; NumPy is always there."""
-    cases = _numpy_cases(scan, truth)
-    if importlib.util.find_spec("finufft") is not None:
+    cases, missing = _numpy_cases(scan, truth), missing_peers()
+    if "finufft" not in missing:
         cases += _finufft_cases(scan, truth, 1e-3, "") + _finufft_cases(scan, truth, 1e-5, ", 1e-5")
-    if importlib.util.find_spec("fastsar") is not None:
+    if "fastsar" not in missing:
         cases += _fastsar_cases(scan, truth)
     return cases
 
