@@ -23,7 +23,7 @@ robustness: $(VENV)/.test
 	    tests/robustness tests/io/test_fuzz_exchange.py
 
 docs: $(VENV)/.docs
-	$(BIN)/codespell
+	$(BIN)/codespell *.md docs src tests benchmarks viewer
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 $(VENV)/bin/python:
