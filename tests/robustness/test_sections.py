@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from flgpr.cli import app
 from flgpr.model import Lane
-from flgpr.pipeline import tasks
+from flgpr.pipeline import lane_run, tasks
+from flgpr.pipeline.checkpoint import finish
 from flgpr.pipeline.lane_run import detect_lane, homes_at
 from flgpr.pipeline.memory import memory_needed, plan_sections
 from flgpr.pipeline.recipe import load_recipe
@@ -103,6 +104,24 @@ def test_sections_go_on_where_they_were_stopped(lane, folder, pieces, tmp_path):
     assert len(done) == len(set(done))
     for one, two in zip(homes_at(folder), homes, strict=True):
         assert content(one) == content(two)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+
+
+def test_a_stop_after_the_last_step_costs_nothing(lane, tmp_path, monkeypatch):
+    job, done = small_job(lane, tmp_path / "result"), []
+
+    def stop(folder):
+        if folder == job.work:
+            raise _Stop
+        finish(folder)
+
+    with executor_for() as executor:
+        monkeypatch.setattr(lane_run, "finish", stop)
+        with pytest.raises(_Stop):
+            detect_lane(job, executor, longest=4.0)
+        monkeypatch.undo()
+        assert detect_lane(job, executor, note=done.append, longest=4.0) == homes_at(tmp_path / "result")
+    assert not done
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
 

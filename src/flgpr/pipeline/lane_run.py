@@ -180,7 +180,11 @@ def _in_sections(
     width = max(2, len(str(len(sections))))
     names = [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
     told = {"rows": [[section.start, section.stop] for section in sections]}
+    folders = [Path(job.output) / name for name in names]
     with begin(job.work, job.identity() | told) as shared:
+        if "threshold" in shared and not home.exists() and _is_whole(job) and homes_at(job.output) == folders:
+            finish(job.work)  # it was stopped after its last step but this
+            return folders
         _prepare(home, names if len(shared) else ())
         drive.stages(job, shared, {stage: numbers(stage) for stage in STAGES if stage not in _OWN})
         jobs = [
@@ -205,7 +209,7 @@ def _in_sections(
                     finish(one.work)
         _bring_together(job, home, names)
         finish(job.work)
-    return [Path(job.output) / name for name in names]
+    return folders
 
 
 def _sizes(run: xr.Dataset) -> dict[str, int]:
@@ -326,8 +330,10 @@ def is_done(job: LaneJob) -> bool:
     bool
         True if it was made of the same run with the same recipe, lane and classifier.
     """
-    if job.work.exists():
-        return False
+    return not job.work.exists() and _is_whole(job)
+
+
+def _is_whole(job: LaneJob) -> bool:
     try:
         if (Path(job.output) / SECTIONS).is_file():
             for home in homes_at(job.output):
