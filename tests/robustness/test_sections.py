@@ -22,6 +22,7 @@ from flgpr.pipeline.result import ResultError, read_result
 from flgpr.pipeline.scoring_tasks import score_alarms
 from flgpr.pipeline.sections import Section, divide, section_lane
 from flgpr.pipeline.survey import executor_for
+from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
 
 SIZES = {"polarization": 3, "pair": 36, "frequency": 1024, "scan": 120_000}
@@ -145,6 +146,12 @@ def test_another_division_begins_anew(lane, tmp_path):
         "lane.toml",
         "sections.json",
     }
+
+
+def test_the_viewer_shows_a_section_and_names_them(folder):
+    with pytest.raises(ValueError, match=r"one of the sections of this lane \(section-01, .*section-04\)"):
+        open_source(folder)
+    assert open_source(homes_at(folder)[1]).folder == (folder / "section-02").resolve()
 
 
 def test_a_section_is_replayed(folder):

@@ -314,4 +314,7 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         return ResultFiles(path, score)
     if (path / "commit.json").is_file():
         return RunFiles(path)
+    if (path / "sections.json").is_file():
+        names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
+        raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
     raise ViewError(f"path must be a result folder or a run, got {path}")
