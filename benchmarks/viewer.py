@@ -28,8 +28,9 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "viewer"))
-from long_lane import make_long_lane
 from watching import CHROMIUM, DRAG, FLAGS
+
+from long_lane import make_long_lane
 
 FIRST = "performance.getEntriesByName('flgpr:first-picture')"
 

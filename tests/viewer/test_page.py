@@ -9,8 +9,9 @@ import statistics
 
 import numpy as np
 import pytest
-from long_lane import make_long_lane
 from watching import DRAG, viridis
+
+from long_lane import make_long_lane
 
 ROWS = 12_000
 
