@@ -10,11 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
-from flgpr.io import RunStoreError, open_run, save_run, seal, sha256, unseal
+from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
+from flgpr.model import Lane
 from flgpr.pipeline import tasks
-from flgpr.pipeline.memory import parse_size
+from flgpr.pipeline.memory import check_memory, parse_size
+from flgpr.pipeline.recipe import load_recipe
 from flgpr.pipeline.result import ResultError, read_result
 
 
@@ -132,6 +134,19 @@ def test_a_run_larger_than_the_memory_is_refused(store):
     with pytest.raises(RunStoreError, match="max_memory"):
         open_run(store, max_memory=500)
     assert open_run(store, max_memory=10_000).sizes["scan"] == 4
+
+
+def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
+    recipe, lane = load_recipe("demo"), Lane(-1.0, 1.0, 2.0, 6.2)
+    sizes = {"polarization": 3, "pair": 14, "frequency": 106, "scan": 3}
+    check_memory(sizes, recipe, lane)
+    with pytest.raises(
+        ValueError, match=r"at least .* for 5000 scans and a lane of 4 m with the recipe 'demo', got 2 GB"
+    ):
+        check_memory(sizes | {"scan": 5000}, recipe, lane)
+    with pytest.raises(ValueError, match="max-memory"):
+        tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_detection_that_takes_too_much_memory_writes_nothing(lane, tmp_path):

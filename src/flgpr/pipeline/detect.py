@@ -20,6 +20,7 @@ from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, Lane, lane_to_scan
 from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.classifier import Classifier
+from flgpr.pipeline.memory import CACHE
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, SuppressionTable
 from flgpr.pipeline.sections import Section
@@ -29,7 +30,6 @@ from flgpr.pipeline.wang2007 import Found, ranked
 from flgpr.screen import prescreen, run_view, sample_scan, select
 
 MAIN = "main"
-_CACHE_BYTES = 512 * 2**20
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _remember(imager: ScanImager, track: Track) -> Iterable[xr.DataArray]:
     """Keep the images of a short run; let those of a long one be made anew on every pass."""
     polarizations, pixels = imager.run.sizes["polarization"], imager.grid.nx * imager.grid.ny
     size = 8 * len(imager) * polarizations * len(imager.subbands) * pixels
-    if size > _CACHE_BYTES:
+    if size > CACHE:
         return imager
     return list(track(imager, "imaging", len(imager)))
 

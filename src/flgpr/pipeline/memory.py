@@ -13,11 +13,14 @@ from flgpr.pipeline.sections import Section, divide, margin, section_lane
 
 SHORTEST = 50.0
 """Length of a lane for which there must be memory, m."""
+CACHE = 512 * 2**20
+"""Images of a short run that are kept in memory, bytes."""
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _PROGRAM = 350e6  # interpreter, libraries, compiled kernels
 _PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel and channel
 _PER_SAMPLE = 60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+_PER_COMPLEX = 8.0  # an image's pixel, bytes
 _PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
 _PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
 
@@ -79,6 +82,42 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
         + _PER_VIEW_PIXEL * channels * pixels
         + _PER_ALARM * bands * alarms
     )
+
+
+def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY) -> None:
+    """Refuse a detection with a recipe without features that would take more memory than there is.
+
+    Such recipes are for short runs: those that subtract the roadside keep the images of all scans.
+
+    Parameters
+    ----------
+    sizes, recipe, lane
+        As for :func:`memory_needed`.
+    limit : int
+        Memory of the process, bytes.
+
+    Raises
+    ------
+    ValueError
+        If it takes more.
+    """
+    image, view = recipe.image.grid(), recipe.run_view.grid(lane)
+    channels = sizes["polarization"] * len(recipe.image.subbands)
+    images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
+    keeps = recipe.suppression is not None and any(variant.suppress_roadside for variant in recipe.variants)
+    needed = (
+        _PROGRAM
+        + _PER_PIXEL * channels * image.nx * image.ny
+        + _PER_SAMPLE * sizes["polarization"] * sizes["pair"] * sizes["frequency"] * len(recipe.image.subbands)
+        + (2 * images if keeps else min(images, CACHE))
+        + _PER_VIEW_PIXEL * channels * view.nx * view.ny * (2 + len(recipe.variants))
+    )
+    if needed > limit:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans and a lane of "
+            f"{lane.y_max - lane.y_min:.0f} m with the recipe {recipe.name!r}, got {limit / 1e9:.3g} GB: recipes with "
+            "the table features, such as wang2007, hold a few scans only"
+        )
 
 
 def plan_sections(
