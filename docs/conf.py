@@ -27,7 +27,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "gallery", "examples/*.ipynb", "examples/*.py"]
 suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of docstrings may fit twice
-nitpicky = False
+nitpicky = True  # a reference that leads nowhere is an error
 highlight_language = "none"  # a fence without a language is for the shell, or a drawing
 
 html_theme = "furo"

@@ -134,7 +134,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         "rbf", "laplacian", "poly", "linear", "sigmoid", "precomputed", or a function of two arrays of examples. It need
         not be a Mercer kernel.
     gamma : float or {"scale", "auto"}
-        Width of the kernel, as in :class:`sklearn.svm.SVC`.
+        Width of the kernel, as in ``sklearn.svm.SVC``.
     degree, coef0 : float
         Parameters of the polynomial and sigmoid kernels.
     bias : bool
@@ -152,7 +152,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
     moderated : bool
         Whether probabilities average over the weights' posterior, σ(κ m), or use their mode, σ(m).
     tol : float
-        What is left to gain at the end, as in :func:`flgpr.detect.rvm_fit.fit_sparse`.
+        What is left to gain at the end, as in ``fit_sparse``.
     max_iter : int
         Most iterations of one ascent.
 

@@ -56,7 +56,7 @@ class PatchShape:
         return (offset[:, None] <= pixels[1] // 2) & (offset[None, :] <= pixels[0] // 2)
 
     def codes(self) -> NDArray[np.int8]:
-        """Regions of the patch's pixels (y, x) as :func:`flgpr.kernels.patches.region_statistics` wants them."""
+        """Regions of the patch's pixels (y, x) as ``region_statistics`` wants them."""
         codes = np.where(self.region(self.guard), 0, OUTER)
         return np.where(self.region(self.inner), INNER, codes).astype(np.int8)
 

@@ -16,7 +16,7 @@ class ScanImager:
     """Make the images of a run, one scan at a time.
 
     A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid that moves with the
-    vehicle: the scan frame of :mod:`flgpr.model.frames`. While height and attitude stay the same, so does the operator.
+    vehicle: the scan frame of ``model.frames``. While height and attitude stay the same, so does the operator.
 
     Parameters
     ----------

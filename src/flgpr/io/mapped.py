@@ -67,9 +67,9 @@ def import_mapped(
     limit : int
         Largest array to read, bytes.
     pose : (scan, 6) array_like, optional
-        Poses in place of the mapping's, such as from :func:`flgpr.io.tracks.read_survey`.
+        Poses in place of the mapping's, such as from :func:`flgpr.io.read_survey`.
     track : DataFrame, optional
-        Track of the reference point in place of the mapping's, such as from :func:`flgpr.io.tracks.read_nmea`.
+        Track of the reference point in place of the mapping's, such as from :func:`flgpr.io.read_nmea`.
     clock_offset : float
         With ``track``: time on the track's clock is that of the radar plus this, s.
 

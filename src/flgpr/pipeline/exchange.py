@@ -106,7 +106,7 @@ def import_with_mapping(
     data : list of path, optional
         Data files in place of the mapping's own.
     survey : path, optional
-        CSV of surveyed poses, a line per scan; see :func:`flgpr.io.tracks.read_survey`.
+        CSV of surveyed poses, a line per scan; see :func:`flgpr.io.read_survey`.
     track : path, optional
         CSV track; any other ending is read as an NMEA log, which needs the anchor.
     anchor : path, optional

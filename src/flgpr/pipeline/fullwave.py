@@ -162,7 +162,7 @@ def import_gprmax_models(
     output : str or Path
         Run store to make.
     band, transmit, ground, horizontal, vertical, waveform
-        As in :class:`flgpr.io.gprmax_files.GprmaxTold`.
+        As in ``GprmaxTold``.
 
     Returns
     -------

@@ -100,7 +100,7 @@ class LiveReport:
     Attributes
     ----------
     counts : dict
-        What came and what became of it, see :data:`flgpr.pipeline.live_intake.COUNTS`.
+        What came and what became of it, see ``live_intake.COUNTS``.
     latency_ms : dict
         ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many.
     alarms : int

@@ -60,7 +60,7 @@ class Paper:
     title : str
         Authors, year and subject.
     run : callable
-        Takes the folder to work in, whether to be quick, and a :class:`Track`; returns the page.
+        Takes the folder to work in, whether to be quick, and a ``Track``; returns the page.
     verdicts : callable
         Takes that folder and returns what the paper's findings file holds.
     """
