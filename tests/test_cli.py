@@ -131,6 +131,14 @@ def test_a_plan_is_drawn_registered_and_counted(tmp_path):
     assert len((tmp_path / "plan.csv").read_text().splitlines()) == 6
 
 
+def test_nobody_types_a_passphrase_in_vain(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    told = call("score", "plan.csv", "--seal", "--lane", "lane.toml", "-o", tmp_path / "sealed")
+    assert told.exit_code == 2
+    assert "passphrase" not in told.output
+    assert "flgpr[seal]" in told.output
+
+
 def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     pytest.importorskip("cryptography")
     (tmp_path / "lane.toml").write_text("x_min = -1.5\nx_max = 1.5\ny_min = 0\ny_max = 60\n")

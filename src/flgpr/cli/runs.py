@@ -184,11 +184,13 @@ def _score_result(
 def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> None:
     if lane is None or output is None:
         raise ValueError("--seal needs --lane and --output, got one or none of them")
+    scoring_tasks.require_seal()
     passphrase = typer.prompt("passphrase", hide_input=True, confirmation_prompt=True, err=True)
     typer.echo(f"wrote {scoring_tasks.seal(truth, lane, output, passphrase, halo=halo)}")
 
 
 def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
+    scoring_tasks.require_seal()
     passphrase = typer.prompt("passphrase", hide_input=True, err=True)
     told = scoring_tasks.score_sealed(alarms, sealed, passphrase, output)
     typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import json
 import math
 import tomllib
@@ -164,6 +165,18 @@ def score_sections(
     halo = read_result(homes_at(home)[0]).recipe.score.halo
     to = Path(output) if output is not None else home / "score"
     return score_alarms(home / "alarms.csv", truth, home / "lane.toml", to, halo=halo, recipe=recipe, book=book)
+
+
+def require_seal() -> None:
+    """Refuse before anybody types a passphrase if what sealing needs is not installed.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If the library cryptography is missing.
+    """
+    if importlib.util.find_spec("cryptography") is None:
+        raise ModuleNotFoundError("sealed truth needs the library cryptography: pip install 'flgpr[seal]'")
 
 
 def seal(
