@@ -58,7 +58,7 @@ def import_gprmax(
         else:
             missing = next((one for one in source if not one.exists()), None)
             if missing is not None:
-                raise FileNotFoundError(f"gprMax results not found: {missing}")
+                raise FileNotFoundError(f"file not found: {missing}")
             if band is None or transmit is None or ground is None:
                 raise ValueError("result files need --band, --transmit and --ground, which they do not tell")
             if (waveform is None) != (centre is None):
