@@ -13,7 +13,7 @@ DATA = Path(__file__).parent / "data"
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file(file_path, parent):
-    """Look for examples in the package only: here are several files of one name, which cannot all be imported for it."""
+    """Look for examples in the package only: files of one name, such as this one, cannot all be imported for it."""
     found = yield
     return [one for one in found if type(one).__name__ != "DoctestModule"]
 
