@@ -16,24 +16,34 @@ FUZZ = settings(
 )
 
 
+_BLOWS = st.lists(
+    st.tuples(
+        st.sampled_from(["cut", "flip", "write", "grow", "swap", "zero"]),
+        st.integers(0, 2**32 - 1),
+        st.integers(0, 7),
+        st.binary(min_size=1, max_size=8),
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
 def damaged(data, draw):
     """Cut, flip, swap, overwrite or lengthen."""
     raw = bytearray(data)
-    for _ in range(draw(st.integers(1, 4))):
-        what = draw(st.sampled_from(["cut", "flip", "write", "grow", "swap", "zero"]))
-        at = draw(st.integers(0, max(len(raw) - 1, 0)))
+    for what, where, bit, new in draw(_BLOWS):  # drawn at once, so that what is drawn does not depend on the data
+        at = where % max(len(raw), 1)
         if what == "cut":
             del raw[at:]
         elif what == "flip" and raw:
-            raw[at] ^= 1 << draw(st.integers(0, 7))
+            raw[at] ^= 1 << bit
         elif what == "write":
-            raw[at : at + 4] = draw(st.binary(min_size=1, max_size=8))
+            raw[at : at + 4] = new
         elif what == "grow":
             raw += bytes(raw) * 9
         elif what == "swap":
-            part = raw[at : at + 8]
-            raw[at : at + 8] = part[::-1]
-        else:
+            raw[at : at + 8] = raw[at : at + 8][::-1]
+        elif what == "zero":
             raw[at : at + 16] = bytes(len(raw[at : at + 16]))
         if len(raw) > 200_000:
             break

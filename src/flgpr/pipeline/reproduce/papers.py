@@ -27,6 +27,7 @@ h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bot
 table { border-collapse: collapse; font-size: 14px; margin: .6rem 0; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
 th { background: var(--head); } td.n { text-align: right; font-variant-numeric: tabular-nums; }
+td.agrees, td.disagrees, td.cannot { white-space: nowrap; }
 td.agrees { color: var(--good); } td.disagrees { color: var(--bad); } td.cannot { color: var(--open); }
 .quick { border: 1px solid var(--bad); padding: .6rem; } .scroll { overflow-x: auto; }
 """
