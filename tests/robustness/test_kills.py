@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from flgpr.io import open_run
-from flgpr.pipeline import tasks
+from flgpr.pipeline import checkpoint, tasks
 from flgpr.pipeline.lane_run import homes_at
 from flgpr.pipeline.result import ResultError, read_result
 from robust import content, digests
@@ -113,7 +113,7 @@ def test_kills_of_a_detection_in_sections(lane, tmp_path):
         if (tmp_path / "result").exists():
             state(tmp_path / "result")
 
-    killer = Killer(9, tmp_path, Detection(lane.run, lane.recipe, lane.area, section=3.0))
+    killer = Killer(9, tmp_path, Detection(lane.run, lane.recipe, lane.area, section=3.0, every=0.0))
     want = state(tmp_path / "probe")
     assert {"section-01", "section-02", "section-03", "alarms.csv", "sections.json"} <= set(want)
     while killer.kills < KILLS // 2:
@@ -126,11 +126,12 @@ def test_kills_of_a_detection_in_sections(lane, tmp_path):
 class Detection:
     """A detection that may have been done already."""
 
-    def __init__(self, *arguments, section=None):
-        self.arguments, self.section = arguments, section
+    def __init__(self, *arguments, section=None, every=2.0):
+        self.arguments, self.section, self.every = arguments, section, every
 
     def __call__(self, output):
         run, recipe, area = self.arguments
+        checkpoint.KEEP_EVERY = self.every
         tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
 
 

@@ -10,12 +10,14 @@ import time
 import pandas as pd
 import pytest
 
+from flgpr.imaging import ScanImager
 from flgpr.io import save_run
-from flgpr.pipeline import tasks
+from flgpr.pipeline import checkpoint, tasks
 from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import WorkError, begin
 from flgpr.pipeline.executors import LostWorkersError, Processes
-from flgpr.pipeline.lane_run import features_of_lane
+from flgpr.pipeline.lane_run import detect_lane, features_of_lane
+from flgpr.pipeline.survey import executor_for
 from robust import content, digests, small_job
 
 
@@ -210,9 +212,9 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
 def _only_of(folder, part):
     """Let blocks be worked on for one work folder only."""
 
-    def checked(chain, stage, number):
+    def checked(chain, *arguments):
         assert chain.known.folder == folder
-        return part(chain, stage, number)
+        return part(chain, *arguments)
 
     return checked
 
@@ -225,3 +227,27 @@ def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_pa
     with pytest.raises(FileExistsError, match="other files"):
         tasks.train_runs([lane.run], [truth], lane.recipe, tmp_path / "mine", lanes=[lane.area])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "truth.csv"]
+
+
+@pytest.mark.parametrize("stop", [2, 5, 40, 75, 100, 150])
+def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, stop, tmp_path, monkeypatch):
+    """With nothing waited for, every scan of every pass is made once, but for the one that was stopped."""
+    monkeypatch.setattr(checkpoint, "KEEP_EVERY", 0.0)
+    count, image = 0, ScanImager.image
+
+    def counted(imager, *arguments):
+        nonlocal count
+        count += 1
+        if count == stop:
+            raise KeyboardInterrupt
+        return image(imager, *arguments)
+
+    monkeypatch.setattr(ScanImager, "image", counted)
+    job = small_job(lane, tmp_path / "result")
+    with executor_for() as executor:
+        with pytest.raises(KeyboardInterrupt):
+            detect_lane(job, executor)
+        detect_lane(job, executor)
+    assert count == 5 * 36 + 1
+    assert content(tmp_path / "result") == lane.content
+    assert [path.name for path in tmp_path.iterdir()] == ["result"]

@@ -268,14 +268,19 @@ class BackgroundEstimator:
         level = self._spread_out(self._median / self._smoothed)
         return Background(signature, level, self._shared, shared_level(level, np.stack(self.gains)))
 
-    def first_sums(self) -> dict[str, NDArray[Any]]:
+    def first_sums(self, exact: bool = False) -> dict[str, NDArray[Any]]:
         """Give what the first pass has gathered, to be taken in by another estimator.
+
+        Parameters
+        ----------
+        exact : bool
+            Whether the totals keep complex128, so that another estimator goes on with the very same bits. Otherwise
+            they are rounded to complex64: what is estimated from them has that precision anyway.
 
         Returns
         -------
         dict
-            ``gains`` (scan, polarization, subband) and the totals ``own`` and ``shared`` (polarization, subband, y, x),
-            rounded to complex64: what is estimated from them has that precision anyway.
+            ``gains`` (scan, polarization, subband) and the totals ``own`` and ``shared`` (polarization, subband, y, x).
 
         Raises
         ------
@@ -284,9 +289,8 @@ class BackgroundEstimator:
         """
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
-        own, shared = (
-            total.astype(np.complex64).reshape(self._shape) for total in (self._own_total, self._shared_total)
-        )
+        kind = np.complex128 if exact else np.complex64
+        own, shared = (total.astype(kind).reshape(self._shape) for total in (self._own_total, self._shared_total))
         return {"gains": np.stack(self.gains), "own": own, "shared": shared}
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:

@@ -26,14 +26,18 @@ from flgpr.pipeline.wang2007 import (
     Arrays,
     CleanedRun,
     Found,
+    Places,
     background_of,
     blocks_of,
     cleaned_grid,
     features_of,
     features_part,
     gain_part,
+    named,
+    plainly,
     signature_of,
     signature_part,
+    under,
     whole_imager,
 )
 from flgpr.screen import RunViewSums, local_maxima, select, view_array
@@ -127,7 +131,7 @@ class FeatureChain:
                 numbers = track(every, STAGES[stage], len(every))
                 self.known[stage] = self.fold(stage, (self.part(stage, number) for number in numbers))
 
-    def part(self, stage: str, number: int) -> Arrays:
+    def part(self, stage: str, number: int, places: Places = plainly) -> Arrays:
         """Work on one block.
 
         Parameters
@@ -136,6 +140,8 @@ class FeatureChain:
             One of ``STAGES``, the earlier ones being known.
         number : int
             Number of the block.
+        places : Places
+            Goes through the block's scans; may keep what was gathered.
 
         Returns
         -------
@@ -144,15 +150,14 @@ class FeatureChain:
         """
         block = self.blocks[number]
         if stage == "signature":
-            return signature_part(self.imager, self.recipe, block)
+            return signature_part(self.imager, self.recipe, block, places)
         if stage == "gain":
-            return gain_part(self.imager, self.recipe, block, self.known["signature"])
+            return gain_part(self.imager, self.recipe, block, self.known["signature"], places)
         if stage == "view":
-            return self._view_part(block)
+            return self._view_part(block, places)
         if stage == "features":
-            parts = features_part(self.cleaned, self.run, self.recipe, self.raised(), block)
-            return {key: value for name, part in parts.items() for key, value in _named(name, part).items()}
-        return self._evidence_part(block)
+            return features_part(self.cleaned, self.run, self.recipe, self.raised(), block, places)
+        return self._evidence_part(block, places)
 
     def fold(self, stage: str, parts: Iterable[Arrays]) -> Arrays:
         """Bring the parts of a stage together.
@@ -176,7 +181,7 @@ class FeatureChain:
         if stage == "view":
             return self._view(parts)
         if stage == "features":
-            split = ({name: _under(part, name) for name in _prefixes(part)} for part in parts)
+            split = ({name: under(part, name) for name in _prefixes(part)} for part in parts)
             return table_arrays(features_of(self.cleaned, self.run, self.recipe, self.raised(), split))
         return self._evidence_result(parts)
 
@@ -208,15 +213,15 @@ class FeatureChain:
     def evidence(self) -> tuple[Evidence, xr.DataArray]:
         """Give what explains the alarms, and the run-view before suppression; needs the stage ``evidence``."""
         sums = self._evidence_sums()
-        sums.take(_under(self.known["evidence"], "evidence"))
+        sums.take(under(self.known["evidence"], "evidence"))
         return sums.result(), self._own_view("evidence")
 
     def _own_view(self, stage: str) -> xr.DataArray:
         return self._as_view(self.known[stage]["view"], self.known[stage]["looks"], self.section.rows)
 
-    def _view_part(self, block: range) -> Arrays:
+    def _view_part(self, block: range, places: Places) -> Arrays:
         sums = self._window(block)
-        for image, gain, pose in self.cleaned.scans(block):
+        for image, gain, pose in self.cleaned.scans(places(block, sums.take, sums.sums)):
             sums.add(self.cleaned.background.magnitude(image, gain), self.cleaned.grid, pose)
         return sums.sums()
 
@@ -233,20 +238,28 @@ class FeatureChain:
         seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
         return {**self._cropped(values, looks), "seen": np.array(seen), **table_arrays(own, "maximum.")}
 
-    def _evidence_part(self, block: range) -> Arrays:
+    def _evidence_part(self, block: range, places: Places) -> Arrays:
         before, sums, cleaned = self._window(block), self._evidence_sums(self._poses_near(block)), self.cleaned
-        for place in block:
+
+        def gathered() -> Arrays:
+            return {**before.sums(), **named("evidence", sums.sums())}
+
+        def take(kept: Arrays) -> None:
+            before.take(kept)
+            sums.take(under(kept, "evidence"))
+
+        for place in places(block, take, gathered):
             image = cleaned.imager.image(int(cleaned.imager.scans[place]))
             before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
             sums.add(image.copy(data=cleaned.background.own_coherent(image.values, cleaned.gains[place])))
-        return {**before.sums(), **_named("evidence", sums.sums())}
+        return gathered()
 
     def _evidence_result(self, parts: Iterable[Arrays]) -> Arrays:
         before, sums = RunViewSums(self.grid, self.recipe.run_view.y_max, self._kept), self._evidence_sums()
         for part in parts:
             before.take(part)
-            sums.take(_under(part, "evidence"))
-        return {**self._cropped(*before.result()), **_named("evidence", sums.sums())}
+            sums.take(under(part, "evidence"))
+        return {**self._cropped(*before.result()), **named("evidence", sums.sums())}
 
     def _evidence_sums(self, poses: Mapping[int, NDArray[np.float64]] | None = None) -> EvidenceSums:
         contrast, alarms = self.recipe.contrast, self.found().ranked()[0]
@@ -322,11 +335,3 @@ def array_table(arrays: Mapping[str, NDArray[Any]], prefix: str = "") -> pd.Data
 
 def _prefixes(part: Arrays) -> list[str]:
     return list(dict.fromkeys(key.rpartition("|")[0] for key in part))
-
-
-def _named(name: str, part: Arrays) -> Arrays:
-    return {f"{name}|{key}": value for key, value in part.items()}
-
-
-def _under(part: Mapping[str, NDArray[Any]], name: str) -> Arrays:
-    return {key.rpartition("|")[2]: part[key] for key in part if key.rpartition("|")[:2] == (name, "|")}

@@ -12,7 +12,8 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, MutableMapping
+import time
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,6 +28,8 @@ SUFFIX = ".arrays"
 _JOB, _LOCK, _PARTIAL = "job.json", "lock", ".partial"
 _KINDS, _ALIGN = "biufcU", 64
 _LONGEST_HEAD = 2**22
+KEEP_EVERY = 2.0
+"""Seconds of work on a block that a stop may cost besides the scan in flight."""
 
 
 class WorkError(ValueError):
@@ -270,6 +273,58 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             Bytes.
         """
         return self.path(name).stat().st_size
+
+
+class Kept:
+    """Goes through a block and keeps what was gathered every few seconds, so that a stop costs little of a long block.
+
+    Parameters
+    ----------
+    work : Checkpoint
+        The work folder.
+    part : str
+        Name of the block's part.
+    every : float
+        So many seconds of work may be lost besides the scan in flight; default ``KEEP_EVERY``.
+    """
+
+    def __init__(self, work: Checkpoint, part: str, every: float | None = None) -> None:
+        self.work, self.name = work, f"{part}-kept"
+        self.every = KEEP_EVERY if every is None else every
+
+    def __call__(self, block: range, take: Callable[[Arrays], None], sums: Callable[[], Arrays]) -> Iterator[int]:
+        """Go through a block, from where it was left.
+
+        Parameters
+        ----------
+        block : range
+            The block.
+        take : callable
+            Takes in what was gathered before.
+        sums : callable
+            Gives what was gathered.
+
+        Yields
+        ------
+        int
+            Its scans; one counts as gathered when the next is asked for.
+        """
+        begun = block.start
+        if self.name in self.work:
+            kept = dict(self.work[self.name])
+            begun = int(kept.pop("next"))
+            take(kept)
+        last = time.monotonic()
+        for place in range(begun, block.stop):
+            yield place
+            if place + 1 < block.stop and time.monotonic() - last >= self.every:
+                self.work[self.name] = {**sums(), "next": np.array(place + 1)}
+                last = time.monotonic()
+
+    def drop(self) -> None:
+        """Delete what was kept; the block is done."""
+        if self.name in self.work:
+            del self.work[self.name]
 
 
 @contextmanager

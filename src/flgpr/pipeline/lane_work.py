@@ -22,7 +22,7 @@ import flgpr
 from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, sha256
 from flgpr.model import Lane
 from flgpr.pipeline.blocks import FeatureChain
-from flgpr.pipeline.checkpoint import ArrayFile, Checkpoint
+from flgpr.pipeline.checkpoint import ArrayFile, Checkpoint, Kept
 from flgpr.pipeline.classifier import load_classifier
 from flgpr.pipeline.detect import detection_with_features
 from flgpr.pipeline.executors import Report
@@ -219,7 +219,9 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
         chain, work = _open(job)
         name = work.part(stage, number)
         if name not in work:
-            work[name] = chain.part(stage, number)
+            kept = Kept(work, name)
+            work[name] = chain.part(stage, number, kept)
+            kept.drop()
         return _report(job, stage, number, begun, work.size(name))
 
 

@@ -141,6 +141,7 @@ class EvidenceSums:
         self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
         self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
         self._looks: list[list[_Look]] = [[] for _ in self._points]
+        self._seen = np.zeros(len(self._points), bool)
         self._coherency = np.zeros((len(self._points), 3, 3), np.complex128)
         self._channels: tuple[list[str], list[str]] = ([], [])
         self._poses = poses
@@ -166,6 +167,7 @@ class EvidenceSums:
         for number in wanted:
             values = _explain(image, local[number], self._patch, tracer)
             self._look(int(number), _Look(scan, _distance(local[number]), values))
+        self._seen[seen] = True
         for number in seen:
             self._coherency[number] += _coherency(image.sel(subband=self._subband or subband[0]), local[number])
 
@@ -184,11 +186,11 @@ class EvidenceSums:
         Returns
         -------
         dict
-            ``alarm``, ``scan``, ``distance`` and ``values`` of every look that is kept, ``coherency`` of every alarm,
-            ``polarization`` and ``subband``.
+            ``alarm``, ``scan``, ``distance`` and ``values`` of every look that is kept; ``seen``, the alarms in sight
+            of any scan, and their ``coherency``; ``polarization`` and ``subband``.
         """
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
-        seen = np.flatnonzero([len(some) > 0 for some in self._looks])
+        seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
         values = np.array([look.values for _, look in looks], dtype=np.float16)
         return {
@@ -215,6 +217,7 @@ class EvidenceSums:
         rows = zip(sums["alarm"], sums["scan"], sums["distance"], sums["values"], strict=True)
         for number, scan, distance, values in rows:
             self._look(int(number), _Look(int(scan), float(distance), values))
+        self._seen[sums["seen"]] = True
         self._coherency[sums["seen"]] += sums["coherency"]
 
     def result(self) -> Evidence:

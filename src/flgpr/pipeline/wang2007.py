@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -25,6 +25,26 @@ BLOCK = 16
 """Most scans in a block."""
 Arrays = dict[str, NDArray[Any]]
 FloatArray = NDArray[np.float64]
+Places = Callable[[range, Callable[[Arrays], None], Callable[[], Arrays]], Iterator[int]]
+"""Goes through a block: takes it, what takes in sums that were kept, and what gives sums to keep."""
+
+
+def plainly(block: range, take: Callable[[Arrays], None], sums: Callable[[], Arrays]) -> Iterator[int]:  # noqa: ARG001
+    """Go through a block from its beginning and keep nothing.
+
+    Parameters
+    ----------
+    block : range
+        The block.
+    take, sums : callable
+        Not called.
+
+    Yields
+    ------
+    int
+        Its scans.
+    """
+    yield from block
 
 
 def blocks_of(scans: int) -> list[range]:
@@ -150,7 +170,7 @@ def estimator(recipe: Recipe) -> BackgroundEstimator:
     return BackgroundEstimator(median, mean, recipe.background.median_step)
 
 
-def signature_part(imager: ScanImager, recipe: Recipe, block: range) -> Arrays:
+def signature_part(imager: ScanImager, recipe: Recipe, block: range, places: Places = plainly) -> Arrays:
     """First pass over a block: what it adds to the self-signature.
 
     Parameters
@@ -161,6 +181,8 @@ def signature_part(imager: ScanImager, recipe: Recipe, block: range) -> Arrays:
         The recipe.
     block : range
         Places of its scans among the imager's.
+    places : Places
+        Goes through the block.
 
     Returns
     -------
@@ -168,7 +190,7 @@ def signature_part(imager: ScanImager, recipe: Recipe, block: range) -> Arrays:
         See :meth:`flgpr.clutter.BackgroundEstimator.first_sums`.
     """
     tool = estimator(recipe)
-    for place in block:
+    for place in places(block, tool.take_first, lambda: tool.first_sums(exact=True)):
         tool.add_signature(imager.image(int(imager.scans[place])).values)
     return tool.first_sums()
 
@@ -194,7 +216,7 @@ def signature_of(recipe: Recipe, parts: Iterable[Arrays]) -> Arrays:
     return tool.first_result()
 
 
-def gain_part(imager: ScanImager, recipe: Recipe, block: range, first: Arrays) -> Arrays:
+def gain_part(imager: ScanImager, recipe: Recipe, block: range, first: Arrays, places: Places = plainly) -> Arrays:
     """Second pass over a block: what it adds to the gain background.
 
     Parameters
@@ -207,6 +229,8 @@ def gain_part(imager: ScanImager, recipe: Recipe, block: range, first: Arrays) -
         Places of its scans among the imager's.
     first : dict of ndarray
         From :func:`signature_of`.
+    places : Places
+        Goes through the block.
 
     Returns
     -------
@@ -215,7 +239,7 @@ def gain_part(imager: ScanImager, recipe: Recipe, block: range, first: Arrays) -
     """
     tool = estimator(recipe)
     tool.continue_from(first, slice(block.start, block.stop))
-    for place in block:
+    for place in places(block, tool.take_second, tool.second_sums):
         tool.add_gain(imager.image(int(imager.scans[place])).values)
     return tool.second_sums()
 
@@ -286,12 +310,12 @@ class CleanedRun:
         """Yield every scan's image, gains and pose."""
         yield from self.scans(range(len(self)))
 
-    def scans(self, block: range) -> Iterator[tuple[NDArray[np.complex64], FloatArray, FloatArray]]:
+    def scans(self, block: Iterable[int]) -> Iterator[tuple[NDArray[np.complex64], FloatArray, FloatArray]]:
         """Go through a block.
 
         Parameters
         ----------
-        block : range
+        block : iterable of int
             Places of its scans among the complete ones.
 
         Yields
@@ -334,8 +358,13 @@ def feature_sums(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: p
 
 
 def features_part(
-    cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, alarms: pd.DataFrame, block: range
-) -> dict[str, Arrays]:
+    cleaned: CleanedRun,
+    run: xr.Dataset,
+    recipe: Recipe,
+    alarms: pd.DataFrame,
+    block: range,
+    places: Places = plainly,
+) -> Arrays:
     """Fourth pass over a block: what it adds to the features of the alarms that it sees.
 
     Parameters
@@ -344,11 +373,14 @@ def features_part(
         As for :func:`feature_sums`.
     block : range
         Places of its scans among the complete ones.
+    places : Places
+        Goes through the block.
 
     Returns
     -------
-    dict of str to dict of ndarray
-        By prefix the sums of :meth:`flgpr.features.FeatureSums.sums`, rows counted among all alarms.
+    dict of ndarray
+        The sums of :meth:`flgpr.features.FeatureSums.sums`, rows counted among all alarms; names as :func:`named` makes
+        them of the prefixes.
     """
     poses = run["pose"].values[cleaned.imager.scans[block.start : block.stop]]
     x_min, x_max, _, y_max = cleaned.grid.extent()
@@ -356,14 +388,57 @@ def features_part(
     y = alarms["y"].to_numpy(dtype=np.float64)
     near = np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
     sums = feature_sums(cleaned, run, recipe, alarms.iloc[near])
-    for image, gain, pose in cleaned.scans(block):
+
+    def gathered() -> Arrays:
+        return {key: value for name, one in sums.items() for key, value in named(name, one.sums()).items()}
+
+    def take(kept: Arrays) -> None:
+        for name, one in sums.items():
+            one.take(under(kept, name))
+
+    for image, gain, pose in cleaned.scans(places(block, take, gathered)):
         magnitude = cleaned.background.magnitude(image, gain)
         coherent = cleaned.background.coherent(image, gain)
         for name, one in sums.items():
             own = cleaned.background.own_coherent(image, gain) if name == PAPER else coherent
             one.add(magnitude, own, pose)
-    parts = {name: one.sums() for name, one in sums.items()}
-    return {name: part | {"row": near[part["row"]]} for name, part in parts.items()}
+    return {key: near[value] if key.endswith("|row") else value for key, value in gathered().items()}
+
+
+def named(name: str, part: Mapping[str, NDArray[Any]]) -> Arrays:
+    """Put a name before those of arrays.
+
+    Parameters
+    ----------
+    name : str
+        The name; may be empty.
+    part : mapping of str to ndarray
+        The arrays.
+
+    Returns
+    -------
+    dict of ndarray
+        They, called NAME|OLD.
+    """
+    return {f"{name}|{key}": value for key, value in part.items()}
+
+
+def under(part: Mapping[str, NDArray[Any]], name: str) -> Arrays:
+    """Find the arrays under a name.
+
+    Parameters
+    ----------
+    part : mapping of str to ndarray
+        Arrays of :func:`named`, among others.
+    name : str
+        The name.
+
+    Returns
+    -------
+    dict of ndarray
+        Those of that name, called as they were before.
+    """
+    return {key.rpartition("|")[2]: part[key] for key in part if key.rpartition("|")[:2] == (name, "|")}
 
 
 def features_of(
