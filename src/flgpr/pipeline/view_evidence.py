@@ -168,8 +168,8 @@ class EvidenceSums:
             values = _explain(image, local[number], self._patch, tracer)
             self._look(int(number), _Look(scan, _distance(local[number]), values))
         self._seen[seen] = True
-        for number in seen:
-            self._coherency[number] += _coherency(image.sel(subband=self._subband or subband[0]), local[number])
+        if seen.size:
+            self._coherency[seen] += _coherency(image.sel(subband=self._subband or subband[0]), local[seen])
 
     def _nearest_scans(self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]) -> list[set[int]]:
         """Find the scans of every alarm that will be kept; all images have the pixels of this one."""
@@ -333,20 +333,21 @@ def focused_trace(
     return np.asarray(np.abs(np.einsum("zf,fr->zr", beam, kernel)))  # too small for the threads of a matrix product
 
 
-def _coherency(image: xr.DataArray, place: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Sum of k·k^H over 5 x 5 pixels, k the Pauli vector; zero where a polarization is missing."""
+def _coherency(image: xr.DataArray, places: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Sum k·k^H over 5 x 5 pixels about each place, k the Pauli vector; zero where a polarization is missing."""
     labels = [str(label) for label in image["polarization"].values]
     cross = [label for label in ("HV", "VH") if label in labels]
     if not ({"HH", "VV"} <= set(labels) and cross):
-        return np.zeros((3, 3), np.complex128)
+        return np.zeros((len(places), 3, 3), np.complex128)
     x, y = image["x"].values, image["y"].values
-    row, column = (place[1] - y[0]) / (y[1] - y[0]), (place[0] - x[0]) / (x[1] - x[0])
     offset = np.arange(-2.0, 3.0)
-    pixels = np.meshgrid(row + offset, column + offset, indexing="ij")
-    hh, vv = (bilinear(image.sel(polarization=name).values, *pixels) for name in ("HH", "VV"))
-    hv = np.mean([bilinear(image.sel(polarization=name).values, *pixels) for name in cross], axis=0)
-    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv]).reshape(3, -1)) / np.sqrt(2)
-    return np.asarray(vector @ vector.conj().T, dtype=np.complex128)
+    row = ((places[:, 1] - y[0]) / (y[1] - y[0]))[:, None, None] + offset[:, None]
+    column = ((places[:, 0] - x[0]) / (x[1] - x[0]))[:, None, None] + offset
+    pixels = np.broadcast_arrays(row, column)
+    hh, vv = (bilinear(image.values[labels.index(name)], *pixels) for name in ("HH", "VV"))
+    hv = np.mean([bilinear(image.values[labels.index(name)], *pixels) for name in cross], axis=0)
+    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(places), 3, -1)) / np.sqrt(2)
+    return np.asarray(vector @ vector.conj().swapaxes(1, 2), dtype=np.complex128)
 
 
 def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
