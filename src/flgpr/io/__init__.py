@@ -6,7 +6,7 @@ from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.explain import Explanation, explain_file, propose_mapping
 from flgpr.io.extras import MissingExtraError
-from flgpr.io.files import canonical_json, replace_folder, sha256, write_whole
+from flgpr.io.files import canonical_json, check_free_folder, replace_folder, sha256, write_whole
 from flgpr.io.fullwave import FullwaveLane, import_fullwave
 from flgpr.io.georeferenced import (
     georeference,
@@ -36,7 +36,7 @@ from flgpr.io.scan_file import (
 )
 from flgpr.io.sealed import inside, read_limited, seal, unseal
 from flgpr.io.signals import impulse_to_frequency
-from flgpr.io.tables import read_lane, read_table, write_geojson, write_table
+from flgpr.io.tables import lane_text, read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "ScanFileError",
     "as_run",
     "canonical_json",
+    "check_free_folder",
     "decode_frame",
     "describe_for_live",
     "encode_frame",
@@ -68,6 +69,7 @@ __all__ = [
     "import_mapped",
     "impulse_to_frequency",
     "inside",
+    "lane_text",
     "open_arrays",
     "open_run",
     "parse_description",

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,4 +111,34 @@ def replace_folder(new: Path, folder: Path) -> None:
     if folder.exists():
         folder.rename(old)
     new.rename(folder)
+    sync_directory(folder.parent)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
+    """Make sure that a folder may be written at a place.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The place.
+    marks : sequence of str
+        Files of which a folder of the kind has one.
+    kind : str
+        What may be replaced there, for the message.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    FileExistsError
+        If something else lies there.
+    """
+    folder = Path(folder)
+    known = any((folder / name).is_file() for name in marks)
+    if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
+        raise FileExistsError(f"output must be a new folder or an older {kind}, got {folder}, which holds other files")
+    return folder

@@ -22,7 +22,7 @@ from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByt
 from zarr.codecs import Crc32cCodec
 
 from flgpr.io.declared import MAX_MEMORY, check_declared
-from flgpr.io.files import canonical_json, sha256, sync_directory, sync_file, write_whole
+from flgpr.io.files import canonical_json, replace_folder, sha256, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
 from flgpr.io.sealed import inside, read_limited
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
@@ -296,7 +296,7 @@ class RunWriter:
             {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
         )
         _write_manifest(self._partial, len(scans))
-        _replace(self._partial, self.path)
+        replace_folder(self._partial, self.path)
         (self.path / JOURNAL).unlink()  # not before: a kill in between would cost every scan
 
     def _chunk(self, scan: int) -> Path:
@@ -545,13 +545,3 @@ def _write_manifest(root: Path, scans: int) -> None:
 
 def _manifest_bytes(manifest: dict[str, Any]) -> bytes:
     return json.dumps(manifest, indent=1, sort_keys=True).encode()
-
-
-def _replace(new: Path, target: Path) -> None:
-    old = target.with_name(target.name + ".old")
-    shutil.rmtree(old, ignore_errors=True)
-    if target.exists():
-        target.rename(old)
-    new.rename(target)
-    sync_directory(target.parent)
-    shutil.rmtree(old, ignore_errors=True)

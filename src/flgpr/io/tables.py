@@ -117,6 +117,22 @@ def read_lane(path: str | Path) -> Lane:
         raise ValueError(f"{path}: {error}") from None
 
 
+def lane_text(lane: Lane) -> str:
+    """Write a lane as TOML, the form :func:`read_lane` reads.
+
+    Parameters
+    ----------
+    lane : Lane
+        The lane.
+
+    Returns
+    -------
+    str
+        The text.
+    """
+    return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer, hit_weights
-from flgpr.io import inside, read_limited, replace_folder, seal, sha256, unseal, write_whole
+from flgpr.io import check_free_folder, inside, read_limited, replace_folder, seal, sha256, unseal, write_whole
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
@@ -295,10 +295,7 @@ def check_free_model(folder: str | Path) -> Path:
     FileExistsError
         If something that is no classifier lies there.
     """
-    folder = Path(folder)
-    if folder.exists() and not (folder / "model.json").is_file() and (folder.is_file() or any(folder.iterdir())):
-        raise FileExistsError(f"output must be a new folder or an older model, got {folder}, which holds other files")
-    return folder
+    return check_free_folder(folder, ("model.json",), "model")
 
 
 def load_classifier(folder: str | Path) -> Classifier:

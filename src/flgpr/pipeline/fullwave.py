@@ -7,11 +7,10 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.io import GprmaxRun, RunWriter, save_run, write_geojson, write_table, write_whole
+from flgpr.io import GprmaxRun, RunWriter, lane_text, save_run, write_geojson, write_table, write_whole
 from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.simulation import lane_text
 from flgpr.simulate import Decks, Scene, draw_world, make_decks
 
 _TOLD = """\
@@ -86,7 +85,7 @@ def write_gprmax_decks(
         for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
             write_table(table, partial / f"{name}.csv")
             write_geojson(table, partial / f"{name}.geojson")
-        write_whole(partial / "lane.toml", lane_text(scene))
+        write_whole(partial / "lane.toml", lane_text(scene.lane))
         partial.rename(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)

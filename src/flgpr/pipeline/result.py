@@ -19,6 +19,7 @@ import xarray as xr
 import flgpr
 from flgpr.io import (
     canonical_json,
+    check_free_folder,
     inside,
     read_limited,
     read_manifest,
@@ -198,11 +199,7 @@ def check_free(folder: str | Path) -> Path:
     FileExistsError
         If something that is no result lies there.
     """
-    folder = Path(folder)
-    known = any((folder / name).is_file() for name in ("manifest.json", SECTIONS))
-    if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
-        raise FileExistsError(f"output must be a new folder or an older result, got {folder}, which holds other files")
-    return folder
+    return check_free_folder(folder, ("manifest.json", SECTIONS), "result")
 
 
 def _content(

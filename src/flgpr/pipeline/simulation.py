@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from flgpr import __version__
-from flgpr.io import RunWriter, canonical_json, sha256, write_geojson, write_table, write_whole
+from flgpr.io import RunWriter, canonical_json, lane_text, sha256, write_geojson, write_table, write_whole
 from flgpr.model import Sensor
 from flgpr.pipeline.progress import Track, silent
 from flgpr.simulate import Scene, Simulator, World, draw_world
@@ -87,14 +87,8 @@ def _write_beside(store: Path, simulator: Simulator, truth: str | Path | None) -
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)
-    write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(simulator.scene))
+    write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(simulator.scene.lane))
     return [*written, store.with_name(f"{store.stem}-lane.toml")]
-
-
-def lane_text(scene: Scene) -> str:
-    """Write a scene's lane as TOML, the form :func:`flgpr.io.read_lane` reads."""
-    lane = scene.lane
-    return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
 
 
 def _hash(part: Scene | Sensor) -> str:
