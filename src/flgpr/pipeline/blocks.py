@@ -109,11 +109,7 @@ class FeatureChain:
         list of int
             All of them for the background; for the rest those that reach the section, and at least one.
         """
-        everyone = list(range(len(self.blocks)))
-        if stage in ("signature", "gain"):
-            return everyone
-        windows = [self._rows(block) for block in self.blocks]
-        return [number for number in everyone if windows[number].start < windows[number].stop] or everyone[:1]
+        return list(range(len(self.blocks))) if stage in ("signature", "gain") else self._reaching
 
     def go(self, track: Track = silent, stages: Sequence[str] = tuple(STAGES)) -> None:
         """Do stages here and now, block after block; those already known are left out.
@@ -184,6 +180,11 @@ class FeatureChain:
             split = ({name: under(part, name) for name in _prefixes(part)} for part in parts)
             return table_arrays(features_of(self.cleaned, self.run, self.recipe, self.raised(), split))
         return self._evidence_result(parts)
+
+    @cached_property
+    def _reaching(self) -> list[int]:
+        windows = [self._rows(block) for block in self.blocks]
+        return [number for number, rows in enumerate(windows) if rows.start < rows.stop] or [0]
 
     @cached_property
     def cleaned(self) -> CleanedRun:

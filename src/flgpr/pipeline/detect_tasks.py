@@ -11,7 +11,7 @@ from flgpr.pipeline.classifier import load_classifier
 from flgpr.pipeline.detect import detect, lane_of
 from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, unnoted
 from flgpr.pipeline.lane_work import make_job
-from flgpr.pipeline.memory import check_memory
+from flgpr.pipeline.memory import check_memory, sizes_of
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
@@ -128,7 +128,7 @@ def detect_long(
     check_free(output)
     dataset = open_run(run, max_memory)
     area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
-    check_memory({str(name): length for name, length in dataset.sizes.items()}, parsed, area, max_memory)
+    check_memory(sizes_of(dataset), parsed, area, max_memory)
     classifier = load_classifier(model) if model is not None else None
     detections = detect(dataset, parsed, area, track, classifier)
     folder = write_result(output, detections, text, area, describe_run(dataset, run))

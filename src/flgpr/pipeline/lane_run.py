@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from flgpr.io import (
     inside,
+    lane_text,
     open_run,
     read_limited,
     read_table,
@@ -36,7 +36,7 @@ from flgpr.pipeline.blocks import STAGES, FeatureChain, array_table
 from flgpr.pipeline.checkpoint import Checkpoint, begin, finish
 from flgpr.pipeline.executors import Executor, Report
 from flgpr.pipeline.lane_work import LaneJob, do_finish, do_fold, do_part
-from flgpr.pipeline.memory import plan_sections
+from flgpr.pipeline.memory import plan_sections, sizes_of
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe
 from flgpr.pipeline.result import (
@@ -99,17 +99,18 @@ def detect_lane(
     """
     folder = check_free(job.output)
     run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
-    sections = plan_sections(_sizes(run), recipe, lane, job.max_memory, longest)
+    sections = plan_sections(sizes_of(run), recipe, lane, job.max_memory, longest)
 
-    def numbers(stage: str, section: Section | None = None) -> list[int]:
-        return FeatureChain(run, recipe, lane, section=section).numbers(stage)
+    def numbers(stages: Sequence[str], section: Section | None = None) -> dict[str, list[int]]:
+        chain = FeatureChain(run, recipe, lane, section=section)  # not kept: it holds memory
+        return {stage: chain.numbers(stage) for stage in stages}
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     drive = _Drive(executor, track, note)
     if len(sections) > 1:
         return _in_sections(job, sections, numbers, drive)
     with begin(job.work, job.identity()) as work:
-        drive.stages(job, work, {stage: numbers(stage) for stage in STAGES})
+        drive.stages(job, work, numbers(tuple(STAGES)))
         drive.finish(job)
         finish(job.work)
     return [folder]
@@ -142,7 +143,7 @@ def features_of_lane(
         If the run does not fit the recipe, the lane takes more than the job's memory, or another process works on it.
     """
     run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
-    plan_sections(_sizes(run), recipe, lane, job.max_memory, math.inf)
+    plan_sections(sizes_of(run), recipe, lane, job.max_memory, math.inf)
     with begin(job.work, job.identity()) as work:
         chain = FeatureChain(run, recipe, lane, known=work)
         needed = [stage for stage in STAGES if stage != "evidence"]
@@ -173,7 +174,7 @@ class _Drive:
 
 
 def _in_sections(
-    job: LaneJob, sections: Sequence[Section], numbers: Callable[..., list[int]], drive: _Drive
+    job: LaneJob, sections: Sequence[Section], numbers: Callable[..., dict[str, list[int]]], drive: _Drive
 ) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
     home = Path(job.output).with_name(Path(job.output).name + ".sections")
@@ -186,7 +187,7 @@ def _in_sections(
             finish(job.work)  # it was stopped after its last step but this
             return folders
         _prepare(home, names if len(shared) else ())
-        drive.stages(job, shared, {stage: numbers(stage) for stage in STAGES if stage not in _OWN})
+        drive.stages(job, shared, numbers([stage for stage in STAGES if stage not in _OWN]))
         jobs = [
             replace(job, output=str(home / name), section=section, shared=str(job.work))
             for name, section in zip(names, sections, strict=True)
@@ -194,7 +195,7 @@ def _in_sections(
         if "threshold" not in shared:
             for name, one in zip(names, jobs, strict=True):
                 with _work_of(one) as work:
-                    drive.stages(one, work, {"view": numbers("view", one.section)}, f"{name}: ")
+                    drive.stages(one, work, numbers(["view"], one.section), f"{name}: ")
             shared["threshold"] = {"threshold": np.array(_threshold(job, jobs))}
         threshold = float(shared["threshold"]["threshold"])
         jobs = [
@@ -204,16 +205,12 @@ def _in_sections(
         for name, one in zip(names, jobs, strict=True):
             if not is_done(one):
                 with _work_of(one) as work:
-                    drive.stages(one, work, {stage: numbers(stage, one.section) for stage in _OWN}, f"{name}: ")
+                    drive.stages(one, work, numbers(_OWN, one.section), f"{name}: ")
                     drive.finish(one, f"{name}: ")
                     finish(one.work)
         _bring_together(job, home, names)
         finish(job.work)
     return folders
-
-
-def _sizes(run: xr.Dataset) -> dict[str, int]:
-    return {str(name): length for name, length in run.sizes.items()}
 
 
 def _work_of(job: LaneJob) -> AbstractContextManager[Checkpoint]:
@@ -241,8 +238,7 @@ def _bring_together(job: LaneJob, home: Path, names: Sequence[str]) -> None:
     filled = [table for table in tables if len(table)] or tables[:1]
     alarms = pd.concat(filled, ignore_index=True).sort_values("confidence", ascending=False, kind="stable")
     write_table(alarms, home / "alarms.csv")
-    borders = zip(("x_min", "x_max", "y_min", "y_max"), job.lane, strict=True)
-    write_whole(home / "lane.toml", "".join(f"{name} = {float(value)!r}\n" for name, value in borders))
+    write_whole(home / "lane.toml", lane_text(Lane(*job.lane)))
     files = ["alarms.csv", "lane.toml", *(f"{name}/manifest.json" for name in names)]
     content = {
         "format": FORMAT,
@@ -336,9 +332,10 @@ def is_done(job: LaneJob) -> bool:
 def _is_whole(job: LaneJob) -> bool:
     try:
         if (Path(job.output) / SECTIONS).is_file():
-            for home in homes_at(job.output):
-                read_result(home)
-            return bool(_listed(Path(job.output))["identity"] == _lasting(job))
+            listed = _listed(Path(job.output))
+            for name in listed["sections"]:
+                read_result(inside(Path(job.output), name))
+            return bool(listed["identity"] == _lasting(job))
         result = read_result(job.output)
     except ResultError:
         return False

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Mapping
 
+import xarray as xr
+
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.model import Lane
 from flgpr.pipeline.recipe import Recipe
@@ -49,6 +51,29 @@ def parse_size(text: str) -> int:
     return int(float(found[1]) * _UNITS[found[2].upper()])
 
 
+def sizes_of(run: xr.Dataset) -> dict[str, int]:
+    """Give the lengths of a run's dimensions.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+
+    Returns
+    -------
+    dict of str to int
+        By name.
+    """
+    return {str(name): length for name, length in run.sizes.items()}
+
+
+def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
+    """Estimate what the program and a scan at work take, whatever the lane."""
+    image, bands = recipe.image.grid(), len(recipe.image.subbands)
+    pixels, samples = image.nx * image.ny, sizes["pair"] * sizes["frequency"]
+    return _PROGRAM + sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
+
+
 def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
     """Estimate from above the memory of a process that works on a lane with a recipe with features.
 
@@ -70,18 +95,11 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     float
         Bytes. The factors were measured, see docs/robustness.md.
     """
-    bands, image, view = len(recipe.image.subbands), recipe.image.grid(), recipe.run_view.grid(lane)
+    bands, view = len(recipe.image.subbands), recipe.run_view.grid(lane)
     channels = sizes["polarization"] * bands
-    samples = sizes["polarization"] * sizes["pair"] * sizes["frequency"] * bands
     pixels = view.nx * (view.ny if rows is None else rows)
     alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
-    return (
-        _PROGRAM
-        + _PER_PIXEL * channels * image.nx * image.ny
-        + _PER_SAMPLE * samples
-        + _PER_VIEW_PIXEL * channels * pixels
-        + _PER_ALARM * bands * alarms
-    )
+    return _at_work(sizes, recipe) + _PER_VIEW_PIXEL * channels * pixels + _PER_ALARM * bands * alarms
 
 
 def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY) -> None:
@@ -106,9 +124,7 @@ def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: in
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
     keeps = recipe.suppression is not None and any(variant.suppress_roadside for variant in recipe.variants)
     needed = (
-        _PROGRAM
-        + _PER_PIXEL * channels * image.nx * image.ny
-        + _PER_SAMPLE * sizes["polarization"] * sizes["pair"] * sizes["frequency"] * len(recipe.image.subbands)
+        _at_work(sizes, recipe)
         + (2 * images if keeps else min(images, CACHE))
         + _PER_VIEW_PIXEL * channels * view.nx * view.ny * (2 + len(recipe.variants))
     )

@@ -11,14 +11,13 @@ from flgpr.screen.clusters import (
     prescreen_clusters,
 )
 from flgpr.screen.labels import label_alarms
-from flgpr.screen.prescreen import area_seen, density_threshold, local_maxima, prescreen
+from flgpr.screen.prescreen import density_threshold, local_maxima, prescreen
 from flgpr.screen.run_view import RunViewSums, run_view, sample_scan, select, view_array
 
 __all__ = [
     "ClusterThresholds",
     "Ellipse",
     "RunViewSums",
-    "area_seen",
     "density_threshold",
     "energy_ratio",
     "find_clusters",

@@ -72,7 +72,7 @@ def prescreen(
         raise ValueError(f"count must be lane or view, got {count!r}")
     table = local_maxima(view, radius)
     inside = table if count == "view" else table[lane.contains(table["x"], table["y"])]
-    area = area_seen(view) if count == "view" else lane.area
+    area = _area_seen(view) if count == "view" else lane.area
     threshold = density_threshold(inside["magnitude"].to_numpy(), area, radius, density)
     return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
@@ -144,19 +144,7 @@ def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     )
 
 
-def area_seen(view: xr.DataArray) -> float:
-    """Measure the area of a run-view that was seen.
-
-    Parameters
-    ----------
-    view : xarray.DataArray
-        Run-view (y, x) in the lane frame; NaN where nothing was seen.
-
-    Returns
-    -------
-    float
-        Area, m².
-    """
+def _area_seen(view: xr.DataArray) -> float:
     dy, dx = (float(view[axis].values[1] - view[axis].values[0]) for axis in ("y", "x"))
     return float(np.isfinite(view.values).sum()) * dy * dx
 
