@@ -188,8 +188,9 @@ def detect_runs(
             raise ValueError(f"lanes must be one per run, got {len(areas)} for {len(runs)} runs")
         found: list[Path] = []
         for run, name, area in zip(runs, names, areas, strict=True):
+            home = Path(output) / name
             found += detect_long(
-                run, recipe, Path(output) / name, area, track, report, model, workers, scheduler, section=section
+                run, recipe, home, area, track, report, model, workers, scheduler, note, max_memory, section
             )
         return found
     who = executor_for(workers, scheduler)
