@@ -184,7 +184,7 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     for one in pose[[0, -1]]:
         for y in (lane.y_min, lane.y_max):
             side.plot([one[1], y], [one[2], 0], color="0.6", lw=0.8)
-    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title="side, with rays to both ends of the lane")
+    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title="side, with rays to\nboth ends of the lane")
     side.set_aspect("auto" if scale else "equal")
     side.set_ylim(-0.3 * pose[:, 2].max(), 1.4 * pose[:, 2].max())
     return figure
