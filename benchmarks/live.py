@@ -34,7 +34,7 @@ from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifi
 from flgpr.pipeline.detect import detect
 from flgpr.pipeline.live_feed import feed
 from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.tasks import simulate_lane
+from flgpr.tasks import simulate_lane
 
 SCENE = """
 name = "live lane"

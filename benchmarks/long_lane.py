@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from flgpr import tasks
 from flgpr.model import Lane
-from flgpr.pipeline import tasks
 from flgpr.pipeline.memory import memory_needed, plan_sections
 from flgpr.pipeline.recipe import load_recipe
 from flgpr.pipeline.result import read_result

@@ -1,6 +1,7 @@
 """Signal-to-clutter of mines as sri-array sees them 12 m ahead: kind x depth x soil x sub-band x polarization.
 
-Signal: the peak within 0.5 m of a level mine on its own. Clutter: the mean power of bare ground there, over seeds.
+Signal: the peak within 0.5 m of a level mine on its own. Clutter: the mean power of the site's bare rough surface
+there, over seeds, without what lies in the soil and grows on it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ BANDS = {"F1": (0.75e9, 1.35e9), "F2": (1.25e9, 1.85e9), "F3": (1.75e9, 2.35e9),
 DEPTHS = (0.01, 0.05, 0.10, 0.15)
 GRID = Grid.spanning((-0.6, 0.6), (11.4, 12.8), 0.05)
 SEEDS = 6
+OFF = ("terrain", "grass", "shadow", "stones", "roots", "lenses", "heterogeneity", "holes")
 EXPECTED = {
     ("arid-sand", "metal"): (17, 15, 13, 11),
     ("arid-sand", "plastic"): (4, 2, 0, -2),
@@ -32,9 +34,11 @@ def power(scene: Scene, seed: int) -> np.ndarray:
 
 
 def quiet(site: str, **parts) -> Scene:
+    """Give a site's soil and surface and nothing else, but for ``parts``."""
     still = {"positions": (0.0,)}
     nothing = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
-    return Scene(**({"site": site, "length": 30.0, "track": still, "clutter": nothing} | parts))
+    off = {part: {"on": False} for part in OFF}
+    return Scene(**({"site": site, "length": 30.0, "track": still, "clutter": nothing} | off | parts))
 
 
 def main() -> None:

@@ -3,7 +3,8 @@
 Writes docs/images/fullwave-images.png and docs/images/fullwave-levels.png and prints the table of
 docs/validation-simulator.md. Everything is set from the full-wave lane's own description; the surface's correlation
 length, which it does not give, is assumed. Nothing is fitted but one common scale, since the full-wave data have none:
-the median over targets and channels.
+the median over targets and channels. The plastic mine is left out: with it taken away, the level at its place is the
+same, so that clutter would be compared with clutter.
 """
 
 from __future__ import annotations
@@ -86,9 +87,10 @@ def main() -> None:
     folder = sample_lane()
     run = open_run(folder / "run.zarr")
     truth, objects = read_table(folder / "truth.csv", "truth"), read_table(folder / "objects.csv", "objects")
+    scene, sensor = lane_scene(run, truth, objects), lane_sensor(run)
+    truth = truth[truth["kind"] == "metal"]
     names = [f"{kind} mine {i + 1}" for i, kind in enumerate(truth["kind"])] + list(objects["kind"])
     places = np.concatenate([truth[["x", "y"]].to_numpy(), objects[["x", "y"]].to_numpy()])
-    scene, sensor = lane_scene(run, truth, objects), lane_sensor(run)
     want, want_at, want_images = levels(run, places)
     got, got_at, first = [], [], None
     for seed in range(SURFACES):
@@ -117,8 +119,6 @@ def report(names, pols, want, got, want_at, got_at) -> None:
             (name, "VV level (dB)", want[i, vv], got[:, i, vv]),
             (name, "HH/VV (dB)", want[i, hh] - want[i, vv], got[:, i, hh] - got[:, i, vv]),
         ]
-    rows.append(("plastic over metal 1", "HH (dB)", want[2, hh] - want[0, hh], got[:, 2, hh] - got[:, 0, hh]))
-    rows.append(("plastic over metal 1", "VV (dB)", want[2, vv] - want[0, vv], got[:, 2, vv] - got[:, 0, vv]))
     rows.append(("metal 2 over metal 1", "HH (dB)", want[1, hh] - want[0, hh], got[:, 1, hh] - got[:, 0, hh]))
     rows.append(("metal 2 over metal 1", "VV (dB)", want[1, vv] - want[0, vv], got[:, 1, vv] - got[:, 0, vv]))
     for name, quantity, value, values in rows:

@@ -29,7 +29,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from flgpr.pipeline import tasks
+from flgpr import tasks
 from flgpr.pipeline.cluster import Cluster
 from flgpr.pipeline.lane_work import LaneJob, code_versions, do_part
 from flgpr.pipeline.recipe import recipe_text

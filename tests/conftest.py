@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flgpr import tasks
 from flgpr.model import make_run
-from flgpr.pipeline import tasks
 
 DATA = Path(__file__).parent / "data"
 

@@ -13,7 +13,7 @@ RX = np.tile([[x, 0.0, 0.0] for x in (-1.0, -0.4, 0.4, 1.0)], (2, 1))
 
 
 def small_recipe(median_step=1):
-    text = recipe_text("wang2007")
+    text = recipe_text("wang2007").replace("[features]\n", "[features]\nvariants = true\n")
     for old, new in (
         ("x = [-6.0, 6.0]", "x = [-2.0, 2.0]"),
         ("y = [7.0, 26.0]", "y = [2.5, 5.5]"),

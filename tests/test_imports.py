@@ -1,61 +1,139 @@
-"""Stages meet in `model` only: the table of imports that are allowed."""
+"""Stages meet in `model` only: the table of imports that are allowed, and what a cheap command may load."""
 
 import ast
+import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import flgpr
+from flgpr.io import sample_lane
 
 ROOT = Path(flgpr.__file__).parent
+PAPERS = ROOT.parent / "flgpr_papers"
 STAGES = {"calibrate", "imaging", "clutter", "screen", "features", "detect", "simulate"}
+BELOW = {"model", "kernels", "io", "scoring"} | STAGES
 ALLOWED = {
+    "lazy": set(),
     "model": set(),
     "kernels": set(),
     **{stage: {"model", "kernels"} for stage in STAGES},
     "scoring": {"model"},
     "io": {"model"},
-    "pipeline": {"model", "kernels", "io", "scoring"} | STAGES,
+    "pipeline": BELOW,
+    "tasks": {"pipeline"},
     "viewer": {"model", "io"},
-    "cli": {"pipeline", "viewer"},
-    "__main__": {"cli", "viewer"},
-    "__init__": set(),
+    "cli": {"tasks", "pipeline", "viewer"},
+    "__main__": {"cli"},
+    "__init__": {"pipeline"} | BELOW,
 }
+FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi"))
+HEAVY = {"numba", "scipy", "matplotlib", "sklearn", "skimage", "h5py", "pyproj", "starlette", "uvicorn"}
 
 
-def imports_of(path: Path) -> set[str]:
+def imported(path: Path) -> set[str]:
+    """Full names of what a module imports, wherever in it the import stands."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        names = []
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names = [node.module] if node.module != "flgpr" else [f"flgpr.{alias.name}" for alias in node.names]
-        found |= {name.split(".")[1] for name in names if name and name.startswith("flgpr.")}
+            found |= {f"flgpr.{alias.name}" for alias in node.names} if node.module == "flgpr" else {node.module}
     return found
 
 
-def modules() -> list[Path]:
-    return sorted(ROOT.rglob("*.py"))
+def modules(root: Path = ROOT) -> list[Path]:
+    return sorted([*root.rglob("*.py"), *root.rglob("*.pyi")])
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_module_imports_only_what_its_folder_may(path):
-    folder = path.relative_to(ROOT).parts[0].removesuffix(".py")
+    folder = path.relative_to(ROOT).parts[0].split(".")[0]
     assert folder in ALLOWED, f"{folder} has no row in the table"
-    own = {folder} | ({"__version__"} if folder in {"cli", "pipeline", "io", "scoring"} else set())
-    assert imports_of(path) - own <= ALLOWED[folder]
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr.")}
+    assert rooms - {folder, "lazy", "__version__"} <= ALLOWED[folder]
+
+
+def test_the_system_does_not_rest_on_the_studies():
+    assert not [path for path in modules() if any(name.startswith("flgpr_papers") for name in imported(path))]
+    calls = [path for path in modules() if '"flgpr_papers"' in path.read_text(encoding="utf-8")]
+    assert [str(path.relative_to(ROOT)) for path in calls] == ["cli/tools.py"], "only the command reproduce, on demand"
+
+
+@pytest.mark.parametrize("path", modules(PAPERS), ids=lambda path: str(path.relative_to(PAPERS)))
+def test_a_study_uses_its_own_paper_and_the_kit(path):
+    """One paper's study may not lean on another's, nor the kit on a study."""
+    room = path.relative_to(PAPERS).parts[0].removesuffix(".py")
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("flgpr_papers.")}
+    assert rooms <= ({"overview"} if room == "__init__" else {room, "kit"})
 
 
 def test_only_the_pipeline_imports_dask():
-    users = {p for p in modules() if "dask" in p.read_text(encoding="utf-8") and "import dask" in p.read_text()}
-    assert all(p.relative_to(ROOT).parts[0] == "pipeline" for p in users)
+    users = {p for p in modules() if {"dask", "distributed"} & {name.split(".")[0] for name in imported(p)}}
+    assert {p.relative_to(ROOT).parts[0] for p in users} <= {"pipeline"}
 
 
 def test_nothing_pickles():
-    for path in modules():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        names = {a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
-        names |= {(n.module or "").split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    for path in [*modules(), *modules(PAPERS)]:
+        names = {name.split(".")[0] for name in imported(path)}
         assert not names & {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}, path
+
+
+@pytest.mark.parametrize("folder", FACES, ids=lambda folder: str(folder.relative_to(ROOT.parent)))
+def test_a_face_tells_the_names_that_it_loads(folder):
+    package = importlib.import_module(".".join(folder.relative_to(ROOT.parent).parts))
+    stub = ast.parse((folder / "__init__.pyi").read_text(encoding="utf-8"))
+    [told] = [ast.literal_eval(one.value) for one in stub.body if isinstance(one, ast.Assign)]
+    assert sorted(told) == sorted({*package.__all__, *(["__version__"] if folder == ROOT else [])})
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        package.nothing
+    hidden = {path.stem for path in folder.glob("*.py")} & set(package.__all__)
+    assert not hidden, "loading a module of that name would hide what the face means by it"
+
+
+def loaded_by(code: str) -> set[str]:
+    """Top-level packages that a fresh interpreter has loaded after running some code."""
+    told = f"{code}\nimport sys; print(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    ran = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    return set(ran.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "besides"),
+    [
+        (["--version"], {"numpy", "pandas", "xarray", "zarr", "pydantic"}),
+        (["--help"], {"numpy", "pandas", "xarray", "zarr", "pydantic"}),
+        (["detect", "--help"], {"numpy", "pandas", "xarray", "zarr"}),
+        (["recipe", "list"], {"pandas", "xarray", "zarr"}),
+        (["info", str(sample_lane() / "run.zarr")], set()),
+    ],
+)
+def test_a_command_loads_what_it_needs(arguments, besides):
+    """Dask, where it is installed, is loaded by xarray, and SciPy by Dask."""
+    code = (
+        f"from flgpr.cli import app\ntry:\n    app({arguments!r})\nexcept SystemExit as end:\n    assert not end.code"
+    )
+    loaded = loaded_by(code)
+    assert not loaded & ((HEAVY | besides) - ({"scipy"} if "dask" in loaded else set()))
+
+
+def test_importing_the_package_loads_nothing_else():
+    loaded = loaded_by("import flgpr; assert not flgpr.__doc__ is None")
+    assert not loaded & (HEAVY | {"numpy", "pandas", "xarray", "zarr", "pydantic", "typer"})
+
+
+def test_two_packages_are_verbs(monkeypatch):
+    """`flgpr.detect` holds the detectors, and called it detects; the same for `flgpr.simulate`."""
+    asked = []
+    monkeypatch.setattr("flgpr.pipeline.detect_tasks.detect_run", lambda *a, **k: asked.append((a, k)))
+    monkeypatch.setattr("flgpr.simulate.simulate", lambda *a, **k: asked.append((a, k)))
+    flgpr.detect("run.zarr", "demo", "out", report=False)
+    flgpr.simulate("scene", seed=3)
+    assert asked == [(("run.zarr", "demo", "out"), {"report": False}), (("scene",), {"seed": 3})]
+    assert flgpr.detect.FisherDiscriminant.__module__ == "flgpr.detect.fisher"
+    assert flgpr.simulate.Scene is flgpr.Scene

@@ -13,8 +13,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from flgpr import tasks
 from flgpr.io import open_run, read_table, sample_lane
-from flgpr.pipeline import tasks
 
 home = Path(tempfile.mkdtemp())
 lane = sample_lane()

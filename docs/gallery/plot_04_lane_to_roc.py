@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flgpr.pipeline import tasks
+from flgpr import tasks
 from flgpr.pipeline.simulation import preview_figure
 from flgpr.scoring import band, match, pd_mean, pd_mean_interval, roc_figure
 from flgpr.simulate import load_scene

@@ -14,8 +14,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from flgpr import tasks
 from flgpr.io import read_lane, read_table
-from flgpr.pipeline import tasks
 from flgpr.scoring import label_alarms, match, pd_mean, roc
 
 home = Path(tempfile.mkdtemp())

@@ -17,8 +17,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pandas as pd
 
+from flgpr import tasks
 from flgpr.io import read_table
-from flgpr.pipeline import tasks
 from flgpr.pipeline.live import LiveOptions, LiveRun
 from flgpr.pipeline.live_feed import feed
 from flgpr.pipeline.live_vehicle import Vehicle

@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from flgpr.pipeline import tasks
+from flgpr import tasks
 from flgpr.pipeline.result import read_result
 
 home = Path(tempfile.mkdtemp())

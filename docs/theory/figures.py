@@ -21,15 +21,18 @@ from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
 from flgpr.pipeline.recipe import load_recipe
 from flgpr.scoring import clopper_pearson, roc
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.bodies import cylinder, floor_vertical, layered_reflection, rim_amplitude, visible_rims
+from flgpr.simulate.bodies import cylinder, rim_amplitude, visible_rims
 from flgpr.simulate.refraction import (
     apparent_shift,
     interface_path,
+    reflection,
     two_way_attenuation,
     two_way_transmission,
 )
 from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.signature import packaged_table
 from flgpr.simulate.soil import mironov, one_way_loss, peplinski_conductivity, topp
+from flgpr.simulate.targets import node_weights
 
 HOME = Path(__file__).parent.parent / "images"
 ARID, CLAY = (3.0, 0.03), (40.0, 0.25)
@@ -267,18 +270,41 @@ def edge_levels(permittivity, incidence):
     return told
 
 
-def plastic_levels(incidence, gap=0.015, frequency=1.05e9):
-    """Reflection of a plastic mine's layers (air gap, plastic, sand) for H and V, floored, dB."""
-    k = 2 * np.pi * np.asarray(frequency) / SPEED_OF_LIGHT
-    soil = complex(mironov(frequency, *ARID)) if np.ndim(frequency) == 0 else mironov(frequency, *ARID)
-    media = (soil, 1.0, 2.9, soil) if gap else (soil, 2.9, soil)
-    thickness = (gap, 0.15 - gap) if gap else (0.15,)
-    h, v = layered_reflection(np.sin(incidence), k, media, thickness)
-    return 20 * np.log10(np.abs(h)), 20 * np.log10(np.abs(floor_vertical(h, v)))
+BODIES = {"metal-at": "metal", "plastic-at": "air gap", "plastic-at-cavity": "cavity", "plastic-at-solid": "simulant"}
+"""Packaged bodies of 16 cm radius, and what sets them apart."""
+
+
+def body_levels(body, frequency, permittivity=3.1 - 0.062j, depth=0.05, incidence=67.0):
+    """Backscatter of a buried body from its signature.
+
+    Parameters
+    ----------
+    body : str
+        Packaged body.
+    frequency : (n,) ndarray
+        Hz.
+    permittivity : complex
+        Of the soil.
+    depth : float
+        Of the body's top, m.
+    incidence : float
+        Angle in air, degrees.
+
+    Returns
+    -------
+    hh, vv : (n,) ndarray
+        The amplitude |F|, dB re 1 m.
+    """
+    table = packaged_table(body)
+    frequency = np.atleast_1d(np.asarray(frequency, dtype=float))
+    found = table.at(frequency, np.full(frequency.size, permittivity), depth)
+    weight = node_weights(np.sin(np.radians([incidence])), np.zeros(1), np.zeros(1), table.aspects)[:, :, :, 0, 0]
+    hh, vv = np.einsum("ast,astpf->pf", weight, found)[:2]
+    return 20 * np.log10(np.abs(hh)), 20 * np.log10(np.abs(vv))
 
 
 def signatures():
-    """The double hump, the strength of the edges, and a plastic mine's reflection."""
+    """The double hump, the strength of metal's edges, and what four bodies of one size scatter."""
     figure = Figure(figsize=(9.6, 3.4), layout="constrained")
     one, two, three = figure.subplots(1, 3)
     offset, cuts = mine_cuts(0.10, bands={"F0": (0.45e9, 3.0e9)})
@@ -296,13 +322,13 @@ def signatures():
     two.axvline(67, color="0.7", lw=0.8)
     two.set(xlabel="incidence (degrees)", ylabel="dB over physical optics")
     two.set_title("top rim of metal, ε = 3.2", fontsize=10)
-    f = np.linspace(0.45e9, 3e9, 200)
-    h, v = plastic_levels(np.radians(67), 0.015, f)
-    three.plot(f / 1e9, h, "C0-", label="H, air gap of 1.5 cm")
-    three.plot(f / 1e9, v, "C1-", label="V, air gap of 1.5 cm")
-    three.plot(f / 1e9, plastic_levels(np.radians(67), 0.0, f)[0], "C0:", label="H, simulant without gap")
-    three.set(xlabel="GHz", ylabel="dB re metal", ylim=(-45, 2))
-    three.set_title("plastic mine in dry sand", fontsize=10)
+    f = np.linspace(0.3e9, 3.2e9, 240)
+    for number, (body, name) in enumerate(BODIES.items()):
+        hh, vv = body_levels(body, f)
+        three.plot(f / 1e9, hh, f"C{number}", lw=1.2, label=name)
+        three.plot(f / 1e9, vv, f"C{number}--", lw=1.2)
+    three.set(xlabel="GHz", ylabel="|F| (dB re 1 m)", ylim=(-95, -15))
+    three.set_title("5 cm deep, ε = 3.1 (VV dashed)", fontsize=10)
     for axes in (one, two, three):
         axes.legend(fontsize=7)
         axes.grid(alpha=0.3)
@@ -342,6 +368,39 @@ def scan_images(seed=5):
         scans = range(len(simulator)) if errors else (0,)
         made.append(np.stack([operator.adjoint(np.nan_to_num(simulator.scan(k)[:1]))[0] for k in scans]))
     return grid, made[0][0], made[1][:, 0]
+
+
+def oh1992(frequency, sine, permittivity, rms_height):
+    """HH and VV of bare soil by Oh, Sarabandi & Ulaby 1992, fitted to L, C and X band at ks = 0.1 to 6."""
+    ks = 2 * np.pi * frequency / SPEED_OF_LIGHT * rms_height
+    r_h, r_v = reflection(sine, 1.0, permittivity)
+    nadir = np.abs((1 - np.sqrt(permittivity)) / (1 + np.sqrt(permittivity))) ** 2
+    p = (1 - (2 * np.arcsin(sine) / np.pi) ** (1 / (3 * nadir)) * np.exp(-ks)) ** 2
+    growth = 0.7 * (1 - np.exp(-0.65 * ks**1.8)) * (1 - sine**2) ** 1.5
+    vv = growth * (np.abs(r_h) ** 2 + np.abs(r_v) ** 2) / np.sqrt(p)
+    return p * vv, vv
+
+
+def roughness():
+    """Backscatter over frequency of two sites: one scale, one scale on uneven ground, and a model fitted to soils."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    f, sine = np.linspace(0.44e9, 3.0e9, 120), np.sin(np.radians(67))
+    for axes, site in zip(figure.subplots(1, 2, sharey=True), ("arid-sand", "gravel"), strict=True):
+        scene = Scene(site=site)
+        surface, eps = scene.surface, scene.soil.media(f)[-1]
+        for name, uneven, style in (("one scale", 0.0, "C0--"), ("on a class D track", 1024e-6, "C0")):
+            known = (surface.rms_height, surface.correlation_length, surface.slope, uneven)
+            axes.plot(f / 1e9, 10 * np.log10(surface_backscatter(f, sine, eps, *known)[0]), style, label=name)
+        fitted = 10 * np.log10(oh1992(f, sine, eps, surface.rms_height)[0])
+        known = 2 * np.pi * f / SPEED_OF_LIGHT * surface.rms_height >= 0.1
+        axes.plot(f[known] / 1e9, fitted[known], "k", label="fitted to measurements (Oh et al. 1992)")
+        axes.plot(f / 1e9, fitted, "k:", label="the same, ks below 0.1")
+        axes.axvspan(0.44, 0.75, color="0.9")
+        axes.set(xlabel="GHz", title=f"{site}, HH, 67°")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7, loc="lower right")
+    figure.axes[0].set_ylabel("σ⁰ (dB)")
+    return figure
 
 
 def clutter():
@@ -537,7 +596,7 @@ def scoring():
     return figure
 
 
-FIGURES = (geometry, subbands, refraction, soils, signatures, clutter, polarimetry, detectors, scoring)
+FIGURES = (geometry, subbands, refraction, soils, signatures, roughness, clutter, polarimetry, detectors, scoring)
 
 
 if __name__ == "__main__":

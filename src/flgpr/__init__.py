@@ -1,5 +1,20 @@
 """Forward-looking ground-penetrating radar: raw multistatic data to images, alarms and scores."""
 
-from importlib.metadata import version
+import sys
+from importlib import import_module
+from typing import Any
 
-__version__ = version("flgpr")
+from flgpr.lazy import Verbs, face
+
+_load, __dir__, __all__ = face(__name__, __file__)
+# Two of the names are packages, too: they are loaded as such, and called they do what they are named for.
+__verbs__ = {"detect": ("flgpr.pipeline.detect_tasks", "detect_run"), "simulate": ("flgpr.simulate", "simulate")}
+sys.modules[__name__].__class__ = Verbs
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("flgpr")
+    if name in __verbs__:
+        return import_module(f"flgpr.{name}")
+    return _load(name)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import sys
+from flgpr.cli import app
 
 
 def main() -> None:
-    """Run the command line; ``view``, which stays open for hours, without all that it does not need."""
-    if sys.argv[1:2] == ["view"]:
-        from flgpr.viewer.command import app
-    else:
-        from flgpr.cli import app
+    """Run the command line."""
     app()
 
 

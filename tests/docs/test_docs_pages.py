@@ -14,8 +14,8 @@ from flgpr.cli import app
 from flgpr.model import sensor_presets
 from flgpr.pipeline.exchange import FORMATS
 from flgpr.pipeline.recipe import recipe_names
-from flgpr.pipeline.reproduce.papers import PAPERS
 from flgpr.simulate import sites
+from flgpr_papers import PAPERS
 from reading import EXAMPLES, FENCE, PAGES, ROOT, identify, program_lines, read, shell_fences
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")

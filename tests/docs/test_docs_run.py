@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from flgpr import tasks
 from flgpr.cli import app
 from flgpr.clutter import Thresholds
 from flgpr.io import sample_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
-from flgpr.pipeline import tasks
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import load_scene
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
@@ -110,6 +110,7 @@ NOT_HERE = (
     "sh decks/run.sh",  # needs gprMax; tests/io/test_gprmax_files.py imports what it would write
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
+    "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
     "flgpr reproduce",  # minutes; tests/pipeline has the papers
 )
 

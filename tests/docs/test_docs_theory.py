@@ -10,6 +10,7 @@ import pytest
 from flgpr.features import cameron, entropy_alpha
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.scoring import clopper_pearson, sample_size
+from flgpr.simulate import Scene
 from flgpr.simulate.refraction import interface_path, two_way_attenuation, two_way_transmission
 from flgpr.simulate.roughness import surface_backscatter
 from flgpr.simulate.soil import mironov, one_way_loss
@@ -38,7 +39,18 @@ def table_row(page, start):
 
 @pytest.mark.parametrize(
     "name",
-    ["geometry", "subbands", "refraction", "soils", "signatures", "clutter", "polarimetry", "detectors", "scoring"],
+    [
+        "geometry",
+        "subbands",
+        "refraction",
+        "soils",
+        "signatures",
+        "roughness",
+        "clutter",
+        "polarimetry",
+        "detectors",
+        "scoring",
+    ],
 )
 def test_figures_are_drawn_and_shown_on_a_page(name, figures, tmp_path):
     assert name in {draw.__name__ for draw in figures.FIGURES}
@@ -97,12 +109,26 @@ def test_soils_in_the_table():
         assert one_way_loss(1.05e9, epsilon) == pytest.approx(loss, abs=0.5)
 
 
-def test_edges_and_plastic(figures):
+@pytest.mark.parametrize(
+    ("start", "body"),
+    [
+        ("metal |", "metal-at"),
+        ("air gap |", "plastic-at"),
+        ("cavity |", "plastic-at-cavity"),
+        ("simulant |", "plastic-at-solid"),
+    ],
+)
+def test_levels_of_bodies_are_those_of_their_tables(start, body, figures):
+    f = np.linspace(0.75e9, 1.35e9, 41)
+    levels = [level for eps in (3.1 - 0.062j, 5.3 - 0.265j) for level in figures.body_levels(body, f, eps)]
+    found = [10 * np.log10(np.mean(10 ** (level / 10))) for level in levels]
+    np.testing.assert_allclose(found, table_row("signatures", start), atol=0.06)
+
+
+def test_edges(figures):
     levels = figures.edge_levels(3.2, np.radians(67))
     assert table_row("signatures", "HH |") == pytest.approx([levels["near H"], levels["far H"]], abs=0.06)
     assert table_row("signatures", "VV |") == pytest.approx([levels["near V"], levels["far V"]], abs=0.06)
-    assert figures.plastic_levels(np.radians(67))[0] == pytest.approx(-12, abs=0.5)
-    assert figures.plastic_levels(np.radians(67), 0.0)[0] == pytest.approx(-18, abs=0.5)
 
 
 def test_backscatter_in_the_text():
@@ -113,6 +139,25 @@ def test_backscatter_in_the_text():
         for f in (1.05e9, 2.55e9)
     ]
     np.testing.assert_allclose(found, [[-40, -32], [-35, -27]], atol=0.5)
+
+
+@pytest.mark.parametrize("site", ["arid-sand", "gravel"])
+def test_backscatter_of_one_scale_and_of_tracks(site, figures):
+    """The table of the clutter's spectrum: four rows of arid sand and two of gravel, and the model fitted to soils."""
+    rows = (THEORY.parent / "physics.md").read_text(encoding="utf-8").splitlines()
+    first = next(i for i, row in enumerate(rows) if row.startswith(f"| {site}, one"))
+    frequency, sine = np.array([0.44, 0.60, 0.75, 1.05, 2.55]) * 1e9, np.sin(np.radians(67))
+    surface, eps = Scene(site=site).surface, Scene(site=site).soil.media(frequency)[-1]
+    classes = (0, 256e-6, 1024e-6, 4096e-6) if site == "arid-sand" else (0, 1024e-6)
+    known = (surface.rms_height, surface.correlation_length, surface.slope)
+    wanted = [surface_backscatter(frequency, sine, eps, *known, uneven)[0] for uneven in classes]
+    wanted.append(figures.oh1992(frequency, sine, eps, surface.rms_height)[0])
+    for row, want in zip(rows[first:], wanted, strict=False):
+        told = [float(cell) for cell in row.split("|")[2:-1]]
+        level = 10 * np.log10(want)
+        np.testing.assert_allclose(told[:5], level, atol=0.051)
+        assert told[5] == pytest.approx((level[2] - level[0]) / 10 / np.log10(0.75 / 0.44), abs=0.06)
+    assert surface.unevenness == 1024e-6
 
 
 @pytest.mark.parametrize(

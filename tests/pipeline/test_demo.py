@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from flgpr import tasks
 from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
-from flgpr.pipeline import tasks
 from flgpr.pipeline.detect import detect
 from flgpr.pipeline.recipe import load_recipe, recipe_text
 from flgpr.pipeline.result import ResultError, read_result

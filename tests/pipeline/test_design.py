@@ -96,7 +96,8 @@ def test_what_a_study_finds(small, found):
 
 def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):
     deeper = study(small, Question(site="temperate", depth=0.15))
-    assert np.median(deeper.ratio["metal", "HH"]) < np.median(found.ratio["metal", "HH"]) - 5
+    # The soil takes about 5 dB more; waves between the body and the surface make it a little more or less.
+    assert np.median(deeper.ratio["metal", "HH"]) < np.median(found.ratio["metal", "HH"]) - 3
 
 
 def test_the_page_needs_nothing_beside_it(found):

@@ -9,7 +9,8 @@ from flgpr.io import open_run, sample_lane, save_run
 from flgpr.pipeline import exchange
 from flgpr.pipeline.detect import Detection
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
-from flgpr.pipeline.result import describe_run, write_result
+from flgpr.pipeline.result import write_result
+from flgpr.pipeline.run_info import describe_run
 from io_geodesy import LANE, distance, on_the_ellipsoid
 
 

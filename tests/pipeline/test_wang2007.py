@@ -7,20 +7,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from flgpr import tasks
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
 from flgpr.io import save_run, write_table
-from flgpr.pipeline import tasks
 from flgpr.pipeline.classifier import CLASSIFIER_A, load_classifier, make_training_set, save_classifier, train
-from flgpr.pipeline.detect import MAIN, detect, lane_of
+from flgpr.pipeline.detect import MAIN, detect
 from flgpr.pipeline.progress import silent
-from flgpr.pipeline.recipe import parse_recipe, recipe_text
-from flgpr.pipeline.reproduce.wang2007 import wide_view
-from flgpr.pipeline.reproduce.wang2007_examples import save_examples
+from flgpr.pipeline.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.pipeline.result import read_result
 from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr.screen import prescreen, run_view, select
+from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.study import wide_view
 from small_lane import LANE, TARGETS, small_recipe, small_run
 
 

@@ -25,8 +25,8 @@ def dipole_gain(antenna, point):
 
 
 def sum_points(points, spectrum, frequency, tx, rx, boresight, exponent):
-    """Horns: ``Σ_i g_t·g_r·spectrum_i(f)·exp(-j2πf(R_t + R_r)/c)``; spectrum (point, 3, frequency)."""
-    out = np.zeros((3, len(tx), frequency.size), complex)
+    """Horns: ``Σ_i g_t·g_r·spectrum_i(f)·exp(-j2πf(R_t + R_r)/c)``; spectrum (point, channel, frequency)."""
+    out = np.zeros((spectrum.shape[1], len(tx), frequency.size), complex)
     for q in range(len(tx)):
         for point, values in zip(points, spectrum, strict=True):
             a, ra = horn_gain(tx[q], point, boresight, exponent)
@@ -36,17 +36,33 @@ def sum_points(points, spectrum, frequency, tx, rx, boresight, exponent):
 
 
 def sum_dipoles(points, spectrum, frequency, tx, rx):
-    """Dipoles: HH, HV, VH, VV of scatterers with the matrix [[hh, x], [x, vv]] in the rays' own directions."""
+    """Dipoles: HH, HV, VH, VV of scatterers with the matrix [[hh, x + y], [x - y, vv]] in the rays' own directions.
+
+    Spectrum (point, 3 or 4, frequency) of hh, vv, x and y.
+    """
     out = np.zeros((4, len(tx), frequency.size), complex)
     for q in range(len(tx)):
-        for point, (hh, vv, x) in zip(points, spectrum, strict=True):
+        for point, (hh, vv, x, *odd) in zip(points, spectrum, strict=True):
+            y = odd[0] if odd else 0
             a, ra = dipole_gain(tx[q], point)
             b, rb = dipole_gain(rx[q], point)
             wave = np.exp(-2j * np.pi * frequency * (ra + rb) / C)
             for i in range(2):
                 for j in range(2):
-                    value = (
-                        a[i, 0] * b[j, 0] * hh + (a[i, 0] * b[j, 1] + a[i, 1] * b[j, 0]) * x + a[i, 1] * b[j, 1] * vv
-                    )
+                    copolar = a[i, 0] * b[j, 0] * hh + a[i, 1] * b[j, 1] * vv
+                    value = copolar + a[i, 0] * b[j, 1] * (x + y) + a[i, 1] * b[j, 0] * (x - y)
                     out[2 * i + j, q] += value * wave
+    return out
+
+
+def sum_swept(points, spectrum, frequency, tx, rx, boresight, exponents, drift):
+    """Horns whose n depends on the tone and that move by ``drift`` in a sweep: every tone from its own places."""
+    out = np.zeros((3, len(tx), frequency.size), complex)
+    for k, f in enumerate(frequency):
+        moved = drift * (k - frequency.size // 2) / frequency.size
+        for q in range(len(tx)):
+            for point, values in zip(points, spectrum, strict=True):
+                a, ra = horn_gain(tx[q] + moved, point, boresight, exponents[k])
+                b, rb = horn_gain(rx[q] + moved, point, boresight, exponents[k])
+                out[:, q, k] += a * b * values[:, k] * np.exp(-2j * np.pi * f * (ra + rb) / C)
     return out

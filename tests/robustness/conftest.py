@@ -2,8 +2,8 @@
 
 import pytest
 
+from flgpr import tasks
 from flgpr.io import save_run
-from flgpr.pipeline import tasks
 from robust import DetectedLane
 from small_lane import LANE_TOML, small_recipe, small_run
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from flgpr.pipeline import tasks
+from flgpr import tasks
 from robust import content
 
 distributed = pytest.importorskip("distributed")

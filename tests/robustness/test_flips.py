@@ -137,7 +137,7 @@ def test_a_result_can_be_read_whenever_adding_files_stops(tmp_path, monkeypatch)
 
 
 def test_replay_uses_the_model_of_the_result(lane, tmp_path):
-    from flgpr.pipeline import tasks
+    from flgpr import tasks
 
     model = save_classifier(small_classifier(), tmp_path / "model")
     result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, model=model, report=False)

@@ -13,8 +13,9 @@ import sys
 import numpy as np
 import pytest
 
+from flgpr import tasks
 from flgpr.io import open_run
-from flgpr.pipeline import checkpoint, tasks
+from flgpr.pipeline import checkpoint
 from flgpr.pipeline.lane_run import homes_at
 from flgpr.pipeline.result import ResultError, read_result
 from robust import content, digests

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from flgpr import tasks
 from flgpr.cli import app
 from flgpr.model import Lane
-from flgpr.pipeline import lane_run, tasks
+from flgpr.pipeline import lane_run
 from flgpr.pipeline.checkpoint import finish
 from flgpr.pipeline.lane_run import detect_lane, homes_at
 from flgpr.pipeline.memory import memory_needed, plan_sections

@@ -10,11 +10,11 @@ import h5py
 import numpy as np
 import pytest
 
+from flgpr import tasks
 from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
 from flgpr.model import Lane
-from flgpr.pipeline import tasks
 from flgpr.pipeline.memory import check_memory, parse_size
 from flgpr.pipeline.recipe import load_recipe
 from flgpr.pipeline.result import ResultError, read_result

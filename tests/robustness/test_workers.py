@@ -10,9 +10,10 @@ import time
 import pandas as pd
 import pytest
 
+from flgpr import tasks
 from flgpr.imaging import ScanImager
 from flgpr.io import save_run
-from flgpr.pipeline import checkpoint, tasks
+from flgpr.pipeline import checkpoint
 from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import WorkError, begin
 from flgpr.pipeline.executors import LostWorkersError, Processes
@@ -198,7 +199,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
             raise KeyboardInterrupt
         return features_of_lane(job, *rest)
 
-    monkeypatch.setattr(tasks, "features_of_lane", stopped)
+    monkeypatch.setattr("flgpr.pipeline.tasks.features_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
         tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1.work"]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flgpr import __version__
+import flgpr
 from flgpr.cli import runs
 from flgpr.cli.calibration import anchor, calibrate_app
 from flgpr.cli.exchange import export, import_app
@@ -39,7 +39,7 @@ app.add_typer(bench_app, name="bench")
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"flgpr {__version__}")
+        typer.echo(f"flgpr {flgpr.__version__}")
         raise typer.Exit
 
 

@@ -8,9 +8,8 @@ from typing import Annotated
 
 import typer
 
+from flgpr import tasks
 from flgpr.cli.common import Json, plain_errors
-from flgpr.pipeline.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
-from flgpr.pipeline.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
 
 calibrate_app = typer.Typer(help="Calibrate a run against positions and reflectors.", no_args_is_help=True)
 
@@ -34,8 +33,8 @@ def clock(
 ) -> None:
     """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known."""
     with plain_errors():
-        search = ClockSearch(area, offsets, step, height, spacing, tuple(rate or [1.0]))
-        fit = calibrate_clock(run, search, track, output, anchor)
+        search = tasks.ClockSearch(area, offsets, step, height, spacing, tuple(rate or [1.0]))
+        fit = tasks.calibrate_clock(run, search, track, output, anchor)
     best, median = float(fit.trials["sharpness"].max()), float(fit.trials["sharpness"].median())
     edge = not offsets[0] < fit.offset < offsets[1]
     if as_json:
@@ -61,7 +60,7 @@ def range_bias(
 ) -> None:
     """Find by how much ranges are measured too long, from reflectors at known places."""
     with plain_errors():
-        fit = calibrate_range_bias(run, reflectors, output, search)
+        fit = tasks.calibrate_range_bias(run, reflectors, output, search)
     if as_json:
         typer.echo(json.dumps({"range_bias_m": fit.bias, "reflectors": fit.points.to_dict("records")}))
         return
@@ -87,13 +86,13 @@ def anchor(
 ) -> None:
     """Fit a lane to surveyed points: where it lies on Earth, and how well that is known."""
     with plain_errors():
-        check_request(lane, outline, run, output)
+        tasks.check_request(lane, outline, run, output)
         if points.suffix.lower() == ".csv":
             if crs is None or accuracy is None or write is None:
                 raise ValueError("a CSV of surveyed points needs --crs, --accuracy and --write")
-            write_anchor(anchor_from_points(points, crs, accuracy), write)
+            tasks.write_anchor(tasks.anchor_from_points(points, crs, accuracy), write)
             points = write
-        told = tie_lane(points, lane, outline, run, output)
+        told = tasks.tie_lane(points, lane, outline, run, output)
     if as_json:
         typer.echo(json.dumps(told))
         return

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from flgpr.pipeline.progress import Bars, Track, silent
+from flgpr.pipeline.progress import Track, silent
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")]
@@ -32,5 +32,7 @@ def progress(quiet: bool) -> Iterator[Track]:
     if quiet:
         yield silent
     else:
+        from flgpr.cli.bars import Bars
+
         with Bars() as bars:
             yield bars

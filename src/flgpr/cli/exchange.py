@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from flgpr import tasks
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
-from flgpr.pipeline import exchange, tasks
-from flgpr.pipeline.fullwave import import_gprmax_models, import_gprmax_results
-from flgpr.pipeline.memory import parse_size
+
+FORMATS = ("geojson", "gpkg", "kml", "csv", "geotiff", "cphd")
 
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 
@@ -54,7 +54,7 @@ def import_gprmax(
     """Import gprMax results: a folder of decks that flgpr wrote, or anybody's files, one per scan."""
     with plain_errors(), progress(quiet) as track:
         if len(source) == 1 and source[0].is_dir():
-            written = import_gprmax_results(source[0], output, keep_direct, track)
+            written = tasks.import_gprmax_results(source[0], output, keep_direct, track)
         else:
             missing = next((one for one in source if not one.exists()), None)
             if missing is not None:
@@ -64,7 +64,7 @@ def import_gprmax(
             if (waveform is None) != (centre is None):
                 raise ValueError("--waveform and --centre go together")
             pulse = None if waveform is None or centre is None else (waveform, centre)
-            written = import_gprmax_models(source, output, band, transmit, ground, horizontal, vertical, pulse)
+            written = tasks.import_gprmax_models(source, output, band, transmit, ground, horizontal, vertical, pulse)
     if not quiet:
         for path in written:
             typer.echo(f"wrote {path}")
@@ -90,7 +90,7 @@ def import_mapped(
 ) -> None:
     """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
-        exchange.import_with_mapping(
+        tasks.import_with_mapping(
             mapping,
             output,
             list(data) if data else None,
@@ -100,7 +100,7 @@ def import_mapped(
             clock_offset,
             lever_arm,
             latency,
-            parse_size(max_memory),
+            tasks.parse_size(max_memory),
         )
     if not quiet:
         typer.echo(f"wrote {output}")
@@ -115,7 +115,7 @@ def import_cphd(
 ) -> None:
     """Import a CPHD file."""
     with plain_errors():
-        exchange.import_cphd(file, output, anchor)
+        tasks.import_cphd(file, output, anchor)
     if not quiet:
         typer.echo(f"wrote {output}")
 
@@ -123,7 +123,7 @@ def import_cphd(
 def export(
     source: Annotated[Path, typer.Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
     output: Output,
-    to: Annotated[str, typer.Option(help=f"One of {', '.join(exchange.FORMATS)}.")],
+    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.")],
     anchor: Annotated[Path, typer.Option(help="TOML that ties the lane to the Earth.")],
     kind: Annotated[str, typer.Option(help="What a table holds: alarms, truth or objects.")] = "truth",
     time: Annotated[str | None, typer.Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
@@ -133,10 +133,10 @@ def export(
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
     with plain_errors():
         if to == "cphd":
-            exchange.export_run(source, output, anchor)
+            tasks.export_run(source, output, anchor)
         elif source.suffix == ".csv":
-            exchange.export_table(source, output, to, anchor, kind, time)
+            tasks.export_table(source, output, to, anchor, kind, time)
         else:
-            exchange.export_result(source, output, to, anchor, detection, time)
+            tasks.export_result(source, output, to, anchor, detection, time)
     if not quiet:
         typer.echo(f"wrote {output}")

@@ -10,16 +10,15 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flgpr import tasks
 from flgpr.cli.common import Quiet, plain_errors
-from flgpr.pipeline import live_feed
-from flgpr.pipeline.live import LiveOptions, LiveReport, LiveRun
-from flgpr.pipeline.live_detector import LiveSettings
-from flgpr.pipeline.live_intake import COUNTS
-from flgpr.pipeline.live_vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from flgpr.tasks import LiveReport, LiveRun
 
 Lane = Annotated[Path | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
 Socket = Annotated[Path | None, typer.Option(help="Unix socket on which scans come.")]
@@ -51,12 +50,12 @@ def live(
 ) -> None:
     """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream."""
     with plain_errors():
-        vehicle = Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
-        options = LiveOptions(
-            recipe, output, incoming, socket, model, lane, anchor, LiveSettings(looks, warm_up, span), vehicle,
+        vehicle = tasks.Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
+        options = tasks.LiveOptions(
+            recipe, output, incoming, socket, model, lane, anchor, tasks.LiveSettings(looks, warm_up, span), vehicle,
             snapshot, idle, fresh,
         )  # fmt: skip
-        run = LiveRun(options, (lambda _: None) if quiet else _print)
+        run = tasks.LiveRun(options, (lambda _: None) if quiet else _print)
         with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:
             with _stopped_by_signals(run):
                 report = run.run()
@@ -78,7 +77,7 @@ def feed(
 ) -> None:
     """Play a stored run as the radar would write it."""
     with plain_errors():
-        played = live_feed.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead)
+        played = tasks.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead)
     if not quiet:
         typer.echo(f"played {played} scans")
 
@@ -99,7 +98,7 @@ def _tell(report: LiveReport, output: Path) -> None:
         )
     for name, count in report.counts.items():
         if count:
-            typer.echo(f"  {count:6d} {COUNTS[name]}", err=True)
+            typer.echo(f"  {count:6d} {tasks.COUNTS[name]}", err=True)
     typer.echo(f"wrote {output}", err=True)
 
 

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flgpr import tasks, viewer
 from flgpr.cli.common import Json, Output, Quiet, plain_errors, progress
 from flgpr.cli.show import info_lines, print_scores, score_summary
-from flgpr.pipeline import scoring_tasks, tasks
-from flgpr.pipeline.classifier import CLASSIFIER_B
-from flgpr.pipeline.exchange import explain_file
-from flgpr.pipeline.memory import parse_size
-from flgpr.pipeline.result import SECTIONS, Result, read_result
-from flgpr.pipeline.scoring_tasks import score_alarms, score_sections
-from flgpr.viewer import serve
-from flgpr.viewer.command import view
+from flgpr.cli.view import view
+
+if TYPE_CHECKING:
+    from flgpr.tasks import Result
 
 app = typer.Typer()
 app.command()(view)
@@ -39,7 +36,7 @@ def demo(
         print_scores(scored)
         typer.echo(f"report: {(result.folder / 'report.html').resolve()}")
     if view:
-        serve(result.folder, announce=typer.echo)
+        viewer.serve(result.folder, announce=typer.echo)
 
 
 @app.command()
@@ -76,14 +73,14 @@ def detect(
     """
     with plain_errors(), progress(quiet or as_json) as track:
         options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
-        options |= {"max_memory": parse_size(max_memory), "section": section}
+        options |= {"max_memory": tasks.parse_size(max_memory), "section": section}
         if len(runs) > 1:
             folders = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
             folders = tasks.detect_long(runs[0], recipe, output, lane[0] if lane else None, track, **options)
-        summaries = [_detected(read_result(folder), quiet or as_json) for folder in folders]
+        summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
         typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
     elif not quiet and len(runs) == 1 and len(folders) > 1:
@@ -119,8 +116,8 @@ def train(
     """Train a classifier on runs with truth. A training that was stopped is gone on with."""
     who: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
     with plain_errors(), progress(quiet) as track:
-        who["max_memory"] = parse_size(max_memory)
-        tasks.train_runs(runs, truth, recipe, output, feature or CLASSIFIER_B, lane, track=track, **who)
+        who["max_memory"] = tasks.parse_size(max_memory)
+        tasks.train_runs(runs, truth, recipe, output, feature or tasks.CLASSIFIER_B, lane, track=track, **who)
     if not quiet:
         typer.echo(f"wrote {output}")
 
@@ -156,15 +153,15 @@ def score(
             _score_sealed(alarms, sealed, output)
         elif truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
-        elif lane is None and (alarms / SECTIONS).is_file():
-            told = score_sections(alarms, truth, output, recipe=recipe, book=book)
+        elif lane is None and (alarms / tasks.SECTIONS).is_file():
+            told = tasks.score_sections(alarms, truth, output, recipe=recipe, book=book)
             typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
         elif lane is None:
             if alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
                 raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
             _score_result(alarms, truth, objects, output, quiet, as_json)
         else:
-            told = score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
+            told = tasks.score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
             typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
 
 
@@ -184,15 +181,15 @@ def _score_result(
 def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> None:
     if lane is None or output is None:
         raise ValueError("--seal needs --lane and --output, got one or none of them")
-    scoring_tasks.require_seal()
+    tasks.require_seal()
     passphrase = typer.prompt("passphrase", hide_input=True, confirmation_prompt=True, err=True)
-    typer.echo(f"wrote {scoring_tasks.seal(truth, lane, output, passphrase, halo=halo)}")
+    typer.echo(f"wrote {tasks.seal(truth, lane, output, passphrase, halo=halo)}")
 
 
 def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
-    scoring_tasks.require_seal()
+    tasks.require_seal()
     passphrase = typer.prompt("passphrase", hide_input=True, err=True)
-    told = scoring_tasks.score_sealed(alarms, sealed, passphrase, output)
+    told = tasks.score_sealed(alarms, sealed, passphrase, output)
     typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
     counts = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in told.counts.items()}
     typer.echo(", ".join(f"{name} {value}" for name, value in counts.items()))
@@ -225,7 +222,7 @@ def info(
 
 
 def _explain(path: Path, as_json: bool) -> None:
-    told = explain_file(path)
+    told = tasks.explain_file(path)
     if as_json:
         typer.echo(json.dumps({"kind": told.kind, "lines": told.lines, "mapping": told.mapping}))
         return

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from flgpr.pipeline import tasks
+from flgpr import tasks
 
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
@@ -28,6 +26,9 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
 
 def print_scores(scored: list[Any]) -> None:
     """Print what became of each target."""
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(title="What became of each target")
     for name in ("target", "outcome", "rank", "false above", "off by"):
         table.add_column(name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True)

@@ -7,18 +7,20 @@ from typing import Annotated
 
 import typer
 
+from flgpr import tasks
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
-from flgpr.pipeline import tasks
-from flgpr.pipeline.design import Question
-from flgpr.pipeline.design_page import design_report
+from flgpr.pipeline.progress import Track
 
 ENGINES = ("flgpr", "gprmax")
 
 
 def simulate(
-    scene: Annotated[Path, typer.Argument(help="Scene (TOML).")],
+    scene: Annotated[Path, typer.Argument(help="Scene (TOML), or the word signature.")],
+    body: Annotated[
+        str | None, typer.Argument(help="After signature: body (TOML) whose table to make; none lists those there are.")
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Run store to make, or folder of decks.")
+        Path | None, typer.Option("-o", "--output", help="Run store to make, folder of decks, or table of a body.")
     ] = None,
     sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
     seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
@@ -31,10 +33,19 @@ def simulate(
     ),
     cells: Annotated[float, typer.Option(help="gprmax: cells per wavelength at the highest tone in the soil.")] = 10.0,
     max_cells: Annotated[float, typer.Option(help="gprmax: largest model that is written.")] = 3e8,
+    workers: Annotated[int, typer.Option(min=1, help="signature: processes.")] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene."""
+    """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene.
+
+    simulate signature BODY computes what a body scatters in the ground; it goes on where it was stopped, too.
+    """
     with plain_errors(), progress(quiet) as track:
+        if str(scene) == "signature":
+            _signature(body, output, workers, quiet, track)
+            return
+        if body is not None:
+            raise ValueError(f"only simulate signature takes a second argument, got {body!r}")
         if engine not in ENGINES:
             raise ValueError(f"engine must be one of {', '.join(ENGINES)}, got {engine!r}")
         if output is None and preview is None:
@@ -47,6 +58,17 @@ def simulate(
     if not quiet:
         for line in [*lines, *(f"wrote {path}" for path in written)]:
             typer.echo(line)
+
+
+def _signature(body: str | None, output: Path | None, workers: int, quiet: bool, track: Track) -> None:
+    """Make a body's table, or list the bodies there are."""
+    if body is None:
+        for line in tasks.list_bodies():
+            typer.echo(line)
+        return
+    for path in tasks.make_signature(body, output, workers, track):
+        if not quiet:
+            typer.echo(f"wrote {path}")
 
 
 def design(
@@ -63,7 +85,7 @@ def design(
 ) -> None:
     """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter."""
     with plain_errors(), progress(quiet) as track:
-        asked = Question(band, window, site, depth)
-        design_report([sensor, *(compare or [])], output, asked, track)
+        asked = tasks.Question(band, window, site, depth)
+        tasks.design_report([sensor, *(compare or [])], output, asked, track)
     if not quiet:
         typer.echo(f"report: {output.resolve()}")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from flgpr import tasks
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
-from flgpr.pipeline.bench import bench_imaging, format_bench
-from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
-from flgpr.pipeline.reproduce.papers import PAPERS, reproduce_all
-from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines
+
+PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
 recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
 bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
@@ -26,28 +26,28 @@ def bench_imaging_command(
 ) -> None:
     """Time the imaging operator on one scan of sri-array."""
     with plain_errors():
-        typer.echo(format_bench(bench_imaging(peers, rounds, device)))
+        typer.echo(tasks.format_bench(tasks.bench_imaging(peers, rounds, device)))
 
 
 @recipe_app.command("list")
 def recipe_list() -> None:
     """Name the packaged recipes."""
-    for name in recipe_names():
-        typer.echo(f"{name:12} {load_recipe(name).description}")
+    for name in tasks.recipe_names():
+        typer.echo(f"{name:12} {tasks.load_recipe(name).description}")
 
 
 @recipe_app.command("show")
 def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
     """Print a recipe."""
     with plain_errors():
-        typer.echo(recipe_text(name), nl=False)
+        typer.echo(tasks.recipe_text(name), nl=False)
 
 
 @recipe_app.command("check")
 def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
     """Check a recipe; a fault is told with its line and rule."""
     with plain_errors():
-        recipe = load_recipe(name)
+        recipe = tasks.load_recipe(name)
     typer.echo(f"{name}: good ({recipe.description})")
 
 
@@ -61,7 +61,7 @@ def plan_mines_command(
 ) -> None:
     """Tell how many mines and how much ground it takes to show a performance."""
     with plain_errors():
-        _, lines = plan_mines(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far)
+        _, lines = tasks.plan_mines(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far)
     for line in lines:
         typer.echo(line)
 
@@ -78,7 +78,7 @@ def plan_lane_command(
 ) -> None:
     """Draw an emplacement plan and register it with the recipe that will be scored."""
     with plain_errors():
-        plan, line = plan_lane(lane, targets, seed, output, spacing=spacing, recipe=recipe, book=book)
+        plan, line = tasks.plan_lane(lane, targets, seed, output, spacing=spacing, recipe=recipe, book=book)
     typer.echo(f"wrote {output}: {len(plan)} targets; registered {line['time']}")
 
 
@@ -95,6 +95,7 @@ def reproduce(
         if paper != "all" and paper not in PAPERS:
             raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
-        page = reproduce_all(folder, quick, track) if paper == "all" else PAPERS[paper].run(folder, quick, track)
+        papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
+        page = papers.reproduce(paper, folder, quick, track)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")

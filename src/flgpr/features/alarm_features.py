@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.features.contrast import PatchShape
+from flgpr.features.contrast import region_codes
+from flgpr.features.patch import PatchShape
 from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
 from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.model import Grid, lane_to_scan
@@ -96,7 +97,7 @@ class FeatureSums:
         self._centres = np.zeros((len(alarms), 3))
         self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
         self._order = np.argsort(self._centres[:, 1], kind="stable")
-        self._regions = self.settings.patch.codes()
+        self._regions = region_codes(self.settings.patch)
         shape = (len(alarms), len(self.subbands))
         self._peak = {name: np.full(shape, -np.inf) for name in ("HH", "VV")}
         self._sum = {name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")}

@@ -3,62 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.features.patch import PatchShape
 from flgpr.kernels.patches import INNER, OUTER, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Grid, lane_to_scan
-
-
-@dataclass(frozen=True)
-class PatchShape:
-    """Size and regions of an incoherent patch.
-
-    Attributes
-    ----------
-    size : int
-        Pixels along a side, odd; the paper's patch has 25.
-    spacing : float
-        Pixel spacing, m.
-    inner : tuple of int
-        Inner region, pixels cross-track x down-track.
-    guard : tuple of int
-        Inner and guard region together; what lies outside it is the outer region.
-    """
-
-    size: int = 25
-    spacing: float = 0.1
-    inner: tuple[int, int] = (5, 3)
-    guard: tuple[int, int] = (9, 7)
-
-    def __post_init__(self) -> None:
-        sizes = (self.size, *self.inner, *self.guard)
-        if any(n < 1 or n % 2 == 0 for n in sizes):
-            raise ValueError(f"patch size, inner and guard must be odd numbers of pixels, got {sizes}")
-        if not all(i <= g < self.size for i, g in zip(self.inner, self.guard, strict=True)):
-            raise ValueError(f"patch must have inner <= guard < size, got {self.inner}, {self.guard}, {self.size}")
-        if not self.spacing > 0:
-            raise ValueError(f"patch spacing must be positive, got {self.spacing}")
-
-    def offsets(self) -> NDArray[np.float64]:
-        """Pixel centres about the patch's centre, m, shape (size, size, 2): x, y."""
-        along = (np.arange(self.size) - self.size // 2) * self.spacing
-        return np.stack(np.meshgrid(along, along), axis=-1)
-
-    def region(self, pixels: tuple[int, int]) -> NDArray[np.bool_]:
-        """Mask (y, x) of the central ``pixels`` (cross-track, down-track)."""
-        offset = np.abs(np.arange(self.size) - self.size // 2)
-        return (offset[:, None] <= pixels[1] // 2) & (offset[None, :] <= pixels[0] // 2)
-
-    def codes(self) -> NDArray[np.int8]:
-        """Regions of the patch's pixels (y, x) as ``region_statistics`` wants them."""
-        codes = np.where(self.region(self.guard), 0, OUTER)
-        return np.where(self.region(self.inner), INNER, codes).astype(np.int8)
 
 
 class ContrastSums:
@@ -101,7 +55,7 @@ class ContrastSums:
         row, column = (local[seen, 1] - grid.y_min) / grid.dy, (local[seen, 0] - grid.x_min) / grid.dx
         offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / grid.dx
         out = np.empty((seen.size, 1, 1, 4))
-        region_statistics(np.ascontiguousarray(magnitude)[None], row, column, offset, patch.codes()[None], out)
+        region_statistics(np.ascontiguousarray(magnitude)[None], row, column, offset, region_codes(patch)[None], out)
         peak, mean, spread = (out[:, 0, 0, name] for name in (PEAK, OUTER_MEAN, OUTER_STD))
         good = np.isfinite(peak) & (spread > 0)
         seen, peak, mean, spread = seen[good], peak[good], mean[good], spread[good]
@@ -182,3 +136,9 @@ def _contrast(patch: NDArray[np.float64], inner: NDArray[np.bool_], outer: NDArr
     peak = float(patch[inner].max())
     spread = float(around.std())
     return peak, (peak - float(around.mean())) / spread if spread > 0 else np.nan
+
+
+def region_codes(patch: PatchShape) -> NDArray[np.int8]:
+    """Tell the regions of a patch's pixels (y, x) as ``region_statistics`` wants them."""
+    codes = np.where(patch.region(patch.guard), 0, OUTER)
+    return np.where(patch.region(patch.inner), INNER, codes).astype(np.int8)

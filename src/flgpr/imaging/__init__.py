@@ -1,6 +1,5 @@
 """From runs to images: the imaging operator and its use scan by scan."""
 
-from flgpr.imaging.operator import ImagingOperator
-from flgpr.imaging.scan import ScanImager
+from flgpr.lazy import face
 
-__all__ = ["ImagingOperator", "ScanImager"]
+__getattr__, __dir__, __all__ = face(__name__, __file__)

@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
-from flgpr.model import Grid, check_run, complete_scans, lane_to_scan, vehicle_to_scan
+from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
 
 
 class ScanImager:
@@ -192,14 +193,4 @@ class ScanImager:
         (...) ndarray of int
             Number of looks.
         """
-        count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
-        x_min, x_max, y_min, y_max = self.grid.extent()
-        for scan in self.scans:
-            local = lane_to_scan(points, self._poses[scan])
-            count += (
-                (local[..., 0] >= x_min)
-                & (local[..., 0] <= x_max)
-                & (local[..., 1] >= y_min)
-                & (local[..., 1] <= y_max)
-            )
-        return count
+        return count_looks(self._poses[self.scans], self.grid, points)

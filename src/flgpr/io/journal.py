@@ -10,6 +10,7 @@ import fcntl
 import json
 import math
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -76,13 +77,7 @@ class Journal:
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
         self.path = folder / JOURNAL
-        folder.mkdir(parents=True, exist_ok=True)
-        self._file: BinaryIO = self.path.open("ab+", buffering=0)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
-            raise JournalError(f"{folder}: another process is writing this run") from None
+        self._file = _hold(self.path)
         self.scans: list[WrittenScan] = []
         try:
             self._take_up(about, resume)
@@ -138,6 +133,31 @@ class Journal:
         self._file.write(sha256(content).encode() + b" " + content + b"\n")
         os.fsync(self._file.fileno())
         self._ends.append(self._file.seek(0, os.SEEK_END))
+
+
+def _hold(path: Path) -> BinaryIO:
+    """Open and lock the journal that bears this name.
+
+    Between any two of these steps a writer that commits may take the folder away, and the lock on a journal that has
+    gone keeps nobody out: begin again then.
+    """
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            file = path.open("ab+", buffering=0)
+        except FileNotFoundError:
+            continue
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            raise JournalError(
+                f"{path.parent}: another process is writing this run: wait until it is done, or choose another output"
+            ) from None
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return file
+        file.close()
 
 
 def _scan(line: dict[str, Any]) -> WrittenScan:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -167,6 +169,11 @@ class RunWriter:
         What else the scans depend on (digests of input files, versions), as JSON values. Resuming demands the same;
         they are not stored in the run.
 
+    Attributes
+    ----------
+    keeps : bool
+        Whether an exception leaves what was written, to be resumed.
+
     Raises
     ------
     FileExistsError
@@ -190,10 +197,7 @@ class RunWriter:
         inputs: dict[str, Any] | None = None,
     ) -> None:
         self.path = Path(path)
-        if self.path.exists() and not overwrite:
-            raise FileExistsError(
-                f"path must not exist yet, got {self.path}: move it away (from Python, overwrite=True replaces it)"
-            )
+        self._check_free(overwrite)
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
         self._tx, self._rx = np.asarray(tx_position, dtype=np.float64), np.asarray(rx_position, dtype=np.float64)
@@ -201,7 +205,7 @@ class RunWriter:
             self._attrs = json.loads(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
-        self._resume = resume
+        self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
         about = {
             "frequency": sha256(self._frequency.tobytes()),
@@ -215,6 +219,11 @@ class RunWriter:
             self._journal = Journal(self._partial, about, resume)
         except JournalError as error:
             raise RunStoreError(str(error)) from error
+        try:
+            self._check_free(overwrite)  # another process may have committed until the journal was ours
+        except FileExistsError:
+            self._discard()
+            raise
         self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
         self._drop_what_is_not_sure()
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
@@ -233,9 +242,10 @@ class RunWriter:
             if kind is None:
                 self.commit()
         finally:
-            if not (self._resume and len(self)):
-                shutil.rmtree(self._partial, ignore_errors=True)
-            self._journal.close()
+            if self._committed or (self.keeps and len(self)):
+                self._journal.close()
+            else:
+                self._discard()
 
     def append(self, signal: ArrayLike, pose: ArrayLike, time: float = float("nan")) -> None:
         """Write one scan.
@@ -297,7 +307,22 @@ class RunWriter:
         )
         _write_manifest(self._partial, len(scans))
         replace_folder(self._partial, self.path)
+        self._committed = True
         (self.path / JOURNAL).unlink()  # not before: a kill in between would cost every scan
+
+    def _check_free(self, overwrite: bool) -> None:
+        if self.path.exists() and not overwrite:
+            raise FileExistsError(
+                f"path must not exist yet, got {self.path}: move it away (from Python, overwrite=True replaces it)"
+            )
+
+    def _discard(self) -> None:
+        """Throw away what was written: out of the name first, for the next writer may take that at once."""
+        with suppress(OSError):
+            aside = tempfile.mkdtemp(prefix=f"{self._partial.name}-", dir=self._partial.parent)
+            self._partial.rename(aside)
+            shutil.rmtree(aside, ignore_errors=True)
+        self._journal.close()
 
     def _chunk(self, scan: int) -> Path:
         return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"
@@ -372,21 +397,22 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
     )
     attrs = {str(key): value for key, value in run.attrs.items()}
     begin = partial(RunWriter, path, frequency, polarization, tx_position, rx_position, attrs, overwrite)
-    with begin() if not resume else _resumed(begin, Path(path), _digests(run)) as writer:
+    with begin() if not resume else _resumed(begin, _digests(run)) as writer:
         for scan in range(len(writer), run.sizes["scan"]):
             one = run.isel(scan=scan)
             writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
     return Path(path)
 
 
-def _resumed(begin: Callable[..., RunWriter], path: Path, inputs: dict[str, Any]) -> RunWriter:
+def _resumed(begin: Callable[..., RunWriter], inputs: dict[str, Any]) -> RunWriter:
     try:
         return begin(resume=True, inputs=inputs)
     except RunStoreError as error:
         if not isinstance(error.__cause__, OtherRunError):
             raise
-    shutil.rmtree(path.with_name(path.name + ".partial"))
-    return begin(resume=True, inputs=inputs)
+    writer = begin(inputs=inputs)  # empties what the other run left, with the journal in hand
+    writer.keeps = True
+    return writer
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-POLARIZATIONS = ("HH", "HV", "VH", "VV")
-AXES = ("x", "y", "z")
-POSE_COMPONENTS = ("x", "y", "z", "heading", "pitch", "roll")
+from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
+
 _LOWEST_FREQUENCY = 1e6  # Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
 
 

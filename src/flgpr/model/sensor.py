@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from flgpr.model.constants import POLARIZATIONS
 from flgpr.model.faults import first_fault, no_preset
-from flgpr.model.run import POLARIZATIONS
 
 Position = tuple[float, float, float]
 
@@ -50,7 +50,10 @@ class Antenna(BaseModel):
     gain_db, gain_frequency : float
         A horn's gain on its axis, dBi, and the frequency at which it holds, Hz.
     exponent : float
-        n of a horn's cos^n.
+        n of a horn's cos^n at ``gain_frequency``.
+    beam : {"constant", "aperture"}
+        Whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
+        narrows as 1/f.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -58,6 +61,28 @@ class Antenna(BaseModel):
     gain_db: float = 7.8
     gain_frequency: Annotated[float, Field(gt=0)] = 1e9
     exponent: Annotated[float, Field(ge=0)] = 2.0
+    beam: Literal["constant", "aperture"] = "constant"
+
+    def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Give n of a horn's power pattern cos^n.
+
+        The pattern's directivity is ``2(n + 1)``, so that a constant aperture has ``n + 1`` grow as f². Where that
+        would make n negative the aperture is too small for any beam: n stays 0, and the gain that f² lacks there is
+        mismatch.
+
+        Parameters
+        ----------
+        frequency : ndarray
+            Hz.
+
+        Returns
+        -------
+        ndarray
+            n at every frequency.
+        """
+        if self.beam == "constant":
+            return np.full(np.shape(frequency), self.exponent)
+        return np.maximum((self.exponent + 1) * (frequency / self.gain_frequency) ** 2 - 1, 0)
 
 
 class SystemErrors(BaseModel):
@@ -67,6 +92,22 @@ class SystemErrors(BaseModel):
     ----------
     isolation_db : float or None
         Leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns.
+    isolation_bandwidth : float or None
+        Spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is the same at all.
+    antenna_gain_db, antenna_phase, antenna_delay : float
+        Rms error of every antenna's H and V port, dB, rad and s.
+    antenna_drift : float
+        Slow change of these errors over their fixed part, rms.
+    imbalance_db, imbalance_phase : float
+        Rms gain, dB, and phase, rad, of V over H that all transmitting, and that all receiving antennas share.
+    ringing_db : float or None
+        Response of an antenna's resonances over its direct one, each at its own frequency, dB.
+    ringing_q : float
+        Their quality factor: they ring as ``exp(-π·f·t/Q)``.
+    ringing_frequencies : tuple of float
+        Their frequencies, Hz; every port's differ from them by 2 % rms.
+    sweep_time : float
+        Time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle.
     self_signature_db : float or None
         Level of the self-signature over the clutter in the image, dB.
     self_signature_drift : float
@@ -83,14 +124,31 @@ class SystemErrors(BaseModel):
         Number of tones hit by radio-frequency interference.
     interference_db : (float, float)
         Least and greatest level of the interference over the noise, dB.
-    position, heading : float
-        Rms error of the reported position in each axis, m, and of the reported heading, rad.
+    burst_probability : float
+        Fraction of sweeps that pulsed interference hits.
+    burst_tones : (int, int)
+        Least and greatest number of consecutive tones that it hits.
+    burst_db : (float, float)
+        Least and greatest level of it over the noise, dB.
+    position, heading, attitude : float
+        Rms error of the reported position in each axis, m, of the reported heading, and of pitch and roll, rad.
     missing : float
         Fraction of sweeps that are lost.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     isolation_db: float | None = None
+    isolation_bandwidth: Annotated[float, Field(gt=0)] | None = None
+    antenna_gain_db: Annotated[float, Field(ge=0)] = 0.0
+    antenna_phase: Annotated[float, Field(ge=0)] = 0.0
+    antenna_delay: Annotated[float, Field(ge=0)] = 0.0
+    antenna_drift: Annotated[float, Field(ge=0)] = 0.0
+    imbalance_db: Annotated[float, Field(ge=0)] = 0.0
+    imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
+    ringing_db: float | None = None
+    ringing_q: Annotated[float, Field(gt=0)] = 15.0
+    ringing_frequencies: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    sweep_time: Annotated[float, Field(ge=0)] = 0.0
     self_signature_db: float | None = None
     self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
     gain_db: Annotated[float, Field(ge=0)] = 0.0
@@ -99,9 +157,21 @@ class SystemErrors(BaseModel):
     noise_band: tuple[float, float] = (0.75e9, 1.35e9)
     interference_tones: Annotated[int, Field(ge=0)] = 0
     interference_db: tuple[float, float] = (10.0, 30.0)
+    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
+    burst_db: tuple[float, float] = (10.0, 30.0)
     position: Annotated[float, Field(ge=0)] = 0.0
     heading: Annotated[float, Field(ge=0)] = 0.0
+    attitude: Annotated[float, Field(ge=0)] = 0.0
     missing: Annotated[float, Field(ge=0, lt=1)] = 0.0
+
+    @model_validator(mode="after")
+    def _check_order(self) -> SystemErrors:
+        for name in ("interference_db", "burst_tones", "burst_db"):
+            low, high = getattr(self, name)
+            if not low <= high:
+                raise ValueError(f"{name} must be the least and the greatest value, got {low:g} and {high:g}")
+        return self
 
 
 class Sensor(BaseModel):

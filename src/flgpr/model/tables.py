@@ -1,11 +1,9 @@
-"""The tables: alarms, truth, objects and the lane. Every column states name, unit, meaning and missing value here."""
+"""The tables: alarms, truth and objects. Every column states name, unit, meaning and missing value here."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -62,97 +60,10 @@ OBJECT_COLUMNS = (
     Column("object_id", "text", "", "name of the object, unique within its table", required=True, missing=""),
     Column("x", "number", "m", "cross-track position of the centre in the lane frame", required=True, missing=""),
     Column("y", "number", "m", "down-track position of the centre in the lane frame", required=True, missing=""),
-    Column("kind", "text", "", "rock, post, bush, fiducial or other non-target", required=True, missing=""),
+    Column("kind", "text", "", "rock, post, bush, fiducial, hole or other non-target", required=True, missing=""),
     Column("radius", "number", "m", "radius of the object"),
     Column("height", "number", "m", "height above the mean surface"),
 )
-
-
-@dataclass(frozen=True)
-class Lane:
-    """The rectangle that is scored.
-
-    Attributes
-    ----------
-    x_min, x_max, y_min, y_max : float
-        Its borders in the lane frame, m. A point on the border is inside.
-
-    Examples
-    --------
-    >>> from flgpr.model import Lane
-    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> lane.area
-    240.0
-    >>> lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
-    array([ True,  True, False])
-    """
-
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
-
-    def __post_init__(self) -> None:
-        borders = (self.x_min, self.x_max, self.y_min, self.y_max)
-        if not all(math.isfinite(border) for border in borders):
-            raise ValueError(f"lane borders must be finite, got {borders}")
-        if not (self.x_max > self.x_min and self.y_max > self.y_min):
-            raise ValueError(
-                "lane must have x_max > x_min and y_max > y_min, got an empty lane "
-                f"x {self.x_min:g}..{self.x_max:g} m, y {self.y_min:g}..{self.y_max:g} m"
-            )
-
-    @property
-    def area(self) -> float:
-        """Area, m²."""
-        return (self.x_max - self.x_min) * (self.y_max - self.y_min)
-
-    def contains(self, x: Any, y: Any) -> Any:
-        """Tell which points lie in the lane.
-
-        Parameters
-        ----------
-        x, y : array_like
-            Points in the lane frame, m.
-
-        Returns
-        -------
-        ndarray of bool
-            True inside and on the border.
-        """
-        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-        return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
-
-
-def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
-    """Take a lane in any of the forms users have it in.
-
-    Parameters
-    ----------
-    lane : Lane, mapping, Series or one-row DataFrame
-        Holds x_min, x_max, y_min and y_max, m.
-
-    Returns
-    -------
-    Lane
-        The lane.
-
-    Raises
-    ------
-    ValueError
-        If a border is missing, not finite, or the lane is empty.
-    """
-    if isinstance(lane, Lane):
-        return lane
-    if isinstance(lane, pd.DataFrame):
-        if len(lane) != 1:
-            raise ValueError(f"lane must be one row, got a table of {len(lane)} rows")
-        lane = lane.iloc[0]
-    names = ("x_min", "x_max", "y_min", "y_max")
-    missing = [name for name in names if name not in lane]
-    if missing:
-        raise ValueError(f"lane must hold {', '.join(names)}; missing: {', '.join(missing)}")
-    return Lane(*(float(lane[name]) for name in names))
 
 
 def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.model.constants import POSE_COMPONENTS
 from flgpr.model.frames import attitude_matrix, heading_matrix
-from flgpr.model.run import POSE_COMPONENTS
 from flgpr.model.tables import Column
 
 TRACK_COLUMNS = (

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from flgpr.calibrate import channel_health
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Lane, check_run, complete_scans, vehicle_to_lane
-from flgpr.pipeline.result import describe_run
+from flgpr.pipeline.run_info import describe_run
 from flgpr.screen import run_view
 
 _RANGE = 40.0  # dB
@@ -42,7 +42,7 @@ class RunAccessor:
         return channel_health(self._run)
 
     def describe(self) -> dict[str, Any]:
-        """Describe the run; see :func:`flgpr.pipeline.result.describe_run`."""
+        """Describe the run; see ``describe_run``."""
         return describe_run(check_run(self._run))
 
     def imager(self, grid: Grid | None = None, window: str = "hann") -> ScanImager:

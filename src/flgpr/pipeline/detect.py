@@ -22,7 +22,7 @@ from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.classifier import Classifier
 from flgpr.pipeline.memory import CACHE
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import Recipe, SuppressionTable
+from flgpr.pipeline.recipe import Recipe, SuppressionTable, lane_of
 from flgpr.pipeline.sections import Section
 from flgpr.pipeline.view_chain import contributions
 from flgpr.pipeline.view_evidence import Evidence, collect_evidence
@@ -178,29 +178,6 @@ def detection_with_features(chain: FeatureChain) -> Detection:
         evidence=evidence,
         before=before,
     )
-
-
-def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
-    """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    recipe : Recipe
-        The recipe.
-
-    Returns
-    -------
-    Lane
-        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
-        first scan to the farthest that counts at the last.
-    """
-    if recipe.lane is not None:
-        return recipe.lane.lane()
-    pose = run["pose"].values
-    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
-    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
 
 
 def _check_channels(run: xr.Dataset, recipe: Recipe) -> None:

@@ -8,14 +8,15 @@ from pathlib import Path
 
 from flgpr.io import MAX_MEMORY, open_run, read_lane
 from flgpr.pipeline.classifier import load_classifier
-from flgpr.pipeline.detect import detect, lane_of
+from flgpr.pipeline.detect import detect
 from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, unnoted
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.memory import check_memory, sizes_of
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import parse_recipe, recipe_text
+from flgpr.pipeline.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import Result, add_files, check_free, describe_run, read_result, write_result
+from flgpr.pipeline.result import Result, add_files, check_free, read_result, write_result
+from flgpr.pipeline.run_info import describe_run
 from flgpr.pipeline.survey import area_of, detect_survey, executor_for, lane_names
 
 PathLike = str | Path

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
-from flgpr.imaging import ScanImager
-from flgpr.model import Grid, Lane
+from flgpr.model import Lane
 from flgpr.pipeline.result import Result
 from flgpr.pipeline.score import Score
 from flgpr.screen import select
@@ -146,7 +145,7 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     Parameters
     ----------
     run : dict
-        Description of a run, see :func:`flgpr.pipeline.result.describe_run`.
+        Description of a run, see :func:`flgpr.pipeline.run_info.describe_run`.
     lane : Lane
         The lane.
     looks : xarray.DataArray or None
@@ -188,27 +187,6 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     side.set_aspect("auto" if scale else "equal")
     side.set_ylim(-0.3 * pose[:, 2].max(), 1.4 * pose[:, 2].max())
     return figure
-
-
-def looks_of(imager: ScanImager, lane: Lane, spacing: float) -> xr.DataArray:
-    """Count the scans that see each spot in and around a lane.
-
-    Parameters
-    ----------
-    imager : ScanImager
-        Imager of the run.
-    lane : Lane
-        The lane.
-    spacing : float
-        Pixel spacing, m.
-
-    Returns
-    -------
-    xarray.DataArray
-        Looks (y, x) in the lane frame.
-    """
-    grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spacing)
-    return xr.DataArray(imager.looks(grid.points()), dims=("y", "x"), coords={"y": grid.y, "x": grid.x})
 
 
 def _shape(view: xr.DataArray) -> float:

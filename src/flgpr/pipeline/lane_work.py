@@ -28,7 +28,8 @@ from flgpr.pipeline.detect import detection_with_features
 from flgpr.pipeline.executors import Report
 from flgpr.pipeline.recipe import parse_recipe
 from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import add_files, describe_run, read_result, write_result
+from flgpr.pipeline.result import add_files, read_result, write_result
+from flgpr.pipeline.run_info import describe_run
 from flgpr.pipeline.sections import Section, section_lane, section_note
 from flgpr.pipeline.wang2007 import BLOCK, Arrays
 

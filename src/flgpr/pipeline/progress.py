@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Protocol, TypeVar
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 T = TypeVar("T")
 
@@ -36,49 +33,3 @@ def silent(items: Iterable[T], label: str, total: int) -> Iterable[T]:  # noqa: 
         The items.
     """
     return items
-
-
-class Bars:
-    """Progress bars on a terminal, one per piece of work; they appear on the error stream.
-
-    Use as a context manager and call it like any :class:`Track`.
-    """
-
-    def __init__(self) -> None:
-        self._progress = Progress(
-            TextColumn("{task.description:<32}"),
-            BarColumn(bar_width=30),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-        )
-
-    def __enter__(self) -> Bars:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress.tasks:
-            self._progress.stop()
-
-    def __call__(self, items: Iterable[T], label: str, total: int) -> Iterator[T]:
-        """Iterate over items under a bar.
-
-        Parameters
-        ----------
-        items : iterable
-            The work.
-        label : str
-            What is being done.
-        total : int
-            Number of items.
-
-        Yields
-        ------
-        object
-            Each item.
-        """
-        self._progress.start()
-        task = self._progress.add_task(label, total=total)
-        for item in items:
-            yield item
-            self._progress.advance(task)

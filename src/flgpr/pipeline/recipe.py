@@ -7,14 +7,18 @@ import tomllib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS
 from flgpr.model import POLARIZATIONS, Grid, Lane
 from flgpr.model.faults import describe_fault, no_preset
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -278,6 +282,29 @@ def load_recipe(name: str | Path) -> Recipe:
         If there is no such recipe, or it breaks a rule; the message names every entry at fault.
     """
     return parse_recipe(recipe_text(name), str(name))
+
+
+def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Lane
+        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
+        first scan to the farthest that counts at the last.
+    """
+    if recipe.lane is not None:
+        return recipe.lane.lane()
+    pose = run["pose"].values
+    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
+    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:

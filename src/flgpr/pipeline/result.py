@@ -22,7 +22,6 @@ from flgpr.io import (
     check_free_folder,
     inside,
     read_limited,
-    read_manifest,
     read_table,
     replace_folder,
     seal,
@@ -32,7 +31,7 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.model import Lane, complete_scans
+from flgpr.model import Lane
 from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
 from flgpr.pipeline.detect import MAIN, Detection
 from flgpr.pipeline.recipe import Recipe, parse_recipe
@@ -79,45 +78,6 @@ class Result:
         return load_classifier(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
 
 
-def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, Any]:
-    """Describe a run for a manifest.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    path : str or Path, optional
-        Store it came from.
-
-    Returns
-    -------
-    dict
-        Counts, band, polarizations, antenna positions (vehicle frame, m), poses, missing sweeps, and the digest of the
-        store's commit manifest.
-    """
-    frequency = run["frequency"].values
-    complete = complete_scans(run)
-    description = {
-        "title": str(run.attrs.get("title", Path(path).stem if path else "run")),
-        "source": str(run.attrs.get("source", "")),
-        "scans": int(run.sizes["scan"]),
-        "masked_scans": [int(scan) for scan in np.flatnonzero(~complete)],
-        "missing_sweeps": int(np.count_nonzero(~run["valid"].values)),
-        "pairs": int(run.sizes["pair"]),
-        "polarizations": [str(label) for label in run["polarization"].values],
-        "tones": int(frequency.size),
-        "frequency_hz": [float(frequency[0]), float(frequency[-1])],
-        "tx_m": np.unique(run["tx_position"].values, axis=0).tolist(),
-        "rx_m": np.unique(run["rx_position"].values, axis=0).tolist(),
-        "pose": run["pose"].values.tolist(),
-    }
-    description |= {name: run.attrs[name] for name in ("soil", "georeference") if name in run.attrs}
-    if path is not None:
-        description["path"] = str(Path(path).resolve())
-        description["store_sha256"] = read_manifest(path)["sha256"]
-    return description
-
-
 def write_result(
     folder: str | Path,
     detections: list[Detection],
@@ -140,7 +100,7 @@ def write_result(
     lane : Lane
         The lane it was run for.
     run : dict
-        Description of the run, from :func:`describe_run`.
+        Description of the run, from ``describe_run``.
     classifier : Classifier, optional
         What scored the alarms; it is kept with the result.
     section : dict, optional

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from flgpr.calibrate import channel_health, health_summary
-from flgpr.imaging import ScanImager
-from flgpr.io import import_fullwave, open_run, save_run, write_geojson, write_table
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
-from flgpr.pipeline.detect import lane_of
-from flgpr.pipeline.figures import geometry_figure, looks_of
+from flgpr.io import import_fullwave, save_run, write_geojson, write_table
+from flgpr.model import load_sensor
 from flgpr.pipeline.fullwave import write_gprmax_decks
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.result import describe_run
 from flgpr.pipeline.simulation import preview_figure, simulate_to_store
 from flgpr.simulate import Scene, load_scene
+from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
 
 PathLike = str | Path
 
@@ -76,6 +69,69 @@ def simulate_lane(
     return written
 
 
+def make_signature(
+    body: PathLike, output: PathLike | None = None, workers: int = 1, track: Track = silent
+) -> list[Path]:
+    """Compute the table of a body's scattering in the ground, which a scene's targets may name.
+
+    Parameters
+    ----------
+    body : str or path
+        Packaged body or TOML file.
+    output : path, optional
+        Table to write, by default the body's name with ``.npz``; ``OUTPUT.work`` beside it keeps what a stopped call
+        has done, and goes when the table is whole.
+    workers : int
+        Processes.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of Path
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the body is not valid or cannot be solved.
+    FileExistsError
+        If the output exists.
+    """
+    described = load_body(body)
+    path = Path(f"{described.name}.npz" if output is None else output)
+    if path.exists():
+        raise FileExistsError(f"output {path} exists")
+    work = path.with_name(path.name + ".work")
+    pieces = PERMITTIVITY.size * FREQUENCY.size
+    bar = iter(track(range(pieces), f"signature of {described.name}", pieces))
+    shown = 0
+
+    def show(done: int, _: int) -> None:
+        nonlocal shown
+        while shown < done:
+            next(bar, None)
+            shown += 1
+
+    table = build_table(described, work, workers, show)
+    next(bar, None)
+    part = path.with_name(path.name + ".part")
+    save_table(table, part)
+    part.rename(path)
+    shutil.rmtree(work)
+    return [path]
+
+
+def list_bodies() -> list[str]:
+    """Tell the packaged bodies, a line each: name, size and source."""
+    bodies = [load_body(name) for name in packaged_bodies()]
+    return [
+        f"{body.name:18} {2 * body.radius * body.elongation * 100:5.1f} cm across, {body.height * 100:4.1f} cm high: "
+        f"{body.source}"
+        for body in bodies
+    ]
+
+
 def write_gprmax_lane(
     scene: PathLike,
     sensor: PathLike,
@@ -122,63 +178,6 @@ def write_gprmax_lane(
 def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
     preview_figure(scene, seed).savefig(path, dpi=100, format="png", metadata={"Software": None})
     return Path(path)
-
-
-def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:
-    """Tell what a run holds.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    recipe : str or path, optional
-        Recipe whose scan images and lane decide what counts as covered. Without it: the ground from 1 to 5 array
-        heights ahead and 1.2 to either side.
-    plot : path, optional
-        PNG to write: plan, coverage and side view.
-
-    Returns
-    -------
-    dict
-        The run's description (see :func:`flgpr.pipeline.result.describe_run`) and what follows from it: unambiguous
-        path, range resolution (m), largest step between tones (Hz), span travelled (m), ``looks`` on a coarse grid.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the run or the recipe is not valid.
-    """
-    dataset = open_run(run)
-    description = describe_run(dataset, run)
-    pose, frequency = np.asarray(description["pose"]), dataset["frequency"].values
-    steps = np.diff(frequency)
-    spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
-    if recipe is not None:
-        table = load_recipe(recipe)
-        grid, lane = table.image.grid(), lane_of(dataset, table)
-    else:
-        height = float(pose[:, 2].mean())
-        grid = Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 20)
-        ends = pose[:, 1].min() + height, pose[:, 1].max() + 5 * height
-        middle = float(pose[:, 0].mean())
-        lane = Lane(middle - 1.2 * height, middle + 1.2 * height, *ends)
-    imager = ScanImager(dataset, grid, {"all": (frequency[0], frequency[-1])})
-    looks = looks_of(imager, lane, max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400))
-    if plot is not None:
-        figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
-        figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})
-    return description | {
-        "unambiguous_path_m": SPEED_OF_LIGHT / float(np.median(steps)) if steps.size else None,
-        "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
-        "largest_step_hz": float(steps.max(initial=0.0)),
-        "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
-        "travelled_m": float(spacing.sum()),
-        "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
-        "health": health_summary(channel_health(dataset)),
-        "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
-        "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
-        "looks_map": looks.values.tolist(),
-    }
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:

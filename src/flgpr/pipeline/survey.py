@@ -12,12 +12,11 @@ from typing import Any
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.model import Lane
 from flgpr.pipeline.cluster import Cluster
-from flgpr.pipeline.detect import lane_of
 from flgpr.pipeline.executors import Executor, Here, Processes
 from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, is_done, unnoted
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import Recipe, parse_recipe
+from flgpr.pipeline.recipe import Recipe, lane_of, parse_recipe
 from flgpr.pipeline.result import check_free, read_result
 
 PathLike = str | Path

@@ -31,33 +31,18 @@ from flgpr.pipeline.classifier import (
     train,
 )
 from flgpr.pipeline.detect import detect
-from flgpr.pipeline.detect_tasks import detect_long, detect_run, detect_runs
+from flgpr.pipeline.detect_tasks import detect_run
 from flgpr.pipeline.lane_run import features_of_lane
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
 from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import Result, add_files, describe_run, read_result, write_result
-from flgpr.pipeline.run_tasks import import_fullwave_lane, run_info, simulate_lane, write_gprmax_lane
+from flgpr.pipeline.result import Result, add_files, read_result, write_result
+from flgpr.pipeline.run_info import describe_run
 from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.sections import noted_section
 from flgpr.pipeline.survey import area_of, executor_for
 from flgpr.pipeline.view_score import VIEW_SCORE, view_score
-
-__all__ = [
-    "demo",
-    "detect_long",
-    "detect_run",
-    "detect_runs",
-    "import_fullwave_lane",
-    "outcome_table",
-    "replay",
-    "run_info",
-    "score_result",
-    "simulate_lane",
-    "train_runs",
-    "write_gprmax_lane",
-]
 
 PathLike = str | Path
 
@@ -148,7 +133,7 @@ def train_runs(
     label_radius : float
         Alarms this near to a target are its hits, m.
     track, workers, scheduler, max_memory
-        As for :func:`detect_run`.
+        As for ``detect_run``.
 
     Returns
     -------

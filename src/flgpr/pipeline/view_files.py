@@ -43,7 +43,7 @@ def write_view(
     lane : Lane
         The lane.
     run : mapping
-        Description of the run, see :func:`flgpr.pipeline.result.describe_run`.
+        Description of the run, see :func:`flgpr.pipeline.run_info.describe_run`.
 
     Raises
     ------

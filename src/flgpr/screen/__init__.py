@@ -1,35 +1,5 @@
 """From images to alarms: the run-view and the prescreeners."""
 
-from flgpr.screen.clusters import (
-    ClusterThresholds,
-    Ellipse,
-    energy_ratio,
-    find_clusters,
-    fit_ellipse,
-    fuse_clusters,
-    learn_thresholds,
-    prescreen_clusters,
-)
-from flgpr.screen.labels import label_alarms
-from flgpr.screen.prescreen import density_threshold, local_maxima, prescreen
-from flgpr.screen.run_view import RunViewSums, run_view, sample_scan, select, view_array
+from flgpr.lazy import face
 
-__all__ = [
-    "ClusterThresholds",
-    "Ellipse",
-    "RunViewSums",
-    "density_threshold",
-    "energy_ratio",
-    "find_clusters",
-    "fit_ellipse",
-    "fuse_clusters",
-    "label_alarms",
-    "learn_thresholds",
-    "local_maxima",
-    "prescreen",
-    "prescreen_clusters",
-    "run_view",
-    "sample_scan",
-    "select",
-    "view_array",
-]
+__getattr__, __dir__, __all__ = face(__name__, __file__)

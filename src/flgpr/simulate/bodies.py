@@ -173,22 +173,39 @@ def layered_reflection(
     return total[0], total[1]
 
 
-def floor_vertical(h: ComplexArray, v: ComplexArray, floor_db: float = -15.0) -> ComplexArray:
-    """Keep V from vanishing at Brewster's angle, where real bodies' curvature and grain take over.
+def layers_strength(
+    sine: float, wavenumber: ArrayLike, soil: ArrayLike, layers: Sequence[tuple[float, float]]
+) -> ComplexArray:
+    """Coefficients of the near rim of a dielectric body of level layers, which :func:`rim_amplitude` multiplies.
+
+    The volume integral of the body's currents in its layers' own fields (Born's approximation, with the normal field
+    raised by continuity of D), its disc pattern taken as that of two flashes. The far rim has the opposite sign.
+    Unlike the specular reflection of a face it has no null at Brewster's angle.
 
     Parameters
     ----------
-    h, v : (...) ndarray of complex
-        Reflection coefficients.
-    floor_db : float
-        Least modulus of V relative to H, dB.
+    sine : float
+        Sine of the incidence angle in air.
+    wavenumber : (frequency,) array_like
+        In air, rad/m.
+    soil : (frequency,) array_like of complex
+        Relative permittivity around the body.
+    layers : sequence of (thickness, permittivity)
+        From the top down, m.
 
     Returns
     -------
-    (...) ndarray of complex
-        V with its modulus raised to the floor, its phase kept.
+    (2, frequency) ndarray of complex
+        H and V: ``k0/(4·sinθ)·Σ(ε_l - ε_s)·g·∫e^{-2jqz}dz``, g = 1 for H and
+        ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V.
     """
-    least = np.abs(h) * 10 ** (floor_db / 20)
-    size = np.abs(v)
-    phase = np.where(size > 0, v / np.where(size > 0, size, 1), 1)
-    return np.asarray(np.maximum(size, least) * phase)
+    k, eps = np.asarray(wavenumber, dtype=float), np.asarray(soil, dtype=complex)
+    down = k * np.sqrt(eps - sine**2)
+    total, top = np.zeros((2, k.size), complex), 0.0
+    for thickness, inner in layers:
+        bottom = top + thickness
+        share = (inner - eps) * (np.exp(-2j * down * top) - np.exp(-2j * down * bottom)) / (2j * down)
+        raised = ((eps - sine**2) + eps / inner * sine**2) / eps
+        total += share * np.stack([np.ones_like(raised), raised])
+        top = bottom
+    return np.asarray(k / (4 * sine) * total)

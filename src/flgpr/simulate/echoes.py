@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate import bodies
 from flgpr.simulate.draw import stream
-from flgpr.simulate.refraction import interface_path, reflection, refracted_ray
+from flgpr.simulate.refraction import Ray, interface_path, reflection, refracted_ray
 from flgpr.simulate.roughness import HeightField
 from flgpr.simulate.scene import Soil, Target, Thing
 from flgpr.simulate.spread import ArrayState, antenna_terms
@@ -26,17 +26,31 @@ _UPRIGHT = np.array([1.0, 1.0, 0.0])
 
 @dataclass
 class Echoes:
-    """Echoes to be summed: each a path per pair, a gain per antenna and a spectrum for HH, VV and cross."""
+    """Echoes to be summed: each a path per pair, a gain per antenna, a spectrum, and its weight in each pair.
+
+    Spectra have four rows: HH, VV, and the cross amplitudes' mean (HV + VH)/2 and half difference (HV - VH)/2; a
+    weight has one row for the first three and one for the last.
+    """
 
     path: list[FloatArray] = field(default_factory=list)
     place: list[FloatArray] = field(default_factory=list)
     spectrum: list[ComplexArray] = field(default_factory=list)
+    weight: list[FloatArray] = field(default_factory=list)
 
-    def add(self, path: FloatArray, place: FloatArray, spectrum: ComplexArray) -> None:
-        """Add an echo: ``path`` (pair,) m, ``place`` (3,) m for the antennas' gain, ``spectrum`` (3, frequency) m."""
+    def add(
+        self, path: FloatArray, place: FloatArray, spectrum: ComplexArray, weight: FloatArray | None = None
+    ) -> None:
+        """Add an echo.
+
+        ``path`` (pair,) m, ``place`` (3,) m for the antennas' gain, ``spectrum`` (3 or 4, frequency) m, ``weight``
+        (2, pair), one if there is none.
+        """
+        whole = np.zeros((4, spectrum.shape[-1]), complex)
+        whole[: 4 if len(spectrum) == 4 else 3] = spectrum
         self.path.append(path)
         self.place.append(place)
-        self.spectrum.append(np.broadcast_to(spectrum, (3, spectrum.shape[-1])))
+        self.spectrum.append(whole)
+        self.weight.append(np.ones((2, path.size)) if weight is None else weight)
 
 
 class Ground:
@@ -88,31 +102,28 @@ class Ground:
 
     def path(self, antennas: FloatArray, points: FloatArray) -> FloatArray:
         """Path from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface, m."""
+        return self.ray(antennas, points).path
+
+    def ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
+        """Rays from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface."""
         flat = points[:, :2] - antennas[:, :2]
         distance = np.hypot(*flat.T)
         passed = [np.array(d) for d in zip(*(self.soil.passed(-z) for z in points[:, 2]), strict=True)]
         ray = refracted_ray(distance, antennas[:, 2], passed, self.real)
         if self.heights is None:
-            return ray.path
+            return ray
         entry = points[:, :2] - flat * (ray.entry / np.maximum(distance, 1e-9))[:, None]
-        return ray.path + interface_path(ray.sine, self.real[0]) * self.heights(entry[:, 0], entry[:, 1])
+        delay = interface_path(ray.sine, self.real[0]) * self.heights(entry[:, 0], entry[:, 1])
+        return ray._replace(path=ray.path + delay)
 
 
-def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
-    """Add a target's echoes: its rims below the ground, or its rims and its dihedral above."""
-    profile = target.profile or bodies.cylinder(target.radius, target.height)
-    if target.depth >= 0:
-        _add_buried(echoes, target, profile, ground, array)
-    else:
-        _add_standing(echoes, target, profile, ground, array)
-
-
-def _sine(x: float, y: float, z: float, array: ArrayState) -> float:
+def incidence(x: float, y: float, z: float, array: ArrayState) -> float:
+    """Sine of the incidence angle of the array's middle at a place."""
     offset = array.position.mean(axis=0) - np.array([x, y, z])
     return float(math.hypot(offset[0], offset[1]) / np.linalg.norm(offset))
 
 
-def _bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
+def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     """Horizontal unit vectors from a place to the middle between each pair's antennas, as seen from it (pair, 2)."""
     out = array.position[:, :2] - np.array([x, y])
     out = out / np.linalg.norm(out, axis=1, keepdims=True)
@@ -120,87 +131,30 @@ def _bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     return np.asarray(both / np.linalg.norm(both, axis=1, keepdims=True))
 
 
-def _add_buried(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
-    """Add the near and far flash of every rim that is seen through the ground."""
-    sine = _sine(target.x, target.y, 0.0, array)
-    layer = ground.medium(target.depth)
-    index = math.sqrt(ground.real[layer])
-    towards = _bisectors(target.x, target.y, array)
-    lean = math.tan(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
-    mean = towards.mean(axis=0)
-    along, across = float(mean @ lean), float(mean @ np.array([lean[1], -lean[0]]))
-    top = _top_reflection(target, sine, ground, layer)
-    cover = _cover_factor(sine, target, top, ground) if layer == 0 else np.ones((2, 1))
-    entry = ground.entry_squared(sine, layer)
-    for rim in bodies.visible_rims(profile, min(sine / index, 0.999)):
-        if target.dielectric is not None and rim.drop > 0:
-            continue  # the layered reflection already holds the body's bottom
-        side = 1.0 if rim.near else -1.0
-        # The axis leans towards the radar: the near rim sinks, the far one rises.
-        depth = max(target.depth + rim.drop + side * rim.radius * along, 0.0)
-        point = np.empty((array.tx.size, 3))
-        point[:, :2] = np.array([target.x, target.y]) + side * rim.radius * towards
-        point[:, 2] = -depth
-        path = ground.path(array.position[array.tx], point) + ground.path(array.position[array.rx], point)
-        size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index) * ground.dispersion(sine, depth)
-        copolar = size * entry * top * np.array([[rim.h], [rim.v]])
-        copolar = copolar * (cover if rim.drop == 0 and not rim.near else 1.0)
-        place = np.array([target.x, target.y, -depth])
-        echoes.add(path, place, _rotated(copolar, math.atan2(across, sine / index)))
-
-
-def _top_reflection(target: Target, sine: float, ground: Ground, layer: int) -> ComplexArray:
-    """Reflection of the target's top over that of metal, H and V, (2, frequency)."""
-    if target.dielectric is None:
-        return np.ones((2, ground.frequency.size), complex)
-    around, body = ground.media[layer], np.full(ground.frequency.size, target.dielectric, complex)
-    gap = min(target.air_gap, 0.9 * target.height)
-    media = [around, *([np.ones_like(body)] if gap > 0 else []), body, around]
-    thickness = [*([gap] if gap > 0 else []), target.height - gap]
-    h, v = bodies.layered_reflection(sine, ground.wavenumber, media, thickness)
-    return np.stack([-h, bodies.floor_vertical(h, v)])
-
-
-def _cover_factor(sine: float, target: Target, top: ComplexArray, ground: Ground) -> ComplexArray:
-    """Waves that bounce between the target's top and the surface on their way to the far rim and back.
-
-    Each bounce ``r21·Γ·e^{-2jqd}`` starts ``2d·tanθ_t`` nearer the radar, where the top must reach: as many are summed
-    as fit on the diameter, the last in part. The near rim has no top before it and sees none. Squared, for by
-    reciprocity the way out has the same bounces as the way in.
-    """
-    normal = np.sqrt(ground.media[0] - sine**2)
-    delay = np.exp(-2j * ground.wavenumber * normal * target.depth)
-    bounce = -ground.reflection(sine) * top * np.array([[-1.0], [1.0]]) * delay
-    shift = 2 * target.depth * sine / math.sqrt(ground.real[0] - sine**2)
-    fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
-    whole = math.floor(fitting)
-    rest: ComplexArray = (1 - bounce ** (whole + 1)) / (1 - bounce) + (fitting - whole) * bounce ** (whole + 1)
-    return rest**2
-
-
-def _rotated(copolar: ComplexArray, angle: float) -> ComplexArray:
+def rotated(copolar: ComplexArray, angle: float) -> ComplexArray:
     """HH, VV and cross of an echo whose edge is turned about the ray by ``angle`` (rad)."""
     h, v = copolar
     c, s = math.cos(angle), math.sin(angle)
     return np.stack([c * c * h + s * s * v, s * s * h + c * c * v, s * c * (h - v)])
 
 
-def _add_standing(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
+def add_standing(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
     """Add a target on the ground: the corner its wall makes with the ground, and the rims of its top."""
     height = min(-target.depth, profile[-1][1])
     radius = max(r for r, _ in profile)
-    sine = _sine(target.x, target.y, 0.0, array)
+    sine = incidence(target.x, target.y, 0.0, array)
     k = ground.wavenumber
     wall, top = np.ones((2, 1), complex), np.ones((2, 1), complex)
     if target.dielectric is not None:
         body = np.full(k.size, target.dielectric, complex)
         h, v = bodies.layered_reflection(math.sqrt(1 - sine**2), k, [np.ones_like(body), body], [])
         wall = np.stack([-h, v])
-        h, v = bodies.layered_reflection(sine, k, [np.ones_like(body), body, ground.media[0]], [target.height])
-        top = np.stack([-h, bodies.floor_vertical(h, v)])
+        # Edges of a dielectric have no Brewster angle; for want of a theory of strong contrasts V is taken as H.
+        h, _ = bodies.layered_reflection(sine, k, [np.ones_like(body), body, ground.media[0]], [target.height])
+        top = np.stack([-h, -h])
     signs = np.array([[-1.0], [1.0]])
     corner = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
-    towards = _bisectors(target.x, target.y, array)
+    towards = bisectors(target.x, target.y, array)
     _add_ring_point(
         echoes, target, radius, towards, 0.0, _level(corner * signs * ground.reflection(sine) * wall), array
     )
@@ -249,7 +203,7 @@ def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
 
     The dipole and its image in the ground, half a radius up, echo together.
     """
-    sine = _sine(thing.x, thing.y, 0.0, array)
+    sine = incidence(thing.x, thing.y, 0.0, array)
     k, cosine = ground.wavenumber, math.sqrt(1 - sine**2)
     optical, dipole = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2, ((6 - 1) / (6 + 2)) ** 2
     growth = 4 * dipole / optical * (k * thing.radius) ** 4
@@ -257,19 +211,19 @@ def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
     r_h, r_v = ground.reflection(sine) * np.exp(-1j * k * thing.radius * cosine)
     copolar = np.stack([(1 + r_h) ** 2, (sine * (1 + r_v)) ** 2 + (cosine * (1 - r_v)) ** 2])
     rng = stream(seed, "rock", round(thing.x * 1000), round(thing.y * 1000))
-    spectrum = _rotated(size * copolar, rng.normal(0, 0.2))
+    spectrum = rotated(size * copolar, rng.normal(0, 0.2))
     point = np.tile([thing.x, thing.y, thing.radius / 2], (array.tx.size, 1))
     echoes.add(_air_path(point, array), point[0], spectrum)
 
 
 def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:  # noqa: ARG001
     """Upright cylinder on the ground: direct, image and corner echoes of its lit line, integrated over its height."""
-    sine = _sine(thing.x, thing.y, thing.height / 2, array)
+    sine = incidence(thing.x, thing.y, thing.height / 2, array)
     k, cosine = ground.wavenumber, math.sqrt(1 - sine**2)
     line = np.sqrt(k * thing.radius * sine / (4 * np.pi)) * np.exp(-0.25j * np.pi)
     bounce = np.array([[-1.0], [1.0]]) * ground.reflection(sine)
     end = 1 / (2j * k * cosine)
-    towards = _bisectors(thing.x, thing.y, array)
+    towards = bisectors(thing.x, thing.y, array)
     parts = (
         (0.0, line * (2 * bounce * thing.height - (1 - bounce**2) * end)),
         (thing.height, np.broadcast_to(line * end, bounce.shape)),
@@ -323,6 +277,20 @@ def _add_fiducial(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayStat
     echoes.add(_air_path(point, array), point[0], spectrum.astype(complex))
 
 
+def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
+    """Gain over distance of every antenna, H to h, H to v and V to v, towards places (n, 3): (antenna, 3, n).
+
+    A beam that narrows with frequency is left out: it is applied tone by tone.
+    """
+    shape = (len(array.position), len(places))
+    gain = np.empty((shape[0], 3, shape[1]), np.float32)
+    exponent = 0.0 if array.growth > 0 else array.exponent
+    look = (array.boresight, array.horizontal, array.vertical, exponent, np.empty((0, 0), np.float32))
+    unused = (np.empty(shape), np.empty(shape, np.complex64))
+    antenna_terms(places, array.position, *look, 0.0, np.zeros(len(places)), np.zeros(3), *unused, gain)
+    return gain
+
+
 def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
     """Sum echoes over all pairs and tones.
 
@@ -337,49 +305,84 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
 
     Returns
     -------
-    (3 or 4, pair, frequency) ndarray of complex64
-        Channels as :class:`~flgpr.simulate.spread.Spreader` gives them.
+    (4, pair, frequency) ndarray of complex64
+        HH, HV, VH and VV: for horns of the rays' own directions, for dipoles of the antennas.
     """
-    out = np.zeros((4 if array.dipoles else 3, array.tx.size, frequency.size), np.complex64)
+    out = np.zeros((4, array.tx.size, frequency.size), np.complex64)
     if not echoes.path:
         return out
     place = np.array(echoes.place)
-    shape = (len(array.position), len(place))
-    gain = np.empty((shape[0], 3, shape[1]), np.float32)
-    look = (array.boresight, array.horizontal, array.vertical, array.exponent)
-    antenna_terms(place, array.position, *look, 0.0, np.empty(shape), np.empty(shape, np.complex64), gain)
+    gain = antenna_gains(place, array)
+    ray = place - array.position[:, None]
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    cosine = np.log(np.maximum(ray @ array.boresight, 1e-6))
     path = np.stack([np.broadcast_to(p, (array.tx.size,)) for p in echoes.path])
     spectrum = np.ascontiguousarray(np.stack(echoes.spectrum), dtype=np.complex64)
+    weight = np.stack([np.broadcast_to(w, (2, array.tx.size)) for w in echoes.weight]).astype(np.float32)
     step = (frequency[1] - frequency[0]) / SPEED_OF_LIGHT if frequency.size > 1 else 0.0
-    _sum(path, spectrum, gain, array.tx, array.rx, frequency[0] / SPEED_OF_LIGHT, step, array.dipoles, out)
+    tones = (frequency[0] / SPEED_OF_LIGHT, step, array.growth * SPEED_OF_LIGHT**2)
+    moved = -(ray @ array.drift) / frequency.size  # path from tone to tone
+    _sum(path, spectrum, weight, gain, cosine, moved, array.tx, array.rx, *tones, array.dipoles, out)
     return out * np.float32(math.sqrt(4 * np.pi))
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _sum(path: Any, spectrum: Any, gain: Any, tx: Any, rx: Any, first: Any, step: Any, mixed: Any, out: Any) -> None:
+def _sum(
+    path: Any,
+    spectrum: Any,
+    weight: Any,
+    gain: Any,
+    cosine: Any,
+    moved: Any,
+    tx: Any,
+    rx: Any,
+    first: Any,
+    step: Any,
+    growth: Any,
+    mixed: Any,
+    out: Any,
+) -> None:
+    """Add up echoes tone by tone; phases and beams go on from tone to tone by their second differences."""
     tones = spectrum.shape[2]
+    middle = tones // 2
     for q in prange(tx.shape[0]):
         a, b = tx[q], rx[q]
         for e in range(path.shape[0]):
             ah, av, aw = gain[a, 0, e], gain[a, 1, e], gain[a, 2, e]
             bh, bv, bw = gain[b, 0, e], gain[b, 1, e], gain[b, 2, e]
-            turn = step * path[e, q]
-            angle = -2 * math.pi * (turn - math.floor(turn))
-            rotation = complex(math.cos(angle), math.sin(angle))
-            carrier = 0j
+            even, odd = weight[e, 0, q], weight[e, 1, q]
+            rate = moved[a, e] + moved[b, e]
+            angle = -4 * math.pi * step * rate
+            bend = complex(math.cos(angle), math.sin(angle))
+            off = 0.5 * (cosine[a, e] + cosine[b, e])
+            narrowing = math.exp(off * 2 * growth * step * step)
+            rotation, carrier, beam, narrower = 0j, 0j, 1.0, 1.0
             for k in range(tones):
                 if k % 64 == 0:
-                    turn = (first + k * step) * path[e, q]
+                    wave = first + k * step
+                    turn = wave * (path[e, q] + rate * (k - middle))
                     angle = -2 * math.pi * (turn - math.floor(turn))
                     carrier = complex(math.cos(angle), math.sin(angle))
-                h, v, x = spectrum[e, 0, k] * carrier, spectrum[e, 1, k] * carrier, spectrum[e, 2, k] * carrier
+                    turn = step * path[e, q] + rate * (wave + step * (k + 1 - middle))
+                    angle = -2 * math.pi * (turn - math.floor(turn))
+                    rotation = complex(math.cos(angle), math.sin(angle))
+                    if growth > 0:
+                        beam = math.exp(off * (growth * wave * wave - 1))
+                        narrower = math.exp(off * growth * step * (2 * wave + step))
+                now = carrier * min(beam, 1.0) if growth > 0 else carrier
+                h, v = even * spectrum[e, 0, k] * now, even * spectrum[e, 1, k] * now
+                x, y = even * spectrum[e, 2, k] * now, odd * spectrum[e, 3, k] * now
                 if mixed:
-                    out[0, q, k] += ah * bh * h + (ah * bv + av * bh) * x + av * bv * v
-                    out[1, q, k] += ah * bw * x + av * bw * v
-                    out[2, q, k] += aw * bh * x + aw * bv * v
+                    out[0, q, k] += ah * bh * h + ah * bv * (x + y) + av * bh * (x - y) + av * bv * v
+                    out[1, q, k] += ah * bw * (x + y) + av * bw * v
+                    out[2, q, k] += aw * bh * (x - y) + aw * bv * v
                     out[3, q, k] += aw * bw * v
                 else:
                     out[0, q, k] += ah * bh * h
-                    out[1, q, k] += ah * bh * v
-                    out[2, q, k] += ah * bh * x
+                    out[1, q, k] += ah * bh * (x + y)
+                    out[2, q, k] += ah * bh * (x - y)
+                    out[3, q, k] += ah * bh * v
                 carrier *= rotation
+                rotation *= bend
+                beam *= narrower
+                narrower *= narrowing

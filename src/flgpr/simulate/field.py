@@ -48,16 +48,25 @@ class SurfaceField:
         Seed of the world.
     keep : int
         Number of tiles kept in memory.
+    name : str
+        Of its random numbers.
     """
 
     def __init__(
-        self, surface: Surface, patches: tuple[Patch, ...], density: float, seed: int, keep: int = 4000
+        self,
+        surface: Surface,
+        patches: tuple[Patch, ...],
+        density: float,
+        seed: int,
+        keep: int = 4000,
+        name: str = "surface",
     ) -> None:
-        self.surface, self.patches, self.seed = surface, patches, seed
+        self.surface, self.patches, self.seed, self.name = surface, patches, seed, name
         self.per_tile = max(1, math.ceil(density * TILE**2))
         self._kept: OrderedDict[tuple[int, int], Scatterers] = OrderedDict()
         self._limit = keep
-        self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, "texture"))
+        textures = "texture" if name == "surface" else f"{name} texture"
+        self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
 
     def tile(self, ix: int, iy: int) -> Scatterers:
         """Scatterers of the tile whose lower corner is (ix, iy)·TILE."""
@@ -79,7 +88,7 @@ class SurfaceField:
         return Scatterers(np.concatenate([t.xy for t in tiles]), np.concatenate([t.amplitude for t in tiles]))
 
     def _make(self, ix: int, iy: int) -> Scatterers:
-        rng = stream(self.seed, "surface", ix, iy)
+        rng = stream(self.seed, self.name, ix, iy)
         xy = (rng.random((self.per_tile, 2)) + np.array([ix, iy])) * TILE
         z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(np.complex64) / np.float32(math.sqrt(2))
         rho = self.surface.correlation

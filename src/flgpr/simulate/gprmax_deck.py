@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, vehicle_to_lane
 from flgpr.simulate.bodies import cylinder
 from flgpr.simulate.debye import RelaxingMedium, fit_relaxation
-from flgpr.simulate.draw import stream
 from flgpr.simulate.gprmax_grid import Grid, GridPoint, rectangles
-from flgpr.simulate.roughness import HeightField
+from flgpr.simulate.roughness import surface_heights
 from flgpr.simulate.scene import Scene, Target, Thing
+from flgpr.simulate.subsurface import strewn
 from flgpr.simulate.track import draw_track
 from flgpr.simulate.world import World, draw_world
 
@@ -210,7 +210,7 @@ def _scene_text(
     outside = [t for t in world.targets if not grid.contains((t.x, t.y, 0.0), _radius(t))]
     if outside:
         raise ValueError(f"every target must lie on the lane, got one at x = {outside[0].x:g}, y = {outside[0].y:g} m")
-    lines += _objects(world.objects, grid, scene.surface.rms_height, omissions)
+    lines += _objects(world.objects, grid, rough["rms_height"], omissions)
     bodies: dict[float, str] = {}
     for target in world.targets:
         lines += _target(target, grid, bodies, omissions)
@@ -223,8 +223,8 @@ def _ground(scene: Scene, grid: Grid, seed: int, soils: int) -> tuple[list[str],
     level = round(-grid.origin[2] / cell)
     steps = np.zeros(grid.shape[:2], dtype=int)
     wanted = 0.0
-    if surface.rms_height > 0 and (surface.echo or surface.phase_screen):
-        heights = HeightField(surface.rms_height, surface.correlation_length, stream(seed, "heights"))
+    if surface.rms_height + surface.unevenness > 0 and (surface.echo or surface.phase_screen):
+        heights = surface_heights(surface, seed)
         # Inside the absorbing layers the ground goes on as it enters them.
         axes = [np.clip(np.arange(n), grid.absorber, n - 1 - grid.absorber) + 0.5 for n in grid.shape[:2]]
         x, y = (axis * cell + start for axis, start in zip(axes, grid.origin[:2], strict=True))
@@ -339,6 +339,13 @@ def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
         )
     if world.patches:
         told.append(f"{len(world.patches)} wet patches")
+    if not scene.terrain.flat:
+        told.append("the terrain (slope, undulation, ruts): the ground is level but for its roughness")
+    if scene.grass.grown:
+        told.append("the grass")
+    buried = [*strewn(scene), *(["refilled holes"] if world.holes else [])]
+    if buried:
+        told.append(f"what lies under the surface: {', '.join(buried)}")
     return told
 
 

@@ -1,4 +1,4 @@
-"""What the radar adds to the echoes: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors."""
+"""What the radar adds to the echoes: antennas' errors, self-signature, noise, interference, lost sweeps, poses."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor
+from flgpr.simulate.antennas import AntennaErrors, slow_change
 from flgpr.simulate.draw import stream
 from flgpr.simulate.roughness import surface_backscatter
 
@@ -31,6 +32,7 @@ class Impairments:
         self.frequency = sensor.tones.axis()
         self.pairs = sensor.pairs()[0].shape[0]
         self.reference = reference_clutter(sensor)
+        self._antennas = AntennaErrors(sensor, seed)
         self._signature = None if self.errors.self_signature_db is None else self._draw_signature()
         rng = stream(seed, "interference")
         tones = min(self.errors.interference_tones, self.frequency.size)
@@ -41,14 +43,15 @@ class Impairments:
         """Add the errors of a scan to the four channels HH, HV, VH, VV (4, pair, frequency)."""
         errors = self.errors
         rng = stream(self.seed, "scan", scan)
-        if errors.isolation_db is not None:
-            signal = self._leak(signal)
+        signal = self._antennas.apply(signal, scan)
         if self._signature is not None:
             signal = signal + self._signature * (1 + self._drift(scan))
         if errors.gain_db > 0:
             signal = signal * np.complex64(10 ** (rng.normal(0, errors.gain_db) / 20))
         if errors.clutter_to_noise_db is not None:
             signal = signal + self._noise(signal.shape, rng)
+            if errors.burst_probability > 0:
+                signal = signal + self.bursts(scan)
         if errors.missing > 0:
             signal = signal.copy()
             signal[:, rng.random(self.pairs) < errors.missing] = np.nan
@@ -60,6 +63,8 @@ class Impairments:
         reported = pose.copy()
         reported[:, :3] += rng.normal(0, 1, (len(pose), 3)) * self.errors.position
         reported[:, 3] += rng.normal(0, 1, len(pose)) * self.errors.heading
+        if self.errors.attitude > 0:
+            reported[:, 4:] += rng.normal(0, 1, (len(pose), 2)) * self.errors.attitude
         return reported
 
     @property
@@ -67,20 +72,6 @@ class Impairments:
         """Variance of the thermal noise of a sample."""
         level = self.errors.clutter_to_noise_db
         return 0.0 if level is None else float(self.reference / 10 ** (level / 10))
-
-    def _leak(self, signal: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Mix the polarizations by fixed leakages of every antenna: d = M_r·S·M_t."""
-        level = 10 ** ((self.errors.isolation_db or 0.0) / 20)
-        rng = stream(self.seed, "isolation")
-        first, second = self.sensor.pair_indices()
-        turns = np.exp(2j * np.pi * rng.random((2, max(len(self.sensor.tx), len(self.sensor.rx)), 2)))
-        t_hv, t_vh = (level * turns[0][first]).T[:, :, None]  # V radiated when H is fed, and H when V is
-        r_hv, r_vh = (level * turns[1][second]).T[:, :, None]  # V taken up by the H port, and H by the V port
-        hh, hv, vh, vv = signal
-        h_fed = (hh + t_hv * vh, hv + t_hv * vv)
-        v_fed = (vh + t_vh * hh, vv + t_vh * hv)
-        mixed = [part for h, v in (h_fed, v_fed) for part in (h + r_hv * v, v + r_vh * h)]
-        return np.stack(mixed).astype(np.complex64)
 
     def _draw_signature(self) -> NDArray[np.complex64]:
         """Draw fixed echoes within the vehicle and its antennas, at every range, decaying as the clutter does."""
@@ -99,15 +90,26 @@ class Impairments:
 
     def _drift(self, scan: int) -> NDArray[np.complex64]:
         """Slow relative change of the self-signature, per channel and pair."""
-        knot, part = divmod(scan, _KNOT)
-        ends = []
-        for k in (knot, knot + 1):
-            rng = stream(self.seed, "drift", k)
-            shape = (4, self.pairs, 1)
-            ends.append((rng.normal(size=shape) + 1j * rng.normal(size=shape)) / math.sqrt(2))
-        angle = part / _KNOT * math.pi / 2
-        drift = math.cos(angle) * ends[0] + math.sin(angle) * ends[1]
+        drift = slow_change(self.seed, "drift", scan, (4, self.pairs, 1), _KNOT)
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
+
+    def bursts(self, scan: int) -> NDArray[np.complex64]:
+        """Pulsed interference of a scan (4, pair, frequency): some sweeps are hit in a run of consecutive tones.
+
+        Whoever pulses is not in step with our tones: every one has a phase of its own.
+        """
+        errors, tones = self.errors, self.frequency.size
+        rng = stream(self.seed, "bursts", scan)
+        hit = np.flatnonzero(rng.random(self.pairs) < errors.burst_probability)
+        length = rng.integers(errors.burst_tones[0], errors.burst_tones[1] + 1, hit.size)
+        start = rng.integers(0, np.maximum(tones - length, 0) + 1)
+        level = np.sqrt(self.noise_power * 10 ** (rng.uniform(*errors.burst_db, hit.size) / 10))
+        tone = np.arange(tones)
+        inside = (tone >= start[:, None]) & (tone < (start + length)[:, None])
+        total = np.zeros((4, self.pairs, tones), np.complex64)
+        phase = rng.uniform(0, 2 * np.pi, (4, hit.size, tones))
+        total[:, hit] = level[:, None] * inside * np.exp(1j * phase)
+        return total
 
     def _noise(self, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.complex64]:
         white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
@@ -152,6 +154,6 @@ def reference_clutter(sensor: Sensor) -> float:
     else:
         gain = 10 ** (sensor.antenna.gain_db / 10) * (centre / sensor.antenna.gain_frequency) ** 2
         off_axis = math.asin(sensor.height / slant) - sensor.tilt
-        pattern = math.cos(off_axis) ** sensor.antenna.exponent
+        pattern = math.cos(off_axis) ** float(sensor.antenna.exponents(np.array([centre]))[0])
         amplitude = gain * pattern * SPEED_OF_LIGHT / centre / (4 * np.pi) ** 1.5 / slant**2
     return float(sigma * cell * amplitude**2 * tx.shape[0] * band.size)

@@ -119,7 +119,7 @@ def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDA
     Parameters
     ----------
     sine : (...) array_like
-        Snell's invariant: the sine of the incidence angle in air.
+        Snell's invariant: the sine of the incidence angle in air, complex for waves that fade.
     above, below : (...) array_like of complex
         Relative permittivities on the side of incidence and beyond.
 
@@ -128,7 +128,7 @@ def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDA
     r_h, r_v : (...) ndarray of complex
         Reflection coefficients; for a perfect conductor below they are -1 and +1.
     """
-    s2 = np.asarray(sine, dtype=np.float64) ** 2
+    s2 = np.asarray(sine) ** 2
     e1, e2 = np.asarray(above, dtype=np.complex128), np.asarray(below, dtype=np.complex128)
     q1, q2 = np.sqrt(e1 - s2), np.sqrt(e2 - s2)
     return (q1 - q2) / (q1 + q2), (e2 * q1 - e1 * q2) / (e2 * q1 + e1 * q2)

@@ -10,18 +10,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from flgpr.model import Lane
 from flgpr.model.faults import first_fault
 from flgpr.simulate import soil as soils
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from flgpr.simulate.signature.table import body_size
+from flgpr.simulate.tables import Grass, NotNegative, Positive, Shadow, Terrain
+from flgpr.simulate.tables import Part as _Part
+from flgpr.simulate.tables_buried import Heterogeneity, Holes, Lenses, Roots, Stones
 
 
 class Layer(_Part):
@@ -105,6 +102,11 @@ class Surface(_Part):
         Whether its heights disturb the phase of what lies below.
     rms_height, correlation_length : float
         s and l of the exponential correlation, m.
+    unevenness : float
+        Spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these
+        (ISO 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone.
+    waviness : float
+        Exponent with which that density falls.
     slope : float
         Rms tilt of the larger scale, rad.
     cross_db : float
@@ -125,6 +127,8 @@ class Surface(_Part):
     phase_screen: bool = True
     rms_height: NotNegative = 0.005
     correlation_length: Positive = 0.05
+    unevenness: NotNegative = 0.0
+    waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0
     slope: NotNegative = math.radians(5)
     cross_db: float = -12.0
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.65
@@ -151,16 +155,30 @@ class Patch(_Part):
     gain_db: float = 4.0
 
 
+def _sized(data: Any, own: tuple[str, ...]) -> Any:
+    """Give a target that names a body the body's size; it must not bring its own."""
+    if not isinstance(data, dict) or not isinstance(data.get("body"), str):
+        return data
+    given = [entry for entry in own if data.get(entry) is not None]
+    size = body_size(data["body"])
+    if given and not all(data[entry] == size.get(entry) for entry in given):
+        raise ValueError(f"{given[0]} must not be given with body = {data['body']!r}, which has its own")
+    return {**data, **size}
+
+
 class Target(_Part):
-    """A mine or another body of revolution in or on the ground.
+    """A mine or another body in or on the ground.
 
     Attributes
     ----------
     kind : str
         "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it
-        has a ``permittivity``.
+        has a ``permittivity`` or a ``body``.
+    body : str or None
+        What scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists them) or a table made
+        of one's own. It brings its radius and height. None takes a generic metal or plastic mine of the given ones.
     x, y, depth : float
-        Centre and depth of the top below the mean surface, m; ``depth = -height`` lies on the ground.
+        Centre and depth of the top below the ground there, m; ``depth = -height`` lies on the ground.
     radius, height : float
         Of the cylinder, m, unless there is a ``profile``.
     profile : tuple of (radius, drop) or None
@@ -171,9 +189,12 @@ class Target(_Part):
         Air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest.
     tilt, azimuth : float
         Tilt of the axis and the direction it leans to, clockwise from +y, rad.
+    heading : float
+        Direction of a box's long side, clockwise from +y, rad.
     """
 
     kind: str
+    body: str | None = None
     x: float
     y: float
     depth: float = 0.0
@@ -184,6 +205,12 @@ class Target(_Part):
     gap: NotNegative | None = None
     tilt: float = 0.0
     azimuth: float = 0.0
+    heading: float = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_body(cls, data: Any) -> Any:
+        return _sized(data, ("radius", "height", "profile", "permittivity", "gap"))
 
     @property
     def dielectric(self) -> float | None:
@@ -211,6 +238,8 @@ class TargetDraw(_Part):
         Depth of the top, m.
     count : int
         How many.
+    body : str or None
+        As of a target; boxes lie at any heading.
     radius, height : float
         m.
     depth_jitter, position_jitter, tilt : float
@@ -218,6 +247,7 @@ class TargetDraw(_Part):
     """
 
     kind: str
+    body: str | None = None
     depth: float
     count: Annotated[int, Field(ge=0)]
     radius: Positive = 0.16
@@ -225,6 +255,11 @@ class TargetDraw(_Part):
     depth_jitter: NotNegative = 0.005
     position_jitter: NotNegative = 0.3
     tilt: NotNegative = math.radians(4)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_body(cls, data: Any) -> Any:
+        return _sized(data, ("radius", "height"))
 
 
 class Thing(_Part):
@@ -238,7 +273,7 @@ class Thing(_Part):
     x, y : float
         m.
     radius, height : float
-        m; height above the mean surface.
+        m; height above the ground there.
     rcs_db : float or None
         Cross section at 1 GHz of a bush or fiducial, dBsm.
     """
@@ -340,6 +375,10 @@ class Scene(_Part):
         The lane, m; it begins at y = 0.
     soil, surface, clutter, track : Soil, Surface, Clutter, Track
         See there.
+    terrain, grass, shadow : Terrain, Grass, Shadow
+        See the module ``tables``.
+    stones, roots, lenses, heterogeneity, holes : Stones, Roots, Lenses, Heterogeneity, Holes
+        See :mod:`flgpr.simulate.tables_buried`.
     targets, draws, objects, patches
         Targets at given places, targets to be drawn, other objects and wet patches at given places.
     """
@@ -352,6 +391,14 @@ class Scene(_Part):
     soil: Soil = Soil()
     surface: Surface = Surface()
     clutter: Clutter = Clutter()
+    terrain: Terrain = Terrain()
+    grass: Grass = Grass()
+    shadow: Shadow = Shadow()
+    stones: Stones = Stones()
+    roots: Roots = Roots()
+    lenses: Lenses = Lenses()
+    heterogeneity: Heterogeneity = Heterogeneity()
+    holes: Holes = Holes()
     track: Track = Track()
     targets: tuple[Target, ...] = ()
     draws: tuple[TargetDraw, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -12,13 +13,20 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, make_run, vehicle_to_lane
-from flgpr.simulate.draw import stream
-from flgpr.simulate.echoes import Echoes, Ground, add_object, add_target, sum_echoes
+from flgpr.simulate.beam import NarrowingBeam
+from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import SurfaceField
+from flgpr.simulate.grass import GrassLayer, through_grass
+from flgpr.simulate.holes import hole_factor
 from flgpr.simulate.impair import Impairments
-from flgpr.simulate.roughness import HeightField, surface_backscatter
+from flgpr.simulate.layers import Layer, SineSpectra, SurfaceLayer, View, sum_layers
+from flgpr.simulate.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.scene import Scene
+from flgpr.simulate.shadow import Shadows, Strip, strips_of
 from flgpr.simulate.spread import ArrayState, Spreader
+from flgpr.simulate.subsurface import subsurface_layers
+from flgpr.simulate.targets import add_target
+from flgpr.simulate.terrain import Terrain
 from flgpr.simulate.track import draw_track
 from flgpr.simulate.world import draw_world
 
@@ -53,19 +61,27 @@ class Simulator:
     def __init__(self, scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> None:
         self.scene, self.sensor, self.seed = scene, sensor, seed
         self.world = draw_world(scene, seed)
-        self.pose, self.time = draw_track(scene, sensor.height, seed)
+        self._terrain = Terrain(scene.terrain, scene.lane, seed)
+        level, self.time = draw_track(scene, sensor.height, seed)
+        self.pose = self._terrain.follow(level)
+        self._strips = self._make_strips()
         self.frequency = sensor.tones.axis()
         self.truth, self.objects = self.world.truth(), self.world.objects_table()
         surface = scene.surface
-        rough = surface.phase_screen and surface.rms_height > 0
-        heights = HeightField(surface.rms_height, surface.correlation_length, stream(seed, "heights"))
+        rough = surface.phase_screen and surface.rms_height + surface.unevenness > 0
+        heights = surface_heights(surface, seed)
         self._ground = Ground(scene.soil, heights if rough else None, self.frequency)
         self._spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-        density = surface.density or 10 / finest_cell(sensor)
-        self._field = SurfaceField(surface, self.world.patches, density, seed)
-        self._sines, self._weights, self._basis = self._spectral_basis()
+        self._layers = self._make_layers()
+        self._dug = {hole.target: hole for hole in self.world.holes}
         self.response = system_response(sensor, self.frequency)
         self._errors = Impairments(sensor, seed) if errors else None
+        self._drift = sweep_drift(self.pose, self.time, sensor.errors.sweep_time if errors else 0.0)
+        first = self._array(0)
+        narrows = first.growth > 0 and self.frequency.size > 1
+        self._narrowed = (
+            NarrowingBeam(self._layers, self._view(first, self.pose[0]), self.frequency) if narrows else None
+        )
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -83,12 +99,12 @@ class Simulator:
         (polarization, pair, frequency) ndarray of complex64
             Received over transmitted wave.
         """
-        array = array_state(self.sensor, self.pose[index])
-        signal = sum_echoes(self._single_echoes(array, self.pose[index]), array, self.frequency)
-        if self.scene.surface.echo:
-            signal = signal + self._surface_echo(array, self.pose[index])
-        signal = signal * self.response.astype(np.complex64)
-        channels = _four_channels(signal, array.dipoles)
+        pose = self.pose[index]
+        array = self._array(index)
+        view = self._view(array, pose)
+        layers = sum_layers(self._layers, view, self._spreader, self._narrowed)
+        channels = sum_echoes(self._single_echoes(view), array, self.frequency)
+        channels = (channels + _four_channels(layers, array.dipoles)) * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
         order = [("HH", "HV", "VH", "VV").index(name) for name in self.sensor.polarization]
@@ -116,52 +132,104 @@ class Simulator:
             signal, self.frequency, polarization, tx, rx, self.reported_pose(), self.time, self.attributes()
         )
 
-    def _single_echoes(self, array: ArrayState, pose: FloatArray) -> Echoes:
-        echoes = Echoes()
+    def _array(self, index: int) -> ArrayState:
+        return dataclasses.replace(array_state(self.sensor, self.pose[index]), drift=self._drift[index])
+
+    def _view(self, array: ArrayState, pose: FloatArray) -> View:
+        """Gather what a scan sees its scatterers by."""
+        shadows = None
+        if self._strips:
+            ahead = np.array([math.sin(pose[3]), math.cos(pose[3])])
+            near = [strip for strip in self._strips if _in_view(strip.x, strip.y, pose, ahead)]
+            shadows = Shadows(near, array, self.frequency)
+        return View(self.sensor.footprint, pose, array, self._terrain, shadows)
+
+    def _make_strips(self) -> list[Strip]:
+        table = self.scene.shadow
+        return strips_of(self.world.targets, self.world.objects, self._terrain, table.foliage) if table.on else []
+
+    def _single_echoes(self, view: View) -> Echoes:
+        echoes, pose = Echoes(), view.pose
         ahead = np.array([math.sin(pose[3]), math.cos(pose[3])])
-        for target in self.world.targets:
+        for index, target in enumerate(self.world.targets):
             if _in_view(target.x, target.y, pose, ahead):
+                first, array = len(echoes.path), self._above(target.x, target.y, view.array)
                 add_target(echoes, target, self._ground, array)
+                self._through_hole(echoes, first, index, array)
+                self._cover(echoes, first, target.x, target.y, view)
         for thing in self.world.objects:
             if _in_view(thing.x, thing.y, pose, ahead):
+                first, array = len(echoes.path), self._above(thing.x, thing.y, view.array)
                 add_object(echoes, thing, self._ground, array, self.seed)
+                self._cover(echoes, first, thing.x, thing.y, view)
         return echoes
 
-    def _surface_echo(self, array: ArrayState, pose: FloatArray) -> NDArray[np.complex64]:
-        x_min, x_max, y_min, y_max = self.sensor.footprint
-        turn = heading_matrix(pose[3])[:2, :2]
-        corners = np.array([[x_min, y_min], [x_max, y_min], [x_min, y_max], [x_max, y_max]]) @ turn.T + pose[:2]
-        found = self._field.within(corners)
-        local = (found.xy - pose[:2]) @ turn
-        inside = (local[:, 0] >= x_min) & (local[:, 0] <= x_max) & (local[:, 1] >= y_min) & (local[:, 1] <= y_max)
-        points = np.zeros((np.count_nonzero(inside), 3))
-        points[:, :2] = found.xy[inside]
-        offset = points - array.position.mean(axis=0)
-        sine = np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1)
-        step = self._sines[1] - self._sines[0]
-        place = np.clip((sine - self._sines[0]) / step, 0, self._sines.size - 1.001)
-        cell = place.astype(int)
-        part = (place - cell)[:, None, None]
-        weight = self._weights[cell] * (1 - part) + self._weights[cell + 1] * part
-        coefficient = (weight * found.amplitude[inside][:, None, :]).astype(np.complex64)
-        return self._spreader(points, coefficient, self._basis, array)
+    def _through_hole(self, echoes: Echoes, first: int, index: int, array: ArrayState) -> None:
+        """Lead a target's echoes, from number ``first`` on, through the loosened soil over it."""
+        hole, target = self._dug.get(index), self.world.targets[index]
+        if hole is not None:
+            sine = incidence(target.x, target.y, 0.0, array)
+            extra, factor = hole_factor(hole, target.depth, sine, self._ground)
+            for i in range(first, len(echoes.path)):
+                echoes.path[i] = echoes.path[i] + 2 * extra
+                echoes.spectrum[i] = echoes.spectrum[i] * factor
 
-    def _spectral_basis(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross into weights (sine, rank, 3) and functions (rank, 3, frequency)."""
+    def _above(self, x: float, y: float, array: ArrayState) -> ArrayState:
+        """Count the antennas' heights from the ground at a place, on which a body stands as on a plane."""
+        down = np.array([0.0, 0.0, self._terrain(x, y).item()])
+        return dataclasses.replace(array, position=array.position - down)
+
+    def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: View) -> None:
+        """Raise a body's echoes, from number ``first`` on, to the ground it stands on, through grass and shadow."""
+        grass, ground = self.scene.grass, self._terrain(x, y).item()
+        places = np.array(echoes.place[first:]).reshape(-1, 3)
+        shade = None
+        if view.shadows is not None and len(places):
+            shade = view.shadows.of_body(np.array([x, y, ground + max(places[:, 2].mean(), 0.0)]))
+        for i, place in enumerate(places, first):
+            if grass.grown:
+                above = min(max(1 - place[2] / grass.height, 0.0), 1.0)
+                sine = view.sine(np.array([[x, y, 0.0]])).item()
+                through = through_grass(grass, self.frequency, sine, above)
+                echoes.spectrum[i] = echoes.spectrum[i] * through[[0, 1, 2, 2]]
+            if shade is not None:
+                echoes.spectrum[i] = echoes.spectrum[i] * shade
+            echoes.place[i] = place + np.array([0.0, 0.0, ground])
+
+    def _make_layers(self) -> list[Layer]:
+        """Make all that is summed as point scatterers; further layers are added to this list."""
+        layers: list[Layer] = []
+        surface = self.scene.surface
+        if surface.echo:
+            density = surface.density or 10 / finest_cell(self.sensor)
+            field = SurfaceField(surface, self.world.patches, density, self.seed)
+            layers.append(SurfaceLayer(field, self._surface_spectra()))
+        grass = self.scene.grass
+        if grass.grown:
+            density = grass.density or 0.4 * (surface.density or 10 / finest_cell(self.sensor))
+            layers.append(GrassLayer(grass, density, self.seed, self.frequency))
+        density = 0.1 * (surface.density or 10 / finest_cell(self.sensor))
+        return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density, self.seed)
+
+    def _surface_spectra(self) -> SineSpectra:
+        """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross."""
         surface = self.scene.surface
         sines = np.linspace(0.02, 0.999, 256)
         eps = self._ground.media[0]
         hh, vv = surface_backscatter(
-            self.frequency[None, :], sines[:, None], eps, surface.rms_height, surface.correlation_length, surface.slope
+            self.frequency[None, :],
+            sines[:, None],
+            eps,
+            surface.rms_height,
+            surface.correlation_length,
+            surface.slope,
+            surface.unevenness,
+            surface.waviness,
         )
-        weights = np.zeros((sines.size, _RANKS, 3))
-        basis = np.zeros((_RANKS, 3, self.frequency.size))
-        for channel, power in enumerate((hh, vv, hh)):
-            u, s, vt = np.linalg.svd(np.sqrt(power), full_matrices=False)
-            ranks = min(_RANKS, s.size)
-            weights[:, :ranks, channel] = u[:, :ranks] * s[:ranks]
-            basis[:ranks, channel] = vt[:ranks]
-        return sines, weights, basis
+        spectra = np.sqrt([hh, vv, hh])
+        if self.scene.grass.grown:
+            spectra = spectra * through_grass(self.scene.grass, self.frequency, sines)
+        return SineSpectra(sines, spectra, _RANKS)
 
 
 def simulate(scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> tuple[xr.Dataset, pd.DataFrame]:
@@ -195,8 +263,35 @@ def array_state(sensor: Sensor, pose: FloatArray) -> ArrayState:
     turn = heading_matrix(pose[3]) @ attitude_matrix(pose[4], pose[5])
     position = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), pose)
     axis = turn @ np.array([0.0, math.cos(sensor.tilt), -math.sin(sensor.tilt)])
-    exponent = -1.0 if sensor.antenna.kind == "dipole" else sensor.antenna.exponent
-    return ArrayState(position, first, second + len(sensor.tx), axis, turn[:, 0].copy(), turn[:, 2].copy(), exponent)
+    antenna = sensor.antenna
+    exponent = -1.0 if antenna.kind == "dipole" else antenna.exponent
+    narrows = antenna.kind == "horn" and antenna.beam == "aperture"
+    growth = (antenna.exponent + 1) / antenna.gain_frequency**2 if narrows else 0.0
+    look = (axis, turn[:, 0].copy(), turn[:, 2].copy(), exponent, growth)
+    return ArrayState(position, first, second + len(sensor.tx), *look)
+
+
+def sweep_drift(pose: FloatArray, time: FloatArray, sweep_time: float) -> FloatArray:
+    """Compute how far the vehicle drives during a sweep.
+
+    Parameters
+    ----------
+    pose : (scan, 6) ndarray
+        Poses.
+    time : (scan,) ndarray
+        Times of the scans, s.
+    sweep_time : float
+        Time of a sweep, s.
+
+    Returns
+    -------
+    (scan, 3) ndarray
+        m, along the lane's axes; level, for jolts from scan to scan are no speed. Zero for a single scan.
+    """
+    drift = np.zeros((len(pose), 3))
+    if sweep_time > 0 and len(pose) > 1:
+        drift[:, :2] = np.gradient(pose[:, :2], time, axis=0) * sweep_time
+    return drift
 
 
 def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:

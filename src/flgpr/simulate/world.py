@@ -10,6 +10,7 @@ import pandas as pd
 
 from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table
 from flgpr.simulate.draw import stream
+from flgpr.simulate.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene import Patch, Scene, Target, Thing
 
 _MARGIN = 35.0  # m of ground before and behind the lane that the radar may see
@@ -27,6 +28,8 @@ class World:
         The seed.
     targets, objects, patches
         Everything with a place, given and drawn.
+    holes : tuple of Hole
+        Refilled holes, over targets and empty.
     """
 
     scene: Scene
@@ -34,6 +37,7 @@ class World:
     targets: tuple[Target, ...]
     objects: tuple[Thing, ...]
     patches: tuple[Patch, ...]
+    holes: tuple[Hole, ...] = ()
 
     def truth(self) -> pd.DataFrame:
         """Truth table of the targets that lie in the lane."""
@@ -55,10 +59,13 @@ class World:
         return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
 
     def objects_table(self) -> pd.DataFrame:
-        """Table of everything else that stands in or beside the lane; it never scores."""
+        """Table of everything else that stands in or beside the lane, empty holes too; it never scores."""
+        things: list[tuple[float, float, str, float, float]] = []
+        things += [(o.x, o.y, o.kind, o.radius, o.height) for o in self.objects]
+        things += [(h.x, h.y, "hole", h.radius, h.cap) for h in self.holes if h.target is None]
         rows = [
-            {"object_id": f"O{i + 1:04d}", "x": o.x, "y": o.y, "kind": o.kind, "radius": o.radius, "height": o.height}
-            for i, o in enumerate(self.objects)
+            {"object_id": f"O{i + 1:04d}"} | dict(zip(("x", "y", "kind", "radius", "height"), thing, strict=True))
+            for i, thing in enumerate(things)
         ]
         return check_objects(pd.DataFrame(rows)) if rows else empty_table(OBJECT_COLUMNS)
 
@@ -80,7 +87,9 @@ def draw_world(scene: Scene, seed: int) -> World:
     """
     targets = (*scene.targets, *_draw_targets(scene, seed))
     objects = (*scene.objects, *_draw_rocks(scene, seed), *_draw_roadside(scene, seed))
-    return World(scene, seed, targets, objects, (*scene.patches, *_draw_patches(scene, seed)))
+    holes = draw_holes(scene, targets, seed)
+    patches = (*scene.patches, *_draw_patches(scene, seed), *hole_patches(scene, holes))
+    return World(scene, seed, targets, objects, patches, holes)
 
 
 def _draw_targets(scene: Scene, seed: int) -> list[Target]:
@@ -91,6 +100,7 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
     pitch = scene.length / max(len(wanted), 1)
     middle, half = (scene.x_min + scene.x_max) / 2, (scene.x_max - scene.x_min) / 2
     targets = []
+    headings = stream(seed, "headings").uniform(0, math.pi, len(wanted))
     for slot, index in enumerate(order):
         draw = wanted[index]
         room = max(half - draw.radius - 0.1, 0.0)
@@ -103,9 +113,11 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
                 x=middle + rng.uniform(-room, room),
                 y=(slot + 0.5) * pitch + offset,
                 depth=max(depth, 0.0) if draw.depth >= 0 else draw.depth,
+                body=draw.body,
                 radius=draw.radius,
                 height=draw.height,
-                gap=rng.uniform(0.01, 0.02) if draw.kind == "plastic" else None,
+                gap=rng.uniform(0.01, 0.02) if draw.kind == "plastic" and draw.body is None else None,
+                heading=headings[slot] if draw.body is not None else 0.0,
                 tilt=math.hypot(lean, roll) if draw.depth >= 0 else 0.0,
                 azimuth=math.atan2(roll, lean),
             )

@@ -1,5 +1,5 @@
 """The viewer: a read-only page on this machine. It reads what detection wrote and never computes."""
 
-from flgpr.viewer.server import Viewer, serve
+from flgpr.lazy import face
 
-__all__ = ["Viewer", "serve"]
+__getattr__, __dir__, __all__ = face(__name__, __file__)

@@ -1,0 +1,48 @@
+from flgpr.imaging.operator import ImagingOperator
+from flgpr.imaging.scan import ScanImager
+from flgpr.io.run_store import open_run, save_run
+from flgpr.io.sample import sample_lane
+from flgpr.io.tables import read_lane, read_table
+from flgpr.model.frames import Grid
+from flgpr.model.lane import Lane
+from flgpr.model.run import make_run
+from flgpr.model.sensor import Sensor, load_sensor
+from flgpr.pipeline.detect_tasks import detect_run as detect
+from flgpr.pipeline.recipe import Recipe, load_recipe
+from flgpr.pipeline.result import Result, read_result
+from flgpr.pipeline.tasks import replay
+from flgpr.pipeline.tasks import score_result as score
+from flgpr.pipeline.tasks import train_runs as train
+from flgpr.scoring.lane_roc import roc
+from flgpr.simulate.scene import Scene, load_scene
+from flgpr.simulate.simulator import simulate
+
+__version__: str
+
+__all__ = [
+    "Grid",
+    "ImagingOperator",
+    "Lane",
+    "Recipe",
+    "Result",
+    "ScanImager",
+    "Scene",
+    "Sensor",
+    "__version__",
+    "detect",
+    "load_recipe",
+    "load_scene",
+    "load_sensor",
+    "make_run",
+    "open_run",
+    "read_lane",
+    "read_result",
+    "read_table",
+    "replay",
+    "roc",
+    "sample_lane",
+    "save_run",
+    "score",
+    "simulate",
+    "train",
+]

@@ -1,0 +1,58 @@
+from flgpr.calibrate.clock import (
+    BiasFit,
+    ClockFit,
+    brightest_points,
+    estimate_clock,
+    estimate_range_bias,
+    remove_range_bias,
+    sharpness,
+    synthetic_aperture,
+    way_weights,
+    with_track,
+)
+from flgpr.calibrate.health import channel_health, health_summary
+from flgpr.calibrate.motion import remove_in_scan_motion, vehicle_velocity
+from flgpr.calibrate.polarimetry import (
+    DIHEDRAL,
+    DIHEDRAL_45,
+    TRIHEDRAL,
+    Distortion,
+    estimate_distortion,
+    remove_distortion,
+    scattering_matrices,
+)
+from flgpr.calibrate.pose import LeverFit, estimate_lever_arm
+from flgpr.calibrate.reflector import PairFit, apply_pairs, estimate_pairs
+from flgpr.calibrate.vna import divide_by_through, remove_delay, subtract_standard
+
+__all__ = [
+    "DIHEDRAL",
+    "DIHEDRAL_45",
+    "TRIHEDRAL",
+    "BiasFit",
+    "ClockFit",
+    "Distortion",
+    "LeverFit",
+    "PairFit",
+    "apply_pairs",
+    "brightest_points",
+    "channel_health",
+    "divide_by_through",
+    "estimate_clock",
+    "estimate_distortion",
+    "estimate_lever_arm",
+    "estimate_pairs",
+    "estimate_range_bias",
+    "health_summary",
+    "remove_delay",
+    "remove_distortion",
+    "remove_in_scan_motion",
+    "remove_range_bias",
+    "scattering_matrices",
+    "sharpness",
+    "subtract_standard",
+    "synthetic_aperture",
+    "vehicle_velocity",
+    "way_weights",
+    "with_track",
+]

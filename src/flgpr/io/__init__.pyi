@@ -1,0 +1,103 @@
+from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
+from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.declared import MAX_MEMORY
+from flgpr.io.explain import Explanation, explain_file, propose_mapping
+from flgpr.io.extras import MissingExtraError
+from flgpr.io.files import canonical_json, check_free_folder, replace_folder, sha256, write_whole
+from flgpr.io.fullwave import FullwaveLane, import_fullwave
+from flgpr.io.georeferenced import (
+    georeference,
+    write_earth_csv,
+    write_earth_geojson,
+    write_geopackage,
+    write_geotiff,
+    write_kml,
+)
+from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
+from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
+from flgpr.io.sample import sample_lane
+from flgpr.io.scan_file import (
+    RunDescription,
+    Scan,
+    ScanFileError,
+    as_run,
+    decode_frame,
+    describe_for_live,
+    encode_frame,
+    encode_scan,
+    parse_description,
+    read_description,
+    scan_of,
+    write_description,
+)
+from flgpr.io.sealed import inside, read_limited, seal, unseal
+from flgpr.io.signals import impulse_to_frequency
+from flgpr.io.tables import lane_text, read_lane, read_table, write_geojson, write_table
+from flgpr.io.tracks import read_nmea, read_survey, read_track
+
+__all__ = [
+    "MAX_MEMORY",
+    "Anchor",
+    "ArrayFile",
+    "ArrayInfo",
+    "Explanation",
+    "FullwaveLane",
+    "GprmaxOutput",
+    "GprmaxRun",
+    "Imported",
+    "MissingExtraError",
+    "RunDescription",
+    "RunStoreError",
+    "RunWriter",
+    "Scan",
+    "ScanFileError",
+    "as_run",
+    "canonical_json",
+    "check_free_folder",
+    "decode_frame",
+    "describe_for_live",
+    "encode_frame",
+    "encode_scan",
+    "explain_file",
+    "fit_anchor",
+    "georeference",
+    "import_fullwave",
+    "import_mapped",
+    "impulse_to_frequency",
+    "inside",
+    "lane_text",
+    "open_arrays",
+    "open_run",
+    "parse_description",
+    "propose_mapping",
+    "read_anchor",
+    "read_cphd",
+    "read_description",
+    "read_gprmax",
+    "read_lane",
+    "read_limited",
+    "read_manifest",
+    "read_nmea",
+    "read_survey",
+    "read_table",
+    "read_track",
+    "replace_folder",
+    "sample_lane",
+    "save_run",
+    "scan_of",
+    "seal",
+    "sha256",
+    "unseal",
+    "write_cphd",
+    "write_description",
+    "write_earth_csv",
+    "write_earth_geojson",
+    "write_geojson",
+    "write_geopackage",
+    "write_geotiff",
+    "write_kml",
+    "write_table",
+    "write_whole",
+]

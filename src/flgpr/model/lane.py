@@ -1,0 +1,101 @@
+"""The lane: the rectangle that is scored."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Lane:
+    """The rectangle that is scored.
+
+    Attributes
+    ----------
+    x_min, x_max, y_min, y_max : float
+        Its borders in the lane frame, m. A point on the border is inside.
+
+    Examples
+    --------
+    >>> from flgpr.model import Lane
+    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
+    >>> lane.area
+    240.0
+    >>> lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
+    array([ True,  True, False])
+    """
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+    def __post_init__(self) -> None:
+        borders = (self.x_min, self.x_max, self.y_min, self.y_max)
+        if not all(math.isfinite(border) for border in borders):
+            raise ValueError(f"lane borders must be finite, got {borders}")
+        if not (self.x_max > self.x_min and self.y_max > self.y_min):
+            raise ValueError(
+                "lane must have x_max > x_min and y_max > y_min, got an empty lane "
+                f"x {self.x_min:g}..{self.x_max:g} m, y {self.y_min:g}..{self.y_max:g} m"
+            )
+
+    @property
+    def area(self) -> float:
+        """Area, m²."""
+        return (self.x_max - self.x_min) * (self.y_max - self.y_min)
+
+    def contains(self, x: Any, y: Any) -> Any:
+        """Tell which points lie in the lane.
+
+        Parameters
+        ----------
+        x, y : array_like
+            Points in the lane frame, m.
+
+        Returns
+        -------
+        ndarray of bool
+            True inside and on the border.
+        """
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
+
+
+def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
+    """Take a lane in any of the forms users have it in.
+
+    Parameters
+    ----------
+    lane : Lane, mapping, Series or one-row DataFrame
+        Holds x_min, x_max, y_min and y_max, m.
+
+    Returns
+    -------
+    Lane
+        The lane.
+
+    Raises
+    ------
+    ValueError
+        If a border is missing, not finite, or the lane is empty.
+    """
+    if isinstance(lane, Lane):
+        return lane
+    row: Any = lane
+    if getattr(row, "ndim", 1) == 2:  # a table; pandas is not asked, for it takes long to load
+        if len(row) != 1:
+            raise ValueError(f"lane must be one row, got a table of {len(row)} rows")
+        row = row.iloc[0]
+    names = ("x_min", "x_max", "y_min", "y_max")
+    missing = [name for name in names if name not in row]
+    if missing:
+        raise ValueError(f"lane must hold {', '.join(names)}; missing: {', '.join(missing)}")
+    return Lane(*(float(row[name]) for name in names))

@@ -1,1 +1,0 @@
-"""The papers' experiments, run again on simulated lanes: one module per paper, one page each."""

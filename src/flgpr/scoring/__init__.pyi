@@ -1,0 +1,96 @@
+from flgpr.scoring.area import union_area
+from flgpr.scoring.assignment import assign, label_alarms
+from flgpr.scoring.blind import BlindScore, open_truth, score_blind, seal_truth
+from flgpr.scoring.bootstrap import band, pd_mean_interval
+from flgpr.scoring.boxes import box_peaks, box_roc, offset_boxes, peak_roc
+from flgpr.scoring.breakdown import decision_curves, decision_table, pd_table
+from flgpr.scoring.checks import as_lanes
+from flgpr.scoring.comparison import Comparison, compare, mcnemar_test, sign_flip_test
+from flgpr.scoring.curve import (
+    CONVENTIONS,
+    CURVE_COLUMNS,
+    Convention,
+    operating_row,
+    pd_at,
+    pd_mean,
+    with_area,
+)
+from flgpr.scoring.examples import example_roc
+from flgpr.scoring.figures import decision_figure, figure_bytes, patch_figure, roc_figure
+from flgpr.scoring.intervals import clopper_pearson, poisson_interval
+from flgpr.scoring.lane_roc import accumulated_area, far_area, roc, roc_of
+from flgpr.scoring.lane_splits import HEADLINE, Split, cross_site, paper_splits, splits
+from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered
+from flgpr.scoring.matching import Match, match, select_targets
+from flgpr.scoring.planning import SamplePlan, area_needed, emplacement_plan, mines_needed, sample_size
+from flgpr.scoring.refraction import Refraction, refraction_shift
+from flgpr.scoring.report import curve_points, write_report
+from flgpr.scoring.survey import SurveyShare, jitter, offset_within, survey_share
+
+__all__ = [
+    "CONVENTIONS",
+    "CURVE_COLUMNS",
+    "HEADLINE",
+    "BlindScore",
+    "Comparison",
+    "Convention",
+    "Match",
+    "Refraction",
+    "SamplePlan",
+    "Split",
+    "SurveyShare",
+    "accumulated_area",
+    "alarm_hash",
+    "area_needed",
+    "as_lanes",
+    "assign",
+    "band",
+    "box_peaks",
+    "box_roc",
+    "clopper_pearson",
+    "compare",
+    "content_hash",
+    "cross_site",
+    "curve_points",
+    "decision_curves",
+    "decision_figure",
+    "decision_table",
+    "emplacement_plan",
+    "example_roc",
+    "far_area",
+    "figure_bytes",
+    "jitter",
+    "label_alarms",
+    "match",
+    "mcnemar_test",
+    "mines_needed",
+    "offset_boxes",
+    "offset_within",
+    "open_truth",
+    "operating_row",
+    "paper_splits",
+    "patch_figure",
+    "pd_at",
+    "pd_mean",
+    "pd_mean_interval",
+    "pd_table",
+    "peak_roc",
+    "poisson_interval",
+    "read_register",
+    "refraction_shift",
+    "register",
+    "require_registered",
+    "roc",
+    "roc_figure",
+    "roc_of",
+    "sample_size",
+    "score_blind",
+    "seal_truth",
+    "select_targets",
+    "sign_flip_test",
+    "splits",
+    "survey_share",
+    "union_area",
+    "with_area",
+    "write_report",
+]

@@ -1,0 +1,33 @@
+from flgpr.screen.clusters import (
+    ClusterThresholds,
+    Ellipse,
+    energy_ratio,
+    find_clusters,
+    fit_ellipse,
+    fuse_clusters,
+    learn_thresholds,
+    prescreen_clusters,
+)
+from flgpr.screen.labels import label_alarms
+from flgpr.screen.maxima import density_threshold, local_maxima, prescreen
+from flgpr.screen.views import RunViewSums, run_view, sample_scan, select, view_array
+
+__all__ = [
+    "ClusterThresholds",
+    "Ellipse",
+    "RunViewSums",
+    "density_threshold",
+    "energy_ratio",
+    "find_clusters",
+    "fit_ellipse",
+    "fuse_clusters",
+    "label_alarms",
+    "learn_thresholds",
+    "local_maxima",
+    "prescreen",
+    "prescreen_clusters",
+    "run_view",
+    "sample_scan",
+    "select",
+    "view_array",
+]

@@ -1,0 +1,214 @@
+"""Layers of point scatterers: what the ground, and all that fills it, hands to the sum over pairs and tones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.model import heading_matrix
+from flgpr.simulate.field import SurfaceField
+from flgpr.simulate.spread import ArrayState, Spreader
+from flgpr.simulate.terrain import Terrain
+
+if TYPE_CHECKING:
+    from flgpr.simulate.shadow import Shadows
+
+FloatArray = NDArray[np.float64]
+
+
+class PointEchoes(NamedTuple):
+    """Point scatterers as one scan sees them.
+
+    Attributes
+    ----------
+    points : (point, 3) ndarray
+        Places in the lane frame, m, with z counted from the ground; a buried scatterer stands at the surface above it.
+    extra : (point,) ndarray
+        Electrical path that the way to each antenna has beyond its straight line, m: of a buried scatterer
+        ``d·sqrt(ε - sin²θ)``, zero on the surface. It delays; spreading and antenna patterns stay geometric.
+    coefficient : (point, rank, 3) ndarray of complex64
+        Amplitudes HH, VV and cross (square root of the cross section, m) for every spectral function.
+    basis : (rank, 3, frequency) ndarray
+        The spectral functions, real or complex. Layers that share the very same array are summed at once.
+    nodes : (rank,) ndarray or None
+        Frequencies, Hz, at which the coefficients are the spectra's values, the functions interpolating between them.
+    """
+
+    points: FloatArray
+    extra: FloatArray
+    coefficient: NDArray[np.complex64]
+    basis: NDArray[Any]
+    nodes: FloatArray | None = None
+
+
+class View:
+    """What one scan sees, for layers to choose and weigh their scatterers by.
+
+    Parameters
+    ----------
+    footprint : (float, float, float, float)
+        Least and greatest x and y in the vehicle's frame, m.
+    pose : (6,) ndarray
+        True pose of the scan.
+    array : ArrayState
+        The antennas.
+    terrain : Terrain or None
+        What the scatterers stand on; None is flat.
+    shadows : Shadows or None
+        What the scan's antennas see shaded; None is nothing.
+
+    Attributes
+    ----------
+    corners : (4, 2) ndarray
+        Corners of the footprint in the lane frame, m.
+    centre : (3,) ndarray
+        Mean place of the antennas, m.
+    """
+
+    def __init__(
+        self,
+        footprint: tuple[float, float, float, float],
+        pose: FloatArray,
+        array: ArrayState,
+        terrain: Terrain | None = None,
+        shadows: Shadows | None = None,
+    ) -> None:
+        x_min, x_max, y_min, y_max = footprint
+        self.terrain = None if terrain is None or terrain.flat else terrain
+        self.shadows = shadows
+        self.footprint, self.pose, self.array = footprint, pose, array
+        self._turn = heading_matrix(pose[3])[:2, :2]
+        own = np.array([[x_min, y_min], [x_max, y_min], [x_min, y_max], [x_max, y_max]])
+        self.corners = own @ self._turn.T + pose[:2]
+        self.centre = array.position.mean(axis=0)
+
+    def inside(self, xy: FloatArray) -> NDArray[np.bool_]:
+        """Tell which places (point, 2) of the lane frame lie in the footprint."""
+        local = (xy - self.pose[:2]) @ self._turn
+        x_min, x_max, y_min, y_max = self.footprint
+        found = (local[:, 0] >= x_min) & (local[:, 0] <= x_max) & (local[:, 1] >= y_min) & (local[:, 1] <= y_max)
+        return np.asarray(found)
+
+    def sine(self, points: FloatArray) -> FloatArray:
+        """Sine of the array's centre's angle of incidence on the ground at points (point, 3) that count z from it."""
+        if self.terrain is not None:
+            return self.terrain.local_sine(points, self.centre)
+        offset = points - self.centre
+        return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1))
+
+    def seen(self, echoes: PointEchoes) -> list[PointEchoes]:
+        """Raise scatterers by the ground under them and give those in the light and those in shadows apart."""
+        if self.terrain is not None:
+            height = self.terrain.relief(echoes.points[:, :2])[:, :1]
+            echoes = echoes._replace(points=echoes.points + height * [0.0, 0.0, 1.0])
+        return [echoes] if self.shadows is None else self.shadows.split(echoes)
+
+
+class Layer(Protocol):
+    """A set of point scatterers fixed in the world."""
+
+    def echoes(self, view: View) -> PointEchoes:
+        """Give the scatterers that ``view`` sees; the same for the same view, whatever was asked before."""
+        ...
+
+
+class SineSpectra:
+    """Spectra that depend on the angle of incidence as few functions of frequency with weights by its sine.
+
+    Parameters
+    ----------
+    sines : (sine,) ndarray
+        Uniform sines at which the spectra are known.
+    spectra : (3, sine, frequency) ndarray
+        Amplitude of HH, VV and cross.
+    ranks : int
+        Number of functions.
+
+    Attributes
+    ----------
+    basis : (ranks, 3, frequency) ndarray
+        The functions.
+    """
+
+    def __init__(self, sines: FloatArray, spectra: FloatArray, ranks: int) -> None:
+        self._sines = sines
+        self._weights = np.zeros((sines.size, ranks, 3))
+        self.basis = np.zeros((ranks, 3, spectra.shape[-1]))
+        for channel, spectrum in enumerate(spectra):
+            u, s, vt = np.linalg.svd(spectrum, full_matrices=False)
+            kept = min(ranks, s.size)
+            self._weights[:, :kept, channel] = u[:, :kept] * s[:kept]
+            self.basis[:kept, channel] = vt[:kept]
+
+    def weights(self, sine: FloatArray) -> FloatArray:
+        """Weights (point, rank, 3) of the functions at sines (point,)."""
+        step = self._sines[1] - self._sines[0]
+        place = np.clip((sine - self._sines[0]) / step, 0, self._sines.size - 1.001)
+        cell = place.astype(int)
+        part = (place - cell)[:, None, None]
+        return np.asarray(self._weights[cell] * (1 - part) + self._weights[cell + 1] * part)
+
+
+class SurfaceLayer:
+    """The rough surface's scatterers.
+
+    Parameters
+    ----------
+    field : SurfaceField
+        The scatterers.
+    spectra : SineSpectra
+        Square root of σ⁰.
+    """
+
+    def __init__(self, field: SurfaceField, spectra: SineSpectra) -> None:
+        self._field, self._spectra = field, spectra
+
+    def echoes(self, view: View) -> PointEchoes:
+        """Give the scatterers in view."""
+        found = self._field.within(view.corners)
+        inside = view.inside(found.xy)
+        points = np.zeros((np.count_nonzero(inside), 3))
+        points[:, :2] = found.xy[inside]
+        weight = self._spectra.weights(view.sine(points))
+        coefficient = (weight * found.amplitude[inside][:, None, :]).astype(np.complex64)
+        return PointEchoes(points, np.zeros(len(points)), coefficient, self._spectra.basis)
+
+
+def sum_layers(
+    layers: Iterable[Layer],
+    view: View,
+    spreader: Spreader,
+    narrowed: Callable[[PointEchoes], PointEchoes] | None = None,
+) -> NDArray[np.complex64]:
+    """Sum the echoes of all layers over pairs and tones.
+
+    Parameters
+    ----------
+    layers : iterable of Layer
+        The layers.
+    view : View
+        What the scan sees.
+    spreader : Spreader
+        Sums points.
+    narrowed : callable or None
+        Rewrites spectra for a beam that narrows with frequency.
+
+    Returns
+    -------
+    (3 or 4, pair, frequency) ndarray of complex64
+        Channels as :class:`~flgpr.simulate.spread.Spreader` gives them.
+    """
+    alike: dict[int, list[PointEchoes]] = {}
+    for layer in layers:
+        found = layer.echoes(view)
+        alike.setdefault(id(found.basis), []).append(found)
+    total = np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)
+    for some in alike.values():
+        points, extra, coefficient = (np.concatenate(parts) for parts in list(zip(*some, strict=True))[:3])
+        for part in view.seen(PointEchoes(points, extra, coefficient, some[0].basis)):
+            one = part if narrowed is None else narrowed(part)
+            total += spreader(one.points, one.coefficient, one.basis, view.array, one.extra, one.nodes)
+    return total

@@ -1,0 +1,225 @@
+"""Shadows of upright objects by diffraction at strips: deep at high frequencies, filled in at low ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+from scipy.special import fresnel
+
+from flgpr.model import SPEED_OF_LIGHT
+from flgpr.simulate.layers import PointEchoes
+from flgpr.simulate.scene import Target, Thing
+from flgpr.simulate.spread import ArrayState
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+NODES = 5  # frequencies at which shadows of scatterers are known; linear between them
+_PAIRS = 8  # pairs over which a shadow is averaged
+_LEAST = 0.1  # change of the two-way amplitude that counts
+_REACH = 6.0  # argument beyond which the Fresnel integral has arrived
+_FINE = 128  # its samples per unit
+_ROCK = 0.05  # m: lower rocks throw no shadow
+
+
+class Strip(NamedTuple):
+    """An upright that rays must pass.
+
+    Attributes
+    ----------
+    x, y : float
+        Middle, m.
+    bottom, top : float
+        Height of the ground it stands on and of its top above the lane's plane, m.
+    radius : float
+        Half its width, m.
+    foliage : float
+        One-way loss across its middle at 0.87 GHz, dB; infinite is opaque.
+    """
+
+    x: float
+    y: float
+    bottom: float
+    top: float
+    radius: float
+    foliage: float = math.inf
+
+
+def strips_of(targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float) -> list[Strip]:
+    """Give the strips of everything that throws a shadow.
+
+    Parameters
+    ----------
+    targets, objects : iterables
+        Of these metal bodies on the ground, posts, bushes and rocks of at least 5 cm radius count.
+    ground : callable
+        Height of the ground at x and y, m.
+    foliage : float
+        One-way loss of leaves at 0.87 GHz, dB/m.
+
+    Returns
+    -------
+    list of Strip
+        In the order given; a bush's loss is that of its mean chord.
+    """
+    found = []
+    for target in targets:
+        if target.depth < 0 and target.dielectric is None:
+            radius = max(r for r, _ in target.profile) if target.profile else target.radius
+            z = float(ground(target.x, target.y))
+            found.append(Strip(target.x, target.y, z, z - target.depth, radius))
+    for thing in objects:
+        height = thing.radius if thing.kind == "rock" else thing.height
+        if thing.kind == "fiducial" or height <= (_ROCK if thing.kind == "rock" else 0.0):
+            continue
+        loss = foliage * math.pi / 2 * thing.radius if thing.kind == "bush" else math.inf
+        z = float(ground(thing.x, thing.y))
+        found.append(Strip(thing.x, thing.y, z, z + height, thing.radius, loss))
+    return found
+
+
+class Shadows:
+    """The shadows that a scan's antennas see.
+
+    Behind a strip from the ground up the field of an antenna is ``1 - (1 - T)·[G(v2) - G(v1)]·G(u)`` of the free one,
+    with the Fresnel integral ``G(v) = ∫_{-∞}^{v} exp(-jπt²/2) dt/(1 - j)``, v1 and v2 of its sides and u of its top in
+    units of ``sqrt(λ·d1·d2/(2(d1 + d2)))`` across the ray, and T what passes it (Babinet's principle in Kirchhoff's
+    approximation: Born & Wolf 1999, Sec. 8.7-8.8; Deygout's several edges multiply). Two-way it is the mean product of
+    transmitter's and receiver's factor over the pairs, which is what an image focused there has.
+
+    Parameters
+    ----------
+    strips : sequence of Strip
+        What throws shadows.
+    array : ArrayState
+        The antennas.
+    frequency : (frequency,) ndarray
+        Tones, Hz.
+
+    Attributes
+    ----------
+    nodes : (node,) ndarray
+        Frequencies of the factors, Hz.
+    """
+
+    def __init__(self, strips: Iterable[Strip], array: ArrayState, frequency: FloatArray) -> None:
+        self.frequency = frequency
+        self.nodes = np.geomspace(frequency[0], frequency[-1], NODES) if frequency.size > 1 else frequency
+        chosen = slice(None, None, max(1, math.ceil(array.tx.size / _PAIRS)))
+        used, index = np.unique(np.concatenate([array.tx[chosen], array.rx[chosen]]), return_inverse=True)
+        self._antennas = array.position[used]
+        self._tx, self._rx = np.split(index, 2)
+        self._strips = np.array([s[:5] for s in strips]).reshape(-1, 5)
+        loss = np.array([s.foliage for s in strips])[:, None] * np.sqrt(self.nodes / 0.87e9)
+        self._passed = 10 ** (-loss.reshape(-1, self.nodes.size) / 20)
+
+    def factors(self, points: FloatArray) -> ComplexArray:
+        """Two-way factor of the field at points (point, 3) of the lane frame, for every node (point, node)."""
+        out = np.ones((len(points), self.nodes.size), complex)
+        if len(self._strips):
+            wavelength = SPEED_OF_LIGHT / self.nodes
+            _shade(points, self._antennas, self._tx, self._rx, self._strips, self._passed, wavelength, _TABLE, out)
+        return out
+
+    def of_body(self, point: FloatArray) -> ComplexArray:
+        """Two-way factor of the field at one point (3,) for every tone (frequency,)."""
+        factor = self.factors(point[None, :])[0]
+        return np.interp(self.frequency, self.nodes, factor.real) + 1j * np.interp(
+            self.frequency, self.nodes, factor.imag
+        )
+
+    def split(self, echoes: PointEchoes) -> list[PointEchoes]:
+        """Take those that are shaded out of ``echoes`` and give both sets, the shaded ones with their factor.
+
+        Their spectra are then linear between the nodes, times the root mean square of the functions they had.
+        """
+        if not len(self._strips) or not len(echoes.points):
+            return [echoes]
+        factor = self.factors(echoes.points)
+        dark = np.abs(factor - 1).max(axis=1) > _LEAST
+        if not dark.any():
+            return [echoes]
+        points, extra, coefficient, basis, _ = echoes
+        size = np.sqrt((np.abs(basis) ** 2).mean(axis=0))  # (3, frequency)
+        place = np.searchsorted(self.frequency, self.nodes).clip(0, self.frequency.size - 1)
+        ratio = basis[:, :, place] / np.maximum(size[:, place], 1e-30)  # (rank, 3, node)
+        at_nodes = np.einsum("irc,rcn->inc", coefficient[dark], ratio) * factor[dark][:, :, None]
+        hats = np.stack([np.interp(self.frequency, self.nodes, row) for row in np.eye(self.nodes.size)])
+        shaded = PointEchoes(points[dark], extra[dark], at_nodes.astype(np.complex64), hats[:, None] * size, self.nodes)
+        return [PointEchoes(points[~dark], extra[~dark], coefficient[~dark], basis), shaded]
+
+
+def _fresnel_table() -> ComplexArray:
+    sine, cosine = fresnel(np.linspace(-_REACH, _REACH, round(2 * _REACH * _FINE) + 1))
+    return np.asarray((cosine - 1j * sine) / (1 - 1j) + 0.5)
+
+
+_TABLE = _fresnel_table()
+
+
+@njit(cache=True, inline="always")
+def _arrived(v: Any, table: Any) -> Any:
+    """G(v), linear between the table's samples; its last ripples, below 5 %, are left out."""
+    if v >= 6.0:
+        return 1.0 + 0j
+    if v <= -6.0:
+        return 0j
+    where = (v + 6.0) * 128
+    cell = int(where)
+    return table[cell] + (where - cell) * (table[cell + 1] - table[cell])
+
+
+@njit(cache=True)
+def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, table: Any, out: Any) -> None:
+    """Fill ``out`` (node,) with the factor of the field from an antenna to a point past a strip."""
+    out[:] = 1.0
+    dx, dy = point[0] - antenna[0], point[1] - antenna[1]
+    flat = math.sqrt(dx * dx + dy * dy)
+    sx, sy = strip[0] - antenna[0], strip[1] - antenna[1]
+    along = (sx * dx + sy * dy) / flat
+    if along <= 0 or flat - along <= strip[4]:
+        return
+    across = (sx * dy - sy * dx) / flat
+    part = along / flat
+    dz = point[2] - antenna[2]
+    slant = math.sqrt(flat * flat + dz * dz)
+    above = (strip[3] - antenna[2] - part * dz) * flat / slant
+    for n in range(wavelength.size):
+        scale = math.sqrt(2 / (wavelength[n] * slant * part * (1 - part)))
+        width = _arrived((across + strip[4]) * scale, table) - _arrived((across - strip[4]) * scale, table)
+        out[n] = 1 - (1 - passed[n]) * width * _arrived(above * scale, table)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _shade(
+    points: Any, antennas: Any, tx: Any, rx: Any, strips: Any, passed: Any, wavelength: Any, table: Any, out: Any
+) -> None:
+    """Multiply ``out`` (point, node) by the mean over pairs of the factors of both ways, strip by strip."""
+    cx, cy, cz = antennas[:, 0].mean(), antennas[:, 1].mean(), antennas[:, 2].mean()
+    aperture = np.abs(antennas[:, 0] - cx).max() + np.abs(antennas[:, 1] - cy).max()
+    for i in prange(points.shape[0]):
+        dx, dy, dz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+        flat = math.sqrt(dx * dx + dy * dy)
+        for s in range(strips.shape[0]):
+            sx, sy = strips[s, 0] - cx, strips[s, 1] - cy
+            part = (sx * dx + sy * dy) / flat**2
+            if part <= 0 or (1 - part) * flat <= strips[s, 4]:
+                continue
+            # One Fresnel zone of the lowest frequency, and the spread of the antennas as seen past the strip.
+            zone = math.sqrt(wavelength[0] * flat * part * (1 - part))
+            if strips[s, 3] - cz - part * dz < -zone:
+                continue
+            if abs(sx * dy - sy * dx) / flat > strips[s, 4] + zone + aperture * (1 - part):
+                continue
+            one_way = np.empty((antennas.shape[0], wavelength.size), np.complex128)
+            for a in range(antennas.shape[0]):
+                _passes(points[i], antennas[a], strips[s], passed[s], wavelength, table, one_way[a])
+            for n in range(wavelength.size):
+                total = 0j
+                for q in range(tx.size):
+                    total += one_way[tx[q], n] * one_way[rx[q], n]
+                out[i, n] *= total / tx.size

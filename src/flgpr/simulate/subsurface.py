@@ -1,0 +1,390 @@
+"""Clutter under the surface: stones, roots, moisture lenses, uneven soil and refilled holes, as layers of points."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.simulate import inclusions
+from flgpr.simulate.buried_spectra import BuriedSpectra
+from flgpr.simulate.draw import stream
+from flgpr.simulate.echoes import Ground
+from flgpr.simulate.grass import through_grass
+from flgpr.simulate.holes import Hole, cap_flash, wall_flash
+from flgpr.simulate.layers import Layer, PointEchoes, View
+from flgpr.simulate.scene import Scene
+from flgpr.simulate.tables_buried import Roots, Stones
+
+FloatArray = NDArray[np.float64]
+_TILE = 1.0  # m
+_KEEP = 4000  # tiles kept in memory
+_CORNERS = np.geomspace(0.02, 50.0, 28)  # corner frequencies over the band's middle for which shapes are made
+_STONE, _ROOT = 0, _CORNERS.size
+_VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
+_ROOT_STEP = 0.02  # m between the points of a root
+_COPOLAR = np.array([1.0, 1.0, 0.0])
+_LEVEL = math.sin(math.radians(67))  # incidence whose unevenness of the wall and spectrum of the soil give the shapes
+
+
+class Buried(NamedTuple):
+    """Points in the soil.
+
+    Attributes
+    ----------
+    xy : (point, 2) ndarray
+        Places, m.
+    depth : (point,) ndarray
+        m.
+    round, axial : (point,) ndarray of complex
+        Amplitude for every field direction, and what is added for fields along ``axis``, m.
+    axis : (point, 3) ndarray
+        Unit vectors.
+    shape : (point,) ndarray of int
+        Which growth with frequency.
+    reach : (point,) ndarray
+        How far towards the radar the point stands from ``xy``: the near (+) and far (-) flash of a disc, m.
+    """
+
+    xy: FloatArray
+    depth: FloatArray
+    round: NDArray[np.complex64]
+    axial: NDArray[np.complex64]
+    axis: FloatArray
+    shape: NDArray[np.intp]
+    reach: FloatArray
+
+
+def strewn(scene: Scene) -> list[str]:
+    """Tell which of the tables of what is strewn through the soil are on."""
+    amounts = {
+        "stones": scene.stones.density,
+        "roots": scene.roots.density,
+        "lenses": scene.lenses.density,
+        "heterogeneity": scene.heterogeneity.deviation,
+    }
+    return [name for name, amount in amounts.items() if getattr(scene, name).on and amount > 0]
+
+
+def shapes(scene: Scene, ground: Ground) -> FloatArray:
+    """Growth with frequency (shape, frequency) of all that lies in the soil, 1 at the band's middle."""
+    k = ground.wavenumber
+    middle = k.size // 2
+    u = k / k[middle]
+    soil, uneven = ground.real[-1], scene.heterogeneity
+    volume = np.sqrt(inclusions.volume_backscatter(k, _LEVEL, soil, 1.0, uneven.horizontal, uneven.vertical))
+    thick = np.sinc(k * math.sqrt(soil - _LEVEL**2) * scene.lenses.thickness / np.pi)
+    wall = u**-0.5 * np.exp(-0.5 * (2 * k * _LEVEL * scene.holes.wall) ** 2)
+    grown = [inclusions.stone_shape(u / c) for c in _CORNERS] + [inclusions.root_shape(u / c) for c in _CORNERS]
+    grown += [volume, u**0.5 * thick, wall, u**-0.5]
+    return np.array([g / g[middle] for g in grown])
+
+
+def laws(scene: Scene, ground: Ground) -> FloatArray:
+    """Change of each shape's amplitude (shape, sine) with the sine of incidence, at uniform sines from 0 to 1."""
+    sine = np.linspace(0, 1, 256)
+    law = np.ones((_CAP + 1, sine.size))
+    uneven, k = scene.heterogeneity, ground.wavenumber[ground.wavenumber.size // 2]
+
+    def volume(s: FloatArray | float) -> FloatArray:
+        return inclusions.volume_backscatter(k, s, ground.real[-1], 1.0, uneven.horizontal, uneven.vertical)
+
+    law[_VOLUME] = np.sqrt(volume(sine) / volume(_LEVEL))
+    law[_LENS] = np.maximum(sine, 0.05) ** -1.5
+    return law
+
+
+class SubsurfaceField:
+    """Everything that is strewn through the soil, drawn tile by tile when it is looked at.
+
+    Parameters
+    ----------
+    scene : Scene
+        The tables.
+    spectra : BuriedSpectra
+        The soil.
+    wavenumber : float
+        In air at the band's middle, rad/m.
+    density : float
+        Points of the uneven soil per m², unless the scene says.
+    seed : int
+        Seed of the world.
+    """
+
+    def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
+        self._scene, self._spectra, self._k, self._seed = scene, spectra, wavenumber, seed
+        self._density = scene.heterogeneity.density or density
+        self._kept: OrderedDict[tuple[int, int], Buried] = OrderedDict()
+        self._parts: list[Callable[[int, int], Buried]] = [getattr(self, name) for name in strewn(scene)]
+
+    def within(self, corners: FloatArray) -> Buried:
+        """Points of every tile that touches the bounding box of ``corners``, a metre wider for what reaches over."""
+        low = np.floor((corners.min(axis=0) - 1) / _TILE).astype(int)
+        high = np.floor((corners.max(axis=0) + 1) / _TILE).astype(int)
+        return _joined([self.tile(ix, iy) for iy in range(low[1], high[1] + 1) for ix in range(low[0], high[0] + 1)])
+
+    def tile(self, ix: int, iy: int) -> Buried:
+        """Points of the tile whose lower corner is (ix, iy) m."""
+        found = self._kept.get((ix, iy))
+        if found is None:
+            found = _joined([make(ix, iy) for make in self._parts])
+            self._kept[ix, iy] = found
+            while len(self._kept) > _KEEP:
+                self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end((ix, iy))
+        return found
+
+    def stones(self, ix: int, iy: int) -> Buried:
+        """Stones of a tile, spheroids in every direction."""
+        table, rng = self._scene.stones, stream(self._seed, "stones", ix, iy)
+        count = rng.poisson(table.density * _TILE**2)
+        xy, radius = _place(rng, count, ix, iy), stone_radii(table, rng.random(count))
+        depth = radius + rng.random(count) * np.maximum(table.depth - radius, 0)
+        body = rng.uniform(*table.permittivity, count)
+        stretch = table.stretch ** rng.uniform(-1, 1, count)
+        soil = self._spectra.permittivity(depth)
+        size, corner = inclusions.stone(radius, body, soil, self._k)
+        along, across = inclusions.spheroid(stretch, body, soil)
+        axial, axis = size * (along - across), _directions(rng, count)
+        return _points(xy, depth, size * across, _shape(_STONE, corner), axial, axis)
+
+    def roots(self, ix: int, iy: int) -> Buried:
+        """Roots that begin around a tile's points, as chains of points along their winding way."""
+        table, rng = self._scene.roots, stream(self._seed, "roots", ix, iy)
+        count = rng.poisson(table.density * _TILE**2)
+        return _joined([self._root(table, rng, ix, iy) for _ in range(count)])
+
+    def _root(self, table: Roots, rng: np.random.Generator, ix: int, iy: int) -> Buried:
+        steps = max(1, round(table.length / _ROOT_STEP))
+        radius = float(np.exp(rng.uniform(*np.log(np.maximum(table.radius, 1e-4)))))
+        # A winding way: the direction wanders by about half a radian over ten centimetres.
+        azimuth = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))
+        plunge = rng.normal(0, table.plunge)
+        level = math.cos(plunge)
+        axis = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.full(steps, math.sin(plunge))], axis=1)
+        way = np.cumsum(axis, axis=0) - axis / 2 + (rng.random(steps) - 0.5)[:, None] * axis
+        way *= table.length / steps
+        start = _place(rng, 1, ix, iy)
+        depth = radius + rng.exponential(table.depth) - way[:, 2] + way[steps // 2, 2]
+        xy = start + way[:, :2] - way[steps // 2, :2]
+        kept = depth > radius
+        xy, depth, axis = xy[kept], depth[kept], axis[kept]
+        body = table.permittivity * (1 - 1j * table.loss_tangent)
+        along, across, corner = inclusions.root(radius, body, self._spectra.permittivity(depth), self._k)
+        step = table.length / steps
+        return _points(xy, depth, across * step, _shape(_ROOT, corner), (along - across) * step, axis)
+
+    def lenses(self, ix: int, iy: int) -> Buried:
+        """Moisture lenses of a tile: the near and the far flash of each."""
+        table, rng = self._scene.lenses, stream(self._seed, "lenses", ix, iy)
+        count = rng.poisson(table.density * _TILE**2)
+        xy, radius = _place(rng, count, ix, iy), rng.uniform(*table.radius, count)
+        depth, contrast = rng.uniform(*table.depth, count), rng.normal(0, table.contrast, count)
+        soil = self._spectra.permittivity(depth)
+        size = inclusions.lens(radius, contrast, table.thickness, self._k)
+        size = size * np.sinc(self._k * np.sqrt(soil - _LEVEL**2) * table.thickness / np.pi)
+        shape = np.full(2 * count, _LENS)
+        both = np.concatenate([size, size.conj()])
+        return _points(np.tile(xy, (2, 1)), np.tile(depth, 2), both, shape, reach=np.concatenate([radius, -radius]))
+
+    def heterogeneity(self, ix: int, iy: int) -> Buried:
+        """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
+        table, rng = self._scene.heterogeneity, stream(self._seed, "heterogeneity", ix, iy)
+        count = max(1, math.ceil(self._density * _TILE**2))
+        xy = _place(rng, count, ix, iy)
+        root = rng.random(count)
+        depth = table.depth * root**2
+        volume = _TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth
+        strength = inclusions.volume_backscatter(
+            self._k, _LEVEL, self._spectra.permittivity(depth), table.deviation, table.horizontal, table.vertical
+        )
+        z = rng.standard_normal((count, 2)).view(np.complex128)[:, 0] / math.sqrt(2)
+        return _points(xy, depth, z * np.sqrt(strength * volume), np.full(count, _VOLUME))
+
+
+def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
+    """Radii (m) at the given chances: power law ``N(>r) ~ r^-D`` between the bounds."""
+    low, high = table.radius
+    rest = 1 - (low / high) ** table.exponent
+    return np.asarray(low * (1 - chance * rest) ** (-1 / table.exponent))
+
+
+def _place(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
+    return (rng.random((count, 2)) + np.array([ix, iy])) * _TILE
+
+
+def _directions(rng: np.random.Generator, count: int) -> FloatArray:
+    some = rng.standard_normal((count, 3))
+    return np.asarray(some / np.linalg.norm(some, axis=1, keepdims=True))
+
+
+def _shape(first: int, corner: FloatArray) -> NDArray[np.intp]:
+    """Index of the shape whose corner frequency is nearest."""
+    step = math.log(_CORNERS[1] / _CORNERS[0])
+    nearest = np.round(np.log(corner / _CORNERS[0]) / step)
+    return first + np.clip(nearest, 0, _CORNERS.size - 1).astype(np.intp)
+
+
+def _points(
+    xy: FloatArray,
+    depth: FloatArray,
+    amplitude: NDArray[np.complex128] | FloatArray,
+    shape: NDArray[np.intp],
+    axial: NDArray[np.complex128] | FloatArray | None = None,
+    axis: FloatArray | None = None,
+    reach: FloatArray | None = None,
+) -> Buried:
+    count = len(xy)
+    return Buried(
+        xy,
+        depth,
+        amplitude.astype(np.complex64),
+        np.zeros(count, np.complex64) if axial is None else axial.astype(np.complex64),
+        np.zeros((count, 3)) if axis is None else axis,
+        shape,
+        np.zeros(count) if reach is None else reach,
+    )
+
+
+_NOTHING = _points(np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0, np.intp))
+
+
+def _joined(parts: list[Buried]) -> Buried:
+    return Buried._make(np.concatenate(column) for column in zip(*(parts or [_NOTHING]), strict=True))
+
+
+class SubsurfaceLayer:
+    """What is strewn through the soil, as a scan sees it.
+
+    Parameters
+    ----------
+    field : SubsurfaceField
+        The points.
+    spectra : BuriedSpectra
+        Their way in and out.
+    laws : (shape, sine) ndarray
+        What multiplies each shape's amplitude at uniform sines from 0 to 1.
+    """
+
+    def __init__(self, field: SubsurfaceField, spectra: BuriedSpectra, laws: FloatArray) -> None:
+        self._field, self._spectra, self._laws = field, spectra, laws.astype(np.float32)
+
+    def echoes(self, view: View) -> PointEchoes:
+        """Give the points in view, each at the surface above it."""
+        found = self._field.within(view.corners)
+        inside = view.inside(found.xy)
+        found = Buried._make(column[inside] for column in found)
+        points = np.zeros((len(found.xy), 3))
+        away = view.centre[:2] - found.xy
+        towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
+        points[:, :2] = found.xy + found.reach[:, None] * towards
+        sine = view.sine(points)
+        law = self._laws[found.shape, np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)]
+        amplitude = _polarized(found, towards, sine, self._spectra) * law[:, None]
+        weights = self._spectra.weights(found.shape, found.depth, sine)
+        extra = self._spectra.delay(found.depth, sine)
+        return PointEchoes(points, extra, weights[:, :, None] * amplitude[:, None, :], self._spectra.basis)
+
+
+def _polarized(found: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra) -> NDArray[np.complex64]:
+    """Amplitude (point, 3) of HH, VV and cross: the axis's part by its direction across the ray, and t12² of each."""
+    amplitude = np.zeros((len(sine), 3), np.complex64)
+    amplitude[:, 0] = amplitude[:, 1] = found.round
+    some = np.flatnonzero(found.axial)
+    inside = sine[some] / np.sqrt(spectra.permittivity(found.depth[some]))  # sine in the soil
+    axis, look = found.axis[some], towards[some]
+    along_h = axis[:, 1] * look[:, 0] - axis[:, 0] * look[:, 1]
+    along_v = axis[:, 2] * inside - (axis[:, :2] * look).sum(axis=1) * np.sqrt(1 - inside**2)
+    dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
+    amplitude[some] += (found.axial[some, None] * dyad).astype(np.complex64)
+    return np.asarray(amplitude * spectra.transmission(found.depth, sine).astype(np.complex64))
+
+
+class HoleLayer:
+    """Edges of refilled holes: the upper and lower end of the wall and the cap's, each with its near and far flash.
+
+    Parameters
+    ----------
+    holes : tuple of Hole
+        The holes.
+    wall : float
+        Rms unevenness of their walls, m.
+    ground : Ground
+        The soil around.
+    spectra : BuriedSpectra
+        The way in and out.
+    """
+
+    def __init__(self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra) -> None:
+        self._holes, self._wall, self._spectra = holes, wall, spectra
+        middle = ground.frequency.size // 2
+        self._k, self._soil = float(ground.wavenumber[middle]), complex(ground.media[0][middle])
+        self._contrast = [h.fill(ground.media[0], ground.frequency)[middle] - self._soil for h in holes]
+        self._xy = np.array([[h.x, h.y] for h in holes]).reshape(-1, 2)
+
+    def echoes(self, view: View) -> PointEchoes:
+        """Give the edges in view: six points a hole."""
+        seen = np.flatnonzero(view.inside(self._xy))
+        points, amplitude = np.zeros((seen.size, 6, 3)), np.zeros((seen.size, 6, 3), complex)
+        depth = np.zeros((seen.size, 6))
+        middle = np.zeros((seen.size, 3))
+        middle[:, :2] = self._xy[seen]
+        away = view.centre[:2] - middle[:, :2]
+        towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
+        sine = view.sine(middle)
+        for row, index in enumerate(seen):
+            hole, s = self._holes[index], float(sine[row])
+            entry = self._spectra.transmission(np.zeros(1), sine[row : row + 1])[0]
+            for side, first in ((1.0, 0), (-1.0, 3)):
+                wall = wall_flash(hole, self._contrast[index], self._soil.real, self._wall, s, self._k, side)
+                amplitude[row, first] = wall * entry * _COPOLAR
+                amplitude[row, first + 1] = -wall * entry * _COPOLAR
+                amplitude[row, first + 2, :2] = cap_flash(hole, self._soil, s, self._k, side)
+                depth[row, first + 1] = hole.depth
+                points[row, first : first + 3, :2] = middle[row, :2] + side * hole.radius * towards[row]
+        flat, level = depth.ravel(), np.repeat(sine, 6)
+        weights = self._spectra.weights(np.tile([_WALL, _WALL, _CAP], 2 * seen.size), flat, level)
+        coefficient = (weights[:, :, None] * amplitude.reshape(-1, 1, 3)).astype(np.complex64)
+        extra = self._spectra.delay(flat, level)
+        return PointEchoes(points.reshape(-1, 3), extra, coefficient, self._spectra.basis)
+
+
+def subsurface_layers(scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int) -> list[Layer]:
+    """Make the layers under the surface.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its tables.
+    holes : tuple of Hole
+        The refilled holes of the world.
+    ground : Ground
+        The soil.
+    density : float
+        Points of the uneven soil per m², unless the scene says.
+    seed : int
+        Seed of the world.
+
+    Returns
+    -------
+    list of Layer
+        Nothing for what is off; all share one basis.
+    """
+    if not holes and not strewn(scene):
+        return []
+    middle = ground.frequency.size // 2
+    deepest = max(scene.stones.depth, scene.heterogeneity.depth, scene.lenses.depth[1], 0.4)
+    cover = (lambda sine: through_grass(scene.grass, ground.frequency, sine)) if scene.grass.grown else None
+    spectra = BuriedSpectra(ground, shapes(scene, ground), deepest, cover)
+    field = SubsurfaceField(scene, spectra, float(ground.wavenumber[middle]), density, seed)
+    layers: list[Layer] = []
+    if strewn(scene):
+        layers.append(SubsurfaceLayer(field, spectra, laws(scene, ground)))
+    if holes:
+        layers.append(HoleLayer(holes, scene.holes.wall, ground, spectra))
+    return layers

@@ -1,0 +1,262 @@
+"""Echoes of bodies in the ground: from their full-wave signatures, and by rays where there is none."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.simulate import bodies
+from flgpr.simulate.echoes import (
+    Echoes,
+    Ground,
+    add_standing,
+    antenna_gains,
+    bisectors,
+    incidence,
+    rotated,
+)
+from flgpr.simulate.scene import Target
+from flgpr.simulate.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
+from flgpr.simulate.spread import ArrayState
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_WIDEST_GAP = 1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
+_LEAST_WEIGHT = 1e-4  # of a node that is summed
+_STEP, _SINE_STEP = 0.05, 0.005  # m and of the sine, for slopes
+_TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the generic bodies
+
+
+def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+    """Add a target's echoes: by its signature in the ground, by rays above it and where no table reaches."""
+    if target.depth < 0:
+        add_standing(echoes, target, _profile(target), ground, array)
+    elif has_signature(target, ground.frequency):
+        _add_signature(echoes, target, ground, array)
+    else:
+        _add_rims(echoes, target, _profile(target), ground, array)
+
+
+def has_signature(target: Target, frequency: FloatArray) -> bool:
+    """Tell whether a table describes a target: not for profiles of one's own, nor bands whose middle lies above it."""
+    return target.profile is None and float(frequency.mean()) <= FREQUENCY[-1]
+
+
+def _profile(target: Target) -> bodies.Profile:
+    return target.profile or bodies.cylinder(target.radius, target.height)
+
+
+def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
+    """Add one echo per node of the table, weighted in each pair by its incidence, bistatic angle and aspect."""
+    layer = ground.medium(target.depth)
+    aspects, basis, slope = _basis(target, ground, layer)
+    point = np.tile([target.x, target.y, -target.depth], (array.tx.size, 1))
+    sent, taken = (ground.ray(array.position[which], point) for which in (array.tx, array.rx))
+    sine, (separation, aspect) = (sent.sine + taken.sine) / 2, _azimuths(target, array)
+    mean = float(sine.mean())
+    lean, across = _lean(target, mean, ground.real[layer], array)
+    seen = _leaning(sine, lean, ground.real[layer]) / math.sqrt(_relative(target))
+    weight = node_weights(seen, separation, aspect - (math.pi / 2 - target.heading), aspects)
+    near = 0.5j / ground.wavenumber * _taper(target, mean, ground, layer, array)
+    entry = ground.entry_squared(mean, layer) * ground.dispersion(mean, target.depth)
+    cross = [np.sqrt(entry[0] * entry[1]), (near[0] + near[1]) / 2]
+    entry, near = (np.stack([*both, one, one]) for both, one in zip((entry, near), cross, strict=True))
+    spectra = ((basis + near * slope) * entry).reshape(-1, 4, ground.frequency.size)
+    surface = np.array([target.x, target.y, 0.0])
+    for spectrum, one in zip(spectra, weight.reshape(-1, 2, array.tx.size), strict=True):
+        if np.abs(one).max() > _LEAST_WEIGHT:
+            turned = rotated(spectrum[:2], across)
+            turned[2] += spectrum[2]
+            echoes.add(sent.path + taken.path, surface, np.concatenate([turned, spectrum[3:]]), one)
+
+
+def _taper(target: Target, sine: float, ground: Ground, layer: int, array: ArrayState) -> ComplexArray:
+    """Relative growth per metre of ground range of the wave on a body, there and back, H and V (2, frequency).
+
+    Tables are for plane waves. Over a body at hand range, pattern and transmission change, and the wave front is
+    curved: to first order in size over range ``F + j·g/(2k0)·∂F/∂sinθ``, g being this growth plus 1/(2R·sinθ) for that.
+    """
+    away = -bisectors(target.x, target.y, array).mean(axis=0)
+    steps = np.array([[-_STEP], [_STEP]]) * away / np.linalg.norm(away)
+    places = np.concatenate([np.array([target.x, target.y]) + steps, np.zeros((2, 1))], axis=1)
+    gains = np.abs(antenna_gains(places, array))[:, [0, 2]]  # (antenna, H and V, place)
+    growth = np.log(gains[..., 1] / gains[..., 0]) / (2 * _STEP)
+    slant = float(np.linalg.norm(array.position.mean(axis=0) - np.array([target.x, target.y, 0.0])))
+    change = (1 - sine**2) / slant  # of the sine of incidence per metre
+    logs = [np.log(np.abs(ground.entry_squared(sine + d, layer))) for d in (-_SINE_STEP, _SINE_STEP)]
+    entry = (logs[1] - logs[0]) / (2 * _SINE_STEP) * change
+    return np.asarray(2 * growth.mean(axis=0)[:, None] + entry + 1 / (2 * slant * sine))
+
+
+def _lean(target: Target, sine: float, permittivity: float, array: ArrayState) -> tuple[float, float]:
+    """Tangent of the axis's tilt towards the radar, and the angle by which the rest turns the body on the ray, rad."""
+    lean = math.tan(target.tilt) * np.array([math.sin(target.azimuth), math.cos(target.azimuth)])
+    towards = bisectors(target.x, target.y, array).mean(axis=0)
+    along, across = float(towards @ lean), float(towards @ np.array([lean[1], -lean[0]]))
+    return along, math.atan2(across, sine / math.sqrt(permittivity))
+
+
+def _leaning(sine: FloatArray, lean: float, permittivity: float) -> FloatArray:
+    """Sine in air at which a level body shows the face that a leaning one shows: in the soil θ_t less the lean."""
+    index = math.sqrt(permittivity)
+    return np.asarray(index * np.sin(np.arcsin(np.minimum(sine / index, 1.0)) - math.atan(lean)))
+
+
+def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray]:
+    """Azimuth of each pair's receiver from its transmitter, seen from the target, and of their bisector from x, rad."""
+    offset = array.position - np.array([target.x, target.y, 0.0])
+    unit = (offset[:, 0] + 1j * offset[:, 1]) / np.hypot(offset[:, 0], offset[:, 1])
+    sent, taken = unit[array.tx], unit[array.rx]
+    return np.angle(taken / sent), np.angle(sent + taken)
+
+
+def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, aspects: FloatArray) -> FloatArray:
+    """Weights of a table's nodes for given directions.
+
+    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, straight lines
+    between aspects, which are folded into the quarter or eighth of a turn that a box's mirror planes leave.
+
+    Parameters
+    ----------
+    sine, separation : (pair,) ndarray
+        Sine of the incidence angle, and azimuth of the receiver counterclockwise from the transmitter, rad.
+    aspect : (pair,) ndarray
+        Azimuth of the bisector counterclockwise from a box's long side, rad.
+    aspects : (aspect,) ndarray
+        The table's.
+
+    Returns
+    -------
+    (aspect, sine, separation, 2, pair) ndarray
+        For amplitudes that are even in the separation, HH, VV and (HV + VH)/2, and for the odd (HV - VH)/2.
+    """
+    along = _lagrange(SINE, np.clip(sine, SINE[0] - 0.05, SINE[-1]))
+    apart = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)
+    even = _lagrange(SEPARATION**2, apart**2)
+    odd = np.zeros_like(even)
+    odd[1:] = _lagrange(SEPARATION[1:] ** 2, apart**2) * apart / SEPARATION[1:, None]
+    turned = _aspect_weights(aspect, aspects)
+    both = np.stack([even, odd], axis=1)  # (separation, 2, pair)
+    return np.asarray(turned[:, None, None, None] * along[:, None, None] * both)
+
+
+def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Weights (node, point) of the polynomial through all nodes."""
+    out = np.ones((nodes.size, at.size))
+    for i, node in enumerate(nodes):
+        for other in np.delete(nodes, i):
+            out[i] *= (at - other) / (node - other)
+    return out
+
+
+def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> FloatArray:
+    """Weights (aspect, pair) of straight lines between aspects, folded at the body's mirror planes."""
+    if aspects.size == 1:
+        return np.ones((1, aspect.size))
+    last = aspects[-1]
+    folded = np.abs((aspect + last) % (2 * last) - last)
+    return np.stack([np.interp(folded, aspects, one) for one in np.identity(aspects.size)])
+
+
+@lru_cache(maxsize=256)
+def _basis(
+    target: Target, ground: Ground, layer: int
+) -> tuple[FloatArray, NDArray[np.complex64], NDArray[np.complex64]]:
+    """Aspects of a target's table, its amplitudes in this ground at its depth, and their slopes in the sine."""
+    aspects, found = _amplitudes(target, ground.media[layer], ground.frequency)
+    found = found * _ANTENNAS
+    slopes = np.einsum("ij,ajspf->aispf", _DIFFERENCE / math.sqrt(_relative(target)), found)
+    return aspects, found, slopes.astype(np.complex64)
+
+
+def _amplitudes(
+    target: Target, permittivity: ComplexArray, frequency: FloatArray
+) -> tuple[FloatArray, NDArray[np.complex64]]:
+    """Aspects and amplitudes (aspect, sine, separation, 4, frequency) of a target's own body or of the generic one."""
+    if target.body is not None:
+        table = find_table(target.body)
+        return table.aspects, table.at(frequency, permittivity, target.depth)
+    # A body that is larger, or of another permittivity, is the generic one at other tones in another soil: Maxwell's
+    # equations scale (but for the air over the soil, whose share is then approximate).
+    size, relative = target.radius / _TABLE_RADIUS, _relative(target)
+    where = (frequency * size * math.sqrt(relative), permittivity / relative, target.depth / size)
+    table = packaged_table("metal-at" if target.dielectric is None else "plastic-at-solid")
+    found = table.at(*where)
+    gap = min(target.air_gap / size / _TABLE_GAP, _WIDEST_GAP)
+    if target.dielectric is not None and gap > 0:
+        found = found + np.float32(gap) * (packaged_table("plastic-at").at(*where) - found)
+    return table.aspects, np.float32(size) * found
+
+
+def _slopes(nodes: FloatArray) -> FloatArray:
+    """Matrix that takes a polynomial's values at nodes to its slopes there."""
+    step = 1e-4
+    return (_lagrange(nodes, nodes + step) - _lagrange(nodes, nodes - step)).T / (2 * step)
+
+
+def _relative(target: Target) -> float:
+    """Permittivity of a generic dielectric body over that of the table's."""
+    if target.body is not None or target.dielectric is None:
+        return 1.0
+    return target.dielectric / _TABLE_PERMITTIVITY
+
+
+def _add_rims(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
+    """Add the near and far flash of every rim that is seen through the ground."""
+    sine = incidence(target.x, target.y, 0.0, array)
+    layer = ground.medium(target.depth)
+    index = math.sqrt(ground.real[layer])
+    towards = bisectors(target.x, target.y, array)
+    along, across = _lean(target, sine, ground.real[layer], array)
+    cover = _cover_factor(sine, target, ground) if layer == 0 and target.dielectric is None else np.ones((2, 1))
+    entry = ground.entry_squared(sine, layer)
+    for rim in bodies.visible_rims(profile, min(sine / index, 0.999)):
+        if target.dielectric is not None and rim.drop > 0:
+            continue  # the layers' sum already holds the body's bottom
+        side = 1.0 if rim.near else -1.0
+        # The axis leans towards the radar: the near rim sinks, the far one rises.
+        depth = max(target.depth + rim.drop + side * rim.radius * along, 0.0)
+        point = np.empty((array.tx.size, 3))
+        point[:, :2] = np.array([target.x, target.y]) + side * rim.radius * towards
+        point[:, 2] = -depth
+        path = ground.path(array.position[array.tx], point) + ground.path(array.position[array.rx], point)
+        size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index) * ground.dispersion(sine, depth)
+        copolar = size * entry * _strength(rim, target, sine, ground, layer)
+        copolar = copolar * (cover if rim.drop == 0 and not rim.near else 1.0)
+        echoes.add(path, np.array([target.x, target.y, -depth]), rotated(copolar, across))
+
+
+def _strength(rim: bodies.Rim, target: Target, sine: float, ground: Ground, layer: int) -> ComplexArray:
+    """Coefficients H and V (2, frequency) of a rim: of a metal wedge, or of a dielectric body's layers."""
+    if target.dielectric is None:
+        return np.array([[rim.h], [rim.v]], complex)
+    gap = min(target.air_gap, 0.9 * target.height)
+    layers = [(gap, 1.0), (target.height - gap, target.dielectric)]
+    both = bodies.layers_strength(sine, ground.wavenumber, ground.media[layer], layers)
+    return both if rim.near else -both
+
+
+def _cover_factor(sine: float, target: Target, ground: Ground) -> ComplexArray:
+    """Waves that bounce between a metal top and the surface on their way to the far rim and back.
+
+    Each bounce ``r21·Γ·e^{-2jqd}`` starts ``2d·tanθ_t`` nearer the radar, where the top must reach: as many are summed
+    as fit on the diameter, the last in part. The near rim has no top before it and sees none. Squared, for by
+    reciprocity the way out has the same bounces as the way in.
+    """
+    normal = np.sqrt(ground.media[0] - sine**2)
+    delay = np.exp(-2j * ground.wavenumber * normal * target.depth)
+    bounce = -ground.reflection(sine) * np.array([[-1.0], [1.0]]) * delay
+    shift = 2 * target.depth * sine / math.sqrt(ground.real[0] - sine**2)
+    fitting = min(2 * target.radius / max(shift, 1e-9), 1e3)
+    whole = math.floor(fitting)
+    rest: ComplexArray = (1 - bounce ** (whole + 1)) / (1 - bounce) + (fitting - whole) * bounce ** (whole + 1)
+    return rest**2
+
+
+_DIFFERENCE = _slopes(SINE)
+# Tables count H along z x k, antennas along k x z: what crosses changes its sign.
+_ANTENNAS = np.array([1, 1, -1, -1], np.float32)[:, None]

@@ -1,0 +1,3 @@
+from flgpr.viewer.server import Viewer, serve
+
+__all__ = ["Viewer", "serve"]

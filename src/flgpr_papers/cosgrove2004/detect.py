@@ -1,0 +1,235 @@
+"""Training and scoring of the study's detectors on the images of one lane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.clutter import ClutterWhitener
+from flgpr.detect import (
+    ChipDetector,
+    DeflectionDetector,
+    LinearQuadraticForm,
+    NeymanPearsonDetector,
+    PolarimetricWhiteningFilter,
+    deflection_form,
+    magnitude_form,
+)
+from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.kernels.moments import sample_moments
+from flgpr.scoring import offset_boxes
+from flgpr_papers.cosgrove2004.images import Look
+from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Training:
+    """What a lane's training looks teach.
+
+    Attributes
+    ----------
+    whitener : ClutterWhitener
+        Mean and covariance of the clutter.
+    white : (n_samples, n_features) ndarray of complex
+        Whitened target cuts, taken where the mines are brightest.
+    surveyed : (n_samples, n_features) ndarray of complex
+        Whitened target cuts, taken where survey and refraction place the mines.
+    pixels : (n_pixels, n_polarizations) ndarray of complex
+        Clutter pixels.
+    unshrunk : ClutterWhitener
+        Whitener with sample moments.
+    clutter_energy : float
+        Mean energy of the whitened clutter samples.
+    """
+
+    whitener: ClutterWhitener
+    white: ComplexArray
+    surveyed: ComplexArray
+    pixels: ComplexArray
+    unshrunk: ClutterWhitener
+    clutter_energy: float
+
+
+@dataclass
+class Peaks:
+    """Values in boxes of one detector on one lane.
+
+    Attributes
+    ----------
+    target, clutter : list of float
+        Peaks in the boxes at the mines and off them.
+    target_quantile, clutter_quantile : list of float
+        High quantiles of the same boxes.
+    depth : list of float
+        Depth of each mine, m.
+    rock : list of bool
+        Whether a rock lies in or near each clutter box.
+    """
+
+    target: list[float] = field(default_factory=list)
+    clutter: list[float] = field(default_factory=list)
+    target_quantile: list[float] = field(default_factory=list)
+    clutter_quantile: list[float] = field(default_factory=list)
+    depth: list[float] = field(default_factory=list)
+    rock: list[bool] = field(default_factory=list)
+
+
+def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
+    """Take target cuts and clutter from training looks and whiten them."""
+    shape = (recipe.cut.length, 1)
+    clutter, pixels, cuts, surveyed = [], [], [], []
+    for look in looks:
+        stack, _ = stack_channels(look.image, recipe.cut.polarizations)
+        x, y = look.image["x"].values, look.image["y"].values
+        clean = clean_pixels(x, y, look.place[None], recipe.training.clear)
+        clutter.append(clutter_cuts(stack, clean, shape, recipe.training.clutter_step))
+        pixels.append(clutter_cuts(stack, clean, (1, 1), (5, 8)))
+        cuts.append(target_cut(recipe, look))
+        expected = look.place + [0.0, look.shift]
+        surveyed.append(range_cuts(look.image, expected[None], shape, recipe.cut.polarizations))
+    samples = np.concatenate(clutter)
+    whitener, unshrunk = (ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample"))
+    energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
+    white, placed = (whitener.transform(np.concatenate(parts)) for parts in (cuts, surveyed))
+    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128), unshrunk, energy)
+
+
+def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:
+    """Range cut through a mine where it appears, (1, n_features)."""
+    shape = (recipe.cut.length, 1)
+    return range_cuts(look.image, look.place[None], shape, recipe.cut.polarizations, recipe.training.search)
+
+
+def chip_detector(
+    recipe: StudyRecipe,
+    forms: Sequence[LinearQuadraticForm],
+    whitener: ClutterWhitener | None,
+    length: int,
+    **notes: str,
+) -> ChipDetector:
+    """Put whitening and forms together; without a whitener the forms act on pixels as imaged."""
+    if whitener is not None:
+        forms = [form.after(whitener.mean_, whitener.matrix_) for form in forms]
+    dx, dy = recipe.image.spacing
+    return ChipDetector(tuple(forms), recipe.cut.polarizations, (length, 1), (dy, dx), dict(notes))
+
+
+def detectors(
+    recipe: StudyRecipe, training: Training, signatures: ComplexArray | None = None, other: ComplexArray | None = None
+) -> dict[str, ChipDetector]:
+    """Make every detector of the study for one lane.
+
+    By name: ``HH``, ``VV``, ``PWF``, ``rank 1`` ..., ``Neyman-Pearson`` and more.
+    """
+    length, whitener, white = recipe.cut.length, training.whitener, training.white
+    ddof, rank = recipe.detector.ddof, recipe.detector.rank
+    channels = len(recipe.cut.polarizations)
+    made = {
+        name: chip_detector(recipe, [magnitude_form(channels, k)], None, 1)
+        for k, name in enumerate(recipe.cut.polarizations)
+    }
+    made["PWF"] = chip_detector(recipe, PolarimetricWhiteningFilter().fit(training.pixels).forms_, None, 1)
+    trained = {f"rank {r}": DeflectionDetector(r, ddof).fit(white) for r in recipe.detector.ranks}
+    trained |= {
+        "matched filter": DeflectionDetector(0, ddof).fit(white),
+        "Neyman-Pearson": NeymanPearsonDetector(rank).fit(white),
+        "gamma 0.5": DeflectionDetector(rank, ddof, gamma=0.5).fit(white),
+        "placed by survey": DeflectionDetector(rank, ddof).fit(training.surveyed),
+        "robust": DeflectionDetector(rank, ddof, moments="clipped").fit(white),
+    }
+    if other is not None:
+        trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(other)
+    if signatures is not None:
+        mean, covariance = sample_moments(calibrated(training, signatures))
+        form = deflection_form(mean, covariance, rank=rank)
+        made["trained on simulation"] = chip_detector(recipe, [form], whitener, length)
+    plain = DeflectionDetector(rank, ddof).fit(_rewhitened(training))
+    made["unshrunk clutter"] = chip_detector(recipe, plain.forms_, training.unshrunk, length, detector=repr(plain))
+    for name, detector in trained.items():
+        made[name] = chip_detector(recipe, detector.forms_, whitener, length, detector=repr(detector))
+    return made
+
+
+def _rewhitened(training: Training) -> ComplexArray:
+    """Target cuts whitened by sample moments instead."""
+    back = np.linalg.solve(training.whitener.matrix_, training.white.T).T + training.whitener.mean_
+    return np.asarray(training.unshrunk.transform(back))
+
+
+def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
+    """Bring simulated signatures to the level of the training examples and whiten them.
+
+    The level is set once for all, so that their mean energy equals what the examples have over the clutter.
+    """
+    white = signatures @ training.whitener.matrix_.T
+    wanted = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
+    white *= np.sqrt(max(wanted, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
+    return np.asarray(white)
+
+
+def score_looks(recipe: StudyRecipe, looks: Sequence[Look], made: dict[str, ChipDetector]) -> dict[str, Peaks]:
+    """Take the peaks of every detector in the boxes of test looks."""
+    peaks = {name: Peaks() for name in made}
+    score = recipe.score
+    half = recipe.radar.stop_spacing / 2
+    area = {
+        "x_min": recipe.image.x[0],
+        "x_max": recipe.image.x[1],
+        "y_min": recipe.radar.range - half,
+        "y_max": recipe.radar.range + half,
+    }
+    for look in looks:
+        stack, _ = stack_channels(look.image, recipe.cut.polarizations)
+        x, y = look.image["x"].values, look.image["y"].values
+        off = offset_boxes(look.place[None], area, score.box, score.clearance)
+        apart = np.abs(off[:, None] - look.rocks[None]).max(axis=-1)
+        rock = (apart <= score.box / 2 + score.rock).any(axis=1)
+        for name, detector in made.items():
+            value = detector.likelihood(stack)
+            at, high = box_values(value, x, y, look.place[None], score.box, score.quantile)
+            around, high_around = box_values(value, x, y, off, score.box, score.quantile)
+            kept = peaks[name]
+            kept.target += at.tolist()
+            kept.target_quantile += high.tolist()
+            kept.clutter += around.tolist()
+            kept.clutter_quantile += high_around.tolist()
+            kept.depth.append(look.depth)
+            kept.rock += rock.tolist()
+    return peaks
+
+
+def box_values(
+    image: NDArray[np.float32], x: FloatArray, y: FloatArray, centre: FloatArray, box: float, quantile: float
+) -> tuple[FloatArray, FloatArray]:
+    """Peak and quantile of a map in boxes (box, 2); NaN pixels are left out, NaN for a box without any other."""
+    peak, high = np.full(len(centre), np.nan), np.full(len(centre), np.nan)
+    for number, (px, py) in enumerate(centre):
+        columns = slice(*np.searchsorted(x, [px - box / 2, px + box / 2]))
+        rows = slice(*np.searchsorted(y, [py - box / 2, py + box / 2]))
+        inside = image[rows, columns]
+        inside = inside[np.isfinite(inside)]
+        if inside.size:
+            peak[number], high[number] = inside.max(), np.quantile(inside, quantile)
+    return peak, high
+
+
+def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
+    """Largest six eigenvalues of Â over the first (Cosgrove et al. 2004, Sec. IV-A)."""
+    values = DeflectionDetector(ddof=recipe.detector.ddof).fit(training.white).eigenvalues_
+    return np.asarray(values[:6] / values[0])
+
+
+def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
+    """First six eigenvectors of Â as rows, as they look in the image (Cosgrove et al. 2004, Fig. 6).
+
+    The whitener's coordinates are no samples of a range cut, so the whitening is undone; each row has the norm one.
+    """
+    vectors = DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors
+    rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

@@ -1,0 +1,197 @@
+"""The seven figures of Cosgrove et al. 2004, from simulated lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from flgpr.scoring import pd_at
+from flgpr_papers.cosgrove2004.examples import PointResponse
+from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve
+from flgpr_papers.cosgrove2004.images import study_sensor
+from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+
+_STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}
+_CURVES = {"deflection": "#1b1b1b", "PWF": "#1b5e9b", "HH": "#c1440e"}
+
+
+def geometry(recipe: StudyRecipe) -> Figure:
+    """Draw the collection geometry in plan and from the side (Fig. 1)."""
+    sensor = study_sensor(recipe)
+    tx, _ = sensor.pairs()
+    far, (x0, x1), (y0, y1) = recipe.radar.range, recipe.image.x, recipe.image.y
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    plan, side = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    plan.plot(tx[:, 1], tx[:, 0], ".", ms=3, color="#1b5e9b", label=f"{len(tx)} positions of the antenna pair")
+    plan.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, fill=False, color="#1b1b1b", label="image"))
+    half = recipe.radar.stop_spacing / 2
+    plan.add_patch(Rectangle((far - half, x0), 2 * half, x1 - x0, color="#ddd", label="boxes are taken here"))
+    plan.plot([far], [0], "s", color="#c1440e", label="mine")
+    plan.set(ylabel="cross-track (m)", ylim=(-3.5, 3.5))
+    plan.legend(loc="upper left", fontsize=8, ncols=2)
+    side.plot([0], [sensor.height], "o", color="#1b5e9b")
+    side.plot([0, far], [sensor.height, 0], "-", lw=0.8, color="#1b5e9b")
+    side.axhline(0, color="#8a6d3b")
+    side.plot([far], [-0.1], "s", color="#c1440e")
+    side.set(xlabel="down-track from the stop (m)", ylabel="height (m)", xlim=(-1, 20), ylim=(-0.8, sensor.height + 1))
+    return figure
+
+
+def sample_image(image: xr.DataArray) -> Figure:
+    """Show the HH image of three mines (Fig. 2)."""
+    figure = Figure(figsize=(8.5, 4.2), layout="constrained")
+    axes = figure.subplots()
+    x, y = image["x"].values, image["y"].values
+    magnitude = np.abs(image.sel(polarization="HH").values).astype(np.float64)
+    level = _level(magnitude / np.median(magnitude, axis=1, keepdims=True))
+    shown = axes.imshow(
+        level.T, origin="lower", extent=(y[0], y[-1], x[0], x[-1]), cmap="gray", vmin=0, vmax=25, aspect="equal"
+    )
+    figure.colorbar(shown, ax=axes, label="dB over the median of the range", shrink=0.8)
+    for at, (px, py) in enumerate(((-0.6, 15), (0.5, 20), (0.0, 25))):
+        axes.add_patch(Rectangle((py - 0.5, px - 0.5), 1, 1, fill=False, color="#ffb347", lw=1))
+        axes.text(py, px + 0.6, f"mine {at + 1}", color="#ffb347", ha="center", fontsize=8)
+    axes.set(xlabel="down-track (m)", ylabel="cross-track (m)")
+    return figure
+
+
+def simulated_signature(away: NDArray[np.float64], cuts: NDArray[np.complex64]) -> Figure:
+    """Show range cuts through a mine without clutter (Fig. 3)."""
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for name, cut in zip(("HH", "VV"), cuts, strict=True):
+        axes.plot(away, np.abs(cut) / np.abs(cuts).max(), _STYLE[name][1], color=_STYLE[name][0], label=name)
+    axes.set(xlabel="behind the mine's centre (m)", ylabel="magnitude", xlim=(-0.6, 1.0), ylim=(0, None))
+    axes.legend()
+    return figure
+
+
+def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) -> Figure:
+    """Show range cuts through three imaged mines, HH and VV back to back (Fig. 4)."""
+    figure = Figure(figsize=(7, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
+        axes.plot(cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep")
+    _stacked(axes, recipe)
+    axes.set(ylabel="magnitude", ylim=(0, None))
+    axes.legend(fontsize=8)
+    return figure
+
+
+def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
+    """Show how a feature vector is taken from the image (Fig. 5)."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    hh, vv, vector = figure.subplots(1, 3, width_ratios=[1, 1, 2.2])
+    y, length = image["y"].values, recipe.cut.length
+    part = image.isel(y=slice(int(np.searchsorted(y, 14.2)), int(np.searchsorted(y, 16.2))))
+    power = (np.abs(part.values) ** 2).sum(axis=0)
+    power = uniform_filter1d(power, length, axis=0)
+    inner = power[length:-length, 30:-30]
+    row, column = (int(k) for k in np.unravel_index(int(np.argmax(inner)), inner.shape))
+    row, column = row + length, column + 30
+    cuts = []
+    for axes, name in ((hh, "HH"), (vv, "VV")):
+        stack = np.abs(part.sel(polarization=name).values)
+        x, down = part["x"].values, part["y"].values
+        axes.imshow(stack, origin="lower", extent=(x[0], x[-1], down[0], down[-1]), cmap="gray", aspect="auto")
+        axes.set(xlim=(x[column] - 0.8, x[column] + 0.8), xlabel="x (m)", title=name)
+        low = row - length // 2
+        height = down[low + length - 1] - down[low]
+        axes.add_patch(Rectangle((x[column] - 0.03, down[low]), 0.06, height, fill=False, color="#ffb347"))
+        cuts.append(stack[low : low + length, column])
+    hh.set_ylabel("y (m)")
+    vector.plot(np.concatenate(cuts), color="#1b1b1b")
+    _stacked(vector, recipe)
+    vector.set_ylabel("|x|")
+    return figure
+
+
+def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], ratios: NDArray[np.float64]) -> Figure:
+    """Show the magnitudes of the first six eigenvectors (Fig. 6)."""
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
+    for j, (axes, row) in enumerate(zip(panels, magnitudes, strict=False)):
+        axes.plot(row, color="#1b1b1b")
+        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}", fontsize=9, pad=14)
+        _stacked(axes, recipe)
+    return figure
+
+
+def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+    """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7): the first seed's curve over the seeds' spread."""
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    soils = [soil for soil in SOILS if soil in cases]
+    names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    grid = np.logspace(-3, 0, 61)
+    for axes, soil in zip(figure.subplots(1, len(soils), sharey=True, squeeze=False).ravel(), soils, strict=True):
+        for detector, label in names.items():
+            curves = [case_curve(case, detector, recipe.score.box) for case in cases[soil]]
+            spread = np.array([pd_at(curve, grid) for curve in curves])
+            axes.fill_between(grid, *np.quantile(spread, [0.1, 0.9], axis=0), color=_CURVES[label], alpha=0.15, lw=0)
+            axes.plot(grid, spread.mean(axis=0), ":", color=_CURVES[label], lw=1)
+            seen = curves[0][curves[0]["far"] > 0]
+            axes.plot(seen["far"], seen["pd"], color=_CURVES[label], label=label, drawstyle="steps-post")
+        axes.axvline(recipe.score.pfa, color="#999", lw=0.8)
+        axes.set(xscale="log", xlim=(1e-3, 1), ylim=(0, 1.02), xlabel="P_FA per m²", title=recipe.sites[soil].title)
+    figure.axes[0].set_ylabel("Pd")
+    figure.axes[0].legend(loc="lower right", fontsize=8)
+    return figure
+
+
+def point_figure(responses: Mapping[str, PointResponse]) -> Figure:
+    """Draw the response to a point with and without the ramp."""
+    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    down, cross = figure.subplots(1, 2, sharey=True)
+    for (name, response), style in zip(responses.items(), ("-", "--"), strict=True):
+        width = response.resolution
+        down.plot(response.down, _level(response.down_level), style, label=f"{name}: {100 * width[0]:.1f} cm")
+        cross.plot(response.cross, _level(response.cross_level), style, label=f"{name}: {100 * width[1]:.1f} cm")
+    down.set(xlabel="down-track (m)", ylabel="dB", ylim=(-40, 1), xlim=(-0.6, 0.6))
+    cross.set(xlabel="cross-track (m)", xlim=(-1, 1))
+    for axes in (down, cross):
+        axes.axhline(-3.01, color="#999", lw=0.8)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def depth_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
+    """Draw Pd at the study's P_FA over depth, all seeds pooled."""
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    axes = figure.subplots()
+    name = f"rank {recipe.detector.rank}"
+    for site, marker in zip(cases, "os^D", strict=False):
+        found: dict[float, list[bool]] = {}
+        for case in cases[site]:
+            curve = case_curve(case, name, recipe.score.box)
+            threshold = curve["threshold"].to_numpy()[curve["far"].to_numpy() <= recipe.score.pfa].min()
+            peaks = case["peaks"][name]
+            for depth, value in zip(peaks["depth"], peaks["target"], strict=True):
+                found.setdefault(depth, []).append(value >= threshold)
+        depths = sorted(found)
+        axes.plot(
+            [100 * d for d in depths], [np.mean(found[d]) for d in depths], marker + "-", label=recipe.sites[site].title
+        )
+    axes.set(xlabel="depth (cm)", ylabel=f"Pd at {recipe.score.pfa:g} per m²", ylim=(0, 1.02))
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _stacked(axes: Axes, recipe: StudyRecipe) -> None:
+    length = recipe.cut.length
+    axes.axvline(length - 0.5, color="#999", lw=0.8)
+    for k, name in enumerate(recipe.cut.polarizations):
+        place = axes.get_xaxis_transform()
+        axes.text((k + 0.5) * length, 1.01, name, ha="center", va="bottom", color="#666", fontsize=8, transform=place)
+    axes.set(xlim=(0, length * len(recipe.cut.polarizations) - 1))
+
+
+def _level(level: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(20 * np.log10(np.maximum(level, 1e-6)))

@@ -1,0 +1,125 @@
+"""The recipe of the study of Cosgrove et al. 2004."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from flgpr.model import Grid
+from flgpr_papers.kit.settings import Table, packaged
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Radar(Table):
+    """Sensor preset, step of its tones (Hz), range of the mines (m), stop spacing (m), surface scatterers per m²."""
+
+    sensor: str
+    tone_step: Positive
+    range: Positive
+    stop_spacing: Positive
+    scatterers: Positive
+    margin: Positive
+
+
+class Image(Table):
+    """Image in the scan frame (m), band (Hz) and how it is formed; ``spacing`` is cross-track, down-track."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    spacing: tuple[Positive, Positive]
+    band: tuple[float, float]
+    filter: Literal["ramp", "none"]
+    calibrate: bool
+    self_signature: Literal["none", "mean", "median"]
+
+    def grid(self) -> Grid:
+        """Grid of the images."""
+        (dx, dy), (x0, x1), (y0, y1) = self.spacing, self.x, self.y
+        return Grid(x0, y0, round((x1 - x0) / dx) + 1, round((y1 - y0) / dy) + 1, dx, dy)
+
+
+class Cut(Table):
+    """Range cut: polarizations stacked and number of samples of each."""
+
+    polarizations: tuple[str, ...]
+    length: Annotated[int, Field(ge=1)]
+
+
+class Training(Table):
+    """How target and clutter samples are taken; lengths in m, steps in pixels."""
+
+    search: Annotated[float, Field(ge=0)]
+    clear: Positive
+    clutter_step: tuple[int, int]
+    moments: str
+
+
+class Detector(Table):
+    """Ranks compared, the one scored and the divisor of Eq. 7."""
+
+    ranks: tuple[int, ...]
+    rank: int
+    ddof: int
+
+
+class Score(Table):
+    """Boxes, clearance and reach of rocks (m), the quantile beside the peak, the P_FA (per m²) of comparisons."""
+
+    box: Positive
+    clearance: Annotated[float, Field(ge=0)]
+    quantile: Annotated[float, Field(gt=0, le=1)]
+    pfa: Positive
+    rock: Annotated[float, Field(ge=0)]
+
+
+class Study(Table):
+    """Number of seeds and share of the mines that are laid; with ``quick``, fewer of both."""
+
+    seeds: Annotated[int, Field(ge=2)]
+    share: Annotated[float, Field(gt=0, le=1)]
+    quick_seeds: Annotated[int, Field(ge=2)]
+    quick_share: Annotated[float, Field(gt=0, le=1)]
+
+
+class Site(Table):
+    """A lane: soil, kind of mine, and numbers of mines by depth (m) for training and test."""
+
+    title: str
+    scene: str
+    kind: str
+    training: dict[str, int]
+    test: dict[str, int]
+
+    def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Depth (m) of every mine and whether it trains, at least one mine of a depth."""
+        depth, train = [], []
+        for table, trains in ((self.training, True), (self.test, False)):
+            for name, count in table.items():
+                number = max(1, round(count * share))
+                depth += [float(name)] * number
+                train += [trains] * number
+        return np.array(depth), np.array(train)
+
+
+class StudyRecipe(Table):
+    """All that the study depends on."""
+
+    name: str
+    description: str
+    radar: Radar
+    image: Image
+    cut: Cut
+    training: Training
+    detector: Detector
+    score: Score
+    study: Study
+    sites: dict[str, Site]
+
+
+def study_recipe() -> StudyRecipe:
+    """Load the packaged recipe of the study."""
+    return packaged("cosgrove2004", StudyRecipe)

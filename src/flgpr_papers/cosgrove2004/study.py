@@ -1,0 +1,186 @@
+"""The study of Cosgrove et al. 2004 on simulated lanes: sites, training, detectors, figures, findings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from flgpr.io import write_whole
+from flgpr.pipeline.progress import Track, silent
+from flgpr_papers.cosgrove2004 import figures
+from flgpr_papers.cosgrove2004.detect import (
+    detectors,
+    eigenvalue_ratios,
+    eigenvectors,
+    learn,
+    score_looks,
+    target_cut,
+)
+from flgpr_papers.cosgrove2004.examples import PointResponse, point_response, signature_cuts, wide_image
+from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
+from flgpr_papers.cosgrove2004.images import WORLDS, Look, lane_looks, signature_looks
+from flgpr_papers.cosgrove2004.page import page_html
+from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
+from flgpr_papers.kit.cache import key_of
+from flgpr_papers.kit.findings import write_findings
+from flgpr_papers.kit.page import draw
+
+ComplexArray = NDArray[np.complex128]
+Cases = Mapping[str, Mapping[str, Sequence[Case]]]
+
+
+def reproduce(
+    output: str | Path,
+    quick: bool = False,
+    track: Track = silent,
+    recipe: StudyRecipe | None = None,
+    workers: int = 1,
+) -> Path:
+    """Run the study and write its page, figures, findings and trained detectors.
+
+    Every lane's scores are kept in ``output/lanes``, so that a broken run goes on where it stopped.
+
+    Parameters
+    ----------
+    output : path
+        Folder to make or to go on with.
+    quick : bool
+        Fewer seeds and mines; everything shown is marked as such.
+    track : Track
+        Shows progress.
+    recipe : StudyRecipe, optional
+        Study in place of the packaged one.
+    workers : int
+        Number of processes that simulate lanes.
+
+    Returns
+    -------
+    Path
+        The page, ``index.html``.
+    """
+    study = recipe or study_recipe()
+    folder = Path(output)
+    (folder / "lanes").mkdir(parents=True, exist_ok=True)
+    seeds = range(1, 1 + (study.study.quick_seeds if quick else study.study.seeds))
+    share = study.study.quick_share if quick else study.study.share
+    cases = _run_cases(study, folder, seeds, share, track, workers)
+    tables = {world: pd_table(study, cases[world]) for world in WORLDS}
+    found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
+    responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
+    drawn = _figures(study, cases, responses, seeds[0])
+    pictures = {name: draw(figure, quick) for name, figure in drawn.items()}
+    for name, picture in pictures.items():
+        write_whole(folder / f"{name}.png", picture)
+    pd.concat(tables, names=["world"]).reset_index("world").to_csv(folder / "pd.csv", index=False)
+    resolution = {name: response.resolution for name, response in responses.items()}
+    judged = [replace(one, group=world) for world in WORLDS for one in found[world]]
+    write_findings(folder, judged, quick, seeds=len(seeds), resolution_m=resolution)
+    page = folder / "index.html"
+    write_whole(page, page_html(study, cases, tables, found, responses, pictures, quick))
+    return page
+
+
+def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None = None) -> dict[str, dict[str, Case]]:
+    """Simulate every lane of a seed, train on it and score every detector."""
+    cases: dict[str, dict[str, Case]] = {world: {} for world in WORLDS}
+    taught: dict[str, ComplexArray] = {}
+    for site in sorted(
+        recipe.sites, key=lambda name: name != "sand"
+    ):  # dry sand first: its detector is tried elsewhere
+        signatures = np.concatenate([target_cut(recipe, look) for look in signature_looks(recipe, site)])
+        for world, looks in lane_looks(recipe, site, seed, share).items():
+            trains = [look for look in looks if look.trains]
+            test = [look for look in looks if not look.trains]
+            training = learn(recipe, trains)
+            made = detectors(recipe, training, signatures.astype(np.complex128), taught.get(world))
+            if site == "sand":
+                taught[world] = training.white
+            if models is not None:
+                made[f"rank {recipe.detector.rank}"].save(models / f"{site}-{world}")
+            cases[world][site] = {
+                "site": site,
+                "seed": seed,
+                "training_looks": len(trains),
+                "test_looks": len(test),
+                "ratios": eigenvalue_ratios(recipe, training).tolist(),
+                "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
+                "cuts": [_sample_cut(recipe, look) for look in _one_per_depth(looks)],
+                "peaks": {name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()},
+            }
+    return cases
+
+
+def _run_cases(
+    recipe: StudyRecipe, folder: Path, seeds: range, share: float, track: Track, workers: int
+) -> dict[str, dict[str, list[Case]]]:
+    """Run the seeds that are not yet on disk, then read all; returns world, site, cases."""
+    key = key_of(recipe.model_dump(mode="json"), share)
+    paths = {seed: folder / "lanes" / f"seed-{seed}-{key}.json" for seed in seeds}
+    todo = {
+        seed: (recipe, seed, share, folder / "models" if seed == seeds[0] else None)
+        for seed in seeds
+        if not paths[seed].is_file()
+    }
+    with _executor(workers) as run:
+        for seed, made in track(run(todo), "lanes, seed by seed", len(todo)):
+            write_whole(paths[seed], json.dumps(made))
+    read = [json.loads(paths[seed].read_text("utf-8")) for seed in seeds]
+    return {world: {site: [one[world][site] for one in read] for site in recipe.sites} for world in WORLDS}
+
+
+@contextmanager
+def _executor(workers: int) -> Iterator[Callable[[Mapping[int, tuple[Any, ...]]], Iterator[tuple[int, Any]]]]:
+    """Give a function that runs seeds and yields what each makes, here or in processes."""
+    if workers == 1:
+        yield lambda jobs: ((seed, run_seed(*values)) for seed, values in jobs.items())
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+
+        def run(jobs: Mapping[int, tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+            futures = {pool.submit(run_seed, *values): seed for seed, values in jobs.items()}
+            return ((futures[done], done.result()) for done in as_completed(futures))
+
+        yield run
+
+
+def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
+    first: dict[float, Look] = {}
+    for look in looks:
+        first.setdefault(look.depth, look)
+    return [first[depth] for depth in sorted(first)][:3]
+
+
+def _sample_cut(recipe: StudyRecipe, look: Look) -> dict[str, Any]:
+    cut = np.abs(target_cut(recipe, look)[0]).astype(np.float64)
+    return {"depth": look.depth, "magnitude": cut.tolist()}
+
+
+def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int) -> dict[str, Figure]:
+    image = wide_image(recipe, seed)
+    drawn = {
+        "figure-1": figures.geometry(recipe),
+        "figure-2": figures.sample_image(image),
+        "figure-3": figures.simulated_signature(*signature_cuts(recipe)),
+        "figure-5": figures.feature_vector(recipe, image),
+        "resolution": figures.point_figure(responses),
+    }
+    for world in WORLDS:
+        sand = cases[world]["sand"][0]
+        drawn[f"figure-4-{world}"] = figures.imaged_signatures(recipe, sand["cuts"])
+        drawn[f"figure-6-{world}"] = figures.eigenvector_figure(
+            recipe, np.array(sand["eigenvectors"]), np.array(sand["ratios"])
+        )
+        drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
+        drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
+    return dict(sorted(drawn.items()))

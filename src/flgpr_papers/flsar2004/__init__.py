@@ -1,0 +1,1 @@
+"""The study of flsar2004 on simulated lanes."""

@@ -1,0 +1,371 @@
+"""Examples of flsar2004: regions about mines and clutter, their features, and held-out scores of the classifiers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+from sklearn.model_selection import GridSearchCV, StratifiedKFold
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC, OneClassSVM
+
+from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
+from flgpr.features import (
+    align_phases,
+    clutter_tiles,
+    cut_regions,
+    mean_template,
+    principal_templates,
+    register_fiducials,
+    template_features,
+)
+from flgpr.features.registration import Registration
+from flgpr.model import Grid, Lane
+from flgpr.scoring import splits
+from flgpr.screen import (
+    ClusterThresholds,
+    Ellipse,
+    fit_ellipse,
+    fuse_clusters,
+    learn_thresholds,
+    prescreen_clusters,
+)
+from flgpr.screen.clusters import Rule
+from flgpr_papers.flsar2004.lanes import Classify, Pass, Settings
+
+FloatArray = NDArray[np.float64]
+POLARIZATIONS = ("HH", "VV")
+ANTENNA_HEIGHT = 3.5
+
+
+@dataclass(frozen=True)
+class Site:
+    """Both drives at a site, one behind the other in one strip.
+
+    Attributes
+    ----------
+    name : str
+        Site.
+    wave : (polarization, range, y, x) ndarray of complex64
+        Images; the phase of the way to the pixel at the middle of the band is taken out.
+    image : (polarization, range, y, x) ndarray of float32
+        Their magnitudes.
+    grid : Grid
+        Pixels of the strip.
+    mines : DataFrame
+        One row per mine and drive: x, y in the strip, kind, depth, target (the same for both drives), subset.
+    lanes : tuple of Lane
+        The lane in both drives.
+    registration : dict
+        Of (polarization, range) to the registration by fiducials, drive by drive.
+    """
+
+    name: str
+    wave: NDArray[np.complex64]
+    image: NDArray[np.float32]
+    grid: Grid
+    mines: pd.DataFrame
+    lanes: tuple[Lane, ...]
+    registration: dict[str, Registration]
+
+    @property
+    def area(self) -> float:
+        """Area of the lane, counted once per drive, m²."""
+        return sum(lane.area for lane in self.lanes)
+
+
+def join(settings: Settings, drives: Sequence[Pass]) -> Site:
+    """Put the drives of a site into one strip and choose the subset for templates and thresholds."""
+    first = drives[0].grid
+    grid = Grid(first.x_min, first.y_min, first.nx, first.ny * len(drives), first.dx, first.dy)
+    mines, lanes, registration = [], [], {}
+    for k, one in enumerate(drives):
+        offset = k * first.ny * first.dy
+        for p, r in np.ndindex(*one.image.shape[:2]):
+            # Focused on the ground, what stands higher appears nearer by height·H/distance.
+            known = np.array(one.fiducials[["x", "y"]], dtype=np.float64)
+            known[:, 1] -= one.fiducials["height"].to_numpy() * ANTENNA_HEIGHT / settings.ranges[r]
+            name = f"{one.direction} {POLARIZATIONS[p]} {settings.ranges[r]:g} m"
+            registration[name] = register_fiducials(np.abs(one.image[p, r]), one.grid, known)
+        shift = np.median([found.shift for key, found in registration.items() if key.startswith(one.direction)], axis=0)
+        table = one.truth[["x", "y", "kind", "depth"]].assign(target=one.truth["target_id"], direction=one.direction)
+        table["x"] += shift[0]
+        table["y"] += shift[1] + offset
+        mines.append(table)
+        lanes.append(Lane(settings.lane[0], settings.lane[1], offset, settings.length + offset))
+    table = pd.concat(mines, ignore_index=True)
+    names = np.sort(table["target"].unique())
+    rng = np.random.default_rng(settings.seed + settings.sites.index(drives[0].site))
+    chosen = rng.choice(names, max(round(settings.features.share * len(names)), 4), replace=False)
+    table["subset"] = table["target"].isin(chosen)
+    wave = np.concatenate([one.image for one in drives], axis=2)
+    return Site(drives[0].site, wave, np.abs(wave), grid, table, tuple(lanes), registration)
+
+
+def signatures(
+    settings: Settings, site: Site, subset: bool, magnitude: bool = True
+) -> tuple[NDArray[Any], pd.DataFrame]:
+    """Cut images of template size about the mines: those of the subset, or all the others."""
+    mines = site.mines[site.mines["subset"] == subset].reset_index(drop=True)
+    image = site.image if magnitude else site.wave
+    return cut_regions(image, site.grid, mines[["x", "y"]], settings.features.template), mines
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to make templates and to correlate with them.
+
+    Attributes
+    ----------
+    components : int
+        Number of principal components; 0 is the mean.
+    magnitude : bool
+        Whether magnitudes are correlated, or complex values.
+    """
+
+    components: int
+    magnitude: bool
+
+
+MAIN = Variant(0, True)
+VARIANTS = {
+    "mean template, magnitudes": MAIN,
+    "first component, magnitudes": Variant(1, True),
+    "three components, magnitudes": Variant(3, True),
+    "mean template, complex": Variant(0, False),
+    "first component, complex": Variant(1, False),
+    "three components, complex": Variant(3, False),
+}
+
+
+def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> NDArray[Any]:
+    """Make templates from the subset's signatures, shape (polarization, range, y, x) or (..., component, y, x).
+
+    Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a wavelength: they are
+    turned to one phase before they are averaged.
+    """
+    chips = signatures(settings, site, True, variant.magnitude)[0]
+    if variant.components == 0 and variant.magnitude:
+        return mean_template(chips)
+    channels = []
+    for p, r in np.ndindex(*chips.shape[1:3]):
+        one = chips[:, p, r]
+        channels.append(
+            principal_templates(one, variant.components)[0] if variant.components else mean_template(align_phases(one))
+        )
+    return np.stack(channels).reshape(*chips.shape[1:3], *channels[0].shape)
+
+
+def open_examples(
+    settings: Settings, site: Site, templates: NDArray[Any], magnitude: bool = True
+) -> tuple[pd.DataFrame, FloatArray]:
+    """Examples without prescreener: every mine outside the subset, and the tiles of the lane that hold none."""
+    features = settings.features
+    mines = site.mines[~site.mines["subset"]]
+    tiles = [
+        clutter_tiles(lane, features.region, site.mines[["x", "y"]], features.keep_off).assign(clutter=f"{k}")
+        for k, lane in enumerate(site.lanes)
+    ]
+    table = pd.concat([mines, pd.concat(tiles).assign(kind="clutter")], ignore_index=True)
+    return _with_features(settings, site, templates, table, magnitude)
+
+
+def _with_features(
+    settings: Settings, site: Site, templates: NDArray[Any], table: pd.DataFrame, magnitude: bool = True
+) -> tuple[pd.DataFrame, FloatArray]:
+    table = table.assign(site=site.name).drop(columns=["clutter", "subset"], errors="ignore")
+    table["target"] = table["target"].fillna("") if "target" in table else ""
+    image = site.image if magnitude else site.wave
+    regions = cut_regions(image, site.grid, table[["x", "y"]], settings.features.region)
+    return table, template_features(regions, templates, magnitude)
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Prescreeners of a site: the ellipse, and one set of thresholds per polarization and range."""
+
+    ellipse: dict[tuple[str, float], Ellipse]
+    thresholds: dict[tuple[str, float], ClusterThresholds]
+
+
+def learn_screen(settings: Settings, site: Site, templates: NDArray[Any], kinds: Sequence[str]) -> Screen:
+    """Learn ellipse and thresholds from the subset's mines of the given kinds."""
+    chosen = site.mines[site.mines["subset"] & site.mines["kind"].isin(kinds)]
+    if chosen.empty:
+        chosen = site.mines[site.mines["subset"]]
+    ellipses, thresholds = {}, {}
+    for p, r in np.ndindex(*templates.shape[:2]):
+        key = (POLARIZATIONS[p], settings.ranges[r])
+        ellipses[key] = fit_ellipse(templates[p, r], settings.spacing)
+        thresholds[key] = learn_thresholds(
+            _channel(site, p, r), chosen[["x", "y"]].to_numpy(), ellipses[key], settings.prescreen.radius,
+            settings.prescreen.halo, settings.prescreen.pass_share,
+        )  # fmt: skip
+    return Screen(ellipses, thresholds)
+
+
+def screened_regions(
+    settings: Settings, site: Site, screen: Screen, polarizations: Sequence[str], rule: Rule = "and-or"
+) -> pd.DataFrame:
+    """Regions that pass all prescreeners in all ranges of one of the polarizations (par. 44), inside the lane.
+
+    ``rule`` "and" asks it of all images (par. 18).
+    """
+    tables = {}
+    for p, r in np.ndindex(*site.image.shape[:2]):
+        key = (POLARIZATIONS[p], settings.ranges[r])
+        if key[0] in polarizations:
+            tables[key] = prescreen_clusters(
+                _channel(site, p, r), screen.thresholds[key], screen.ellipse[key], settings.prescreen.radius
+            )
+    regions = fuse_clusters(tables, 2 * settings.prescreen.radius, rule)
+    inside = np.zeros(len(regions), np.bool_)
+    for lane in site.lanes:
+        inside |= lane.contains(regions["x"], regions["y"])
+    return regions[inside].reset_index(drop=True)
+
+
+def screened_examples(
+    settings: Settings, site: Site, templates: NDArray[Any], regions: pd.DataFrame
+) -> tuple[pd.DataFrame, FloatArray]:
+    """Label regions by the mines within the halo; further regions of one mine, and those of the subset, are dropped."""
+    mines = site.mines.reset_index(drop=True)
+    places = mines[["x", "y"]].to_numpy(dtype=np.float64)
+    distance = np.linalg.norm(regions[["x", "y"]].to_numpy(dtype=np.float64)[:, None] - places, axis=2)
+    nearest = distance.argmin(axis=1)
+    near = distance[np.arange(len(regions)), nearest] <= settings.prescreen.halo
+    label = mines.iloc[nearest][["kind", "depth", "target", "direction", "subset"]].reset_index(drop=True)
+    label.loc[~near, ["kind", "depth", "target", "direction", "subset"]] = ["clutter", np.nan, "", "", False]
+    table = pd.concat([regions[["x", "y"]], label], axis=1)
+    again = table.duplicated(["target", "direction"]) & (table["target"] != "")
+    table = table[~again & ~table["subset"].astype(bool)].reset_index(drop=True)
+    return _with_features(settings, site, templates, table)
+
+
+def _channel(site: Site, p: int, r: int) -> xr.DataArray:
+    return xr.DataArray(site.image[p, r], dims=("y", "x"), coords={"y": site.grid.y, "x": site.grid.x})
+
+
+# Classifiers: functions of training features and labels that return a function of test features, and the share of the
+# training examples that the classifier keeps.
+Scorer = Callable[[FloatArray], FloatArray]
+Classifier = Callable[[FloatArray, NDArray[np.bool_]], tuple[Scorer, float]]
+
+
+def rvm(settings: Classify, kernel: str = "rbf") -> Classifier:
+    """Relevance vector machine; width or degree by the evidence of the training examples."""
+
+    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
+        scaler = StandardScaler().fit(X)
+        Z = scaler.transform(X)
+        if kernel == "rbf":
+            options = [{"kernel": "rbf", "gamma": width / X.shape[1]} for width in settings.widths]
+        else:
+            options = [{"kernel": "poly", "gamma": 1 / X.shape[1], "degree": degree} for degree in settings.degrees]
+        trials = [RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y) for option in options]
+        best = options[int(np.argmax([trial.log_evidence_ for trial in trials]))]
+        machine = RelevanceVectorClassifier(n_starts=3, tol=1e-4, **best).fit(Z, y)
+        return lambda new: machine.decision_function(scaler.transform(new)), len(machine.relevance_) / len(X)
+
+    return fit
+
+
+def svm(settings: Classify, kernel: str = "rbf") -> Classifier:
+    """Support vector machine; C and width or degree by cross-validation inside the training examples."""
+
+    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
+        grid: dict[str, Any] = {"svc__C": list(settings.costs)}
+        if kernel == "rbf":
+            grid["svc__gamma"] = [width / X.shape[1] for width in settings.widths]
+        else:
+            grid |= {"svc__degree": list(settings.degrees), "svc__coef0": [1.0], "svc__gamma": [1 / X.shape[1]]}
+        inner = StratifiedKFold(3, shuffle=True, random_state=0)
+        search = GridSearchCV(make_pipeline(StandardScaler(), SVC(kernel=kernel)), grid, cv=inner, scoring="roc_auc")
+        search.fit(X, y)
+        return search.decision_function, len(search.best_estimator_["svc"].support_) / len(X)
+
+    return fit
+
+
+def one_class(settings: Classify, kind: str = "rvm") -> Classifier:
+    """Novelty detector that is given the training mines only."""
+
+    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
+        mines = X[y]
+        if kind == "rvm":
+            machine = OneClassRelevanceVectorMachine(p0=settings.p0, n_starts=3, tol=1e-4).fit(mines)
+            return machine.score_samples, len(machine.relevance_) / len(mines)
+        if kind == "svm":
+            pipeline = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1)).fit(mines)
+            return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
+        mixture = GaussianMixtureNovelty(random_state=0).fit(mines)
+        return mixture.score_samples, 1.0
+
+    return fit
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Scores of examples by classifiers that have not seen them.
+
+    Attributes
+    ----------
+    mine : (n,) ndarray
+        Scores of the mines.
+    clutter : (m, repeats) ndarray
+        Scores of the clutter; a novelty detector scores it in every fold (par. 52).
+    target, tile : ndarray of str
+        Mine that each score belongs to, and name of each clutter example.
+    kept : (fold,) ndarray
+        Share of the training examples kept as vectors.
+    """
+
+    mine: FloatArray
+    clutter: FloatArray
+    target: NDArray[Any]
+    tile: NDArray[Any]
+    kept: FloatArray
+
+
+def held_out(
+    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int | None, novelty: bool = False
+) -> HeldOut:
+    """Score every example by a classifier trained without its mine; ``folds`` None is the paper's leave-one-out."""
+    y = (table["kind"] != "clutter").to_numpy()
+    if folds is None:
+        groups = splits(table, "example")
+    else:
+        groups = splits(table, "target", folds=min(folds, len(np.unique(_names(table, y)))))
+    if novelty:
+        groups = [group for group in groups if y[group.test].any()]
+    score = np.full(len(table), np.nan)
+    pooled, kept = [], []
+    for group in groups:
+        scorer, share = classifier(X[group.train], y[group.train])
+        score[group.test] = scorer(X[group.test])
+        kept.append(share)
+        if novelty:
+            pooled.append(scorer(X[~y]))
+    clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
+    return HeldOut(score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept))
+
+
+def across(
+    train: tuple[pd.DataFrame, FloatArray], test: tuple[pd.DataFrame, FloatArray], classifier: Classifier
+) -> HeldOut:
+    """Train on one site and test on the other (par. 39)."""
+    y, z = ((table["kind"] != "clutter").to_numpy() for table, _ in (train, test))
+    scorer, share = classifier(train[1], y)
+    score = scorer(test[1])
+    tiles = np.arange((~z).sum()).astype(str)
+    return HeldOut(score[z], score[~z][:, None], _names(test[0], z), tiles, np.array([share]))
+
+
+def _names(table: pd.DataFrame, mine: NDArray[np.bool_]) -> NDArray[Any]:
+    return table["target"].to_numpy(dtype=str)[mine]

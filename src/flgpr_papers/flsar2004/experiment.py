@@ -1,0 +1,443 @@
+"""The experiments of flsar2004, Sec. 3 and 4, part by part: curves, areas, findings and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.features import principal_templates
+from flgpr_papers.flsar2004.examples import (
+    MAIN,
+    POLARIZATIONS,
+    VARIANTS,
+    HeldOut,
+    Site,
+    across,
+    held_out,
+    learn_screen,
+    make_templates,
+    one_class,
+    open_examples,
+    rvm,
+    screened_examples,
+    screened_regions,
+    signatures,
+    svm,
+)
+from flgpr_papers.flsar2004.findings import (
+    auc_difference,
+    auc_interval,
+    component_interval,
+    likeness_interval,
+    pd_count,
+    proportion,
+    proportion_difference,
+    ratio_interval,
+    roc,
+)
+from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.kit.findings import Finding, measured
+
+FloatArray = NDArray[np.float64]
+Examples = tuple[pd.DataFrame, FloatArray]
+SHALLOW = 0.06
+"""Depth up to which the paper's first three depths lie, m, with their scatter."""
+
+
+@dataclass
+class Results:
+    """What a part yields.
+
+    Attributes
+    ----------
+    curves : dict
+        ROC by figure and label.
+    areas : dict
+        Areas under ROCs with their intervals.
+    findings : list of Finding
+        Findings.
+    notes : dict
+        What else is told, as JSON can hold it.
+    """
+
+    curves: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)
+    areas: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, other: Results) -> None:
+        """Take another part's results in."""
+        self.curves |= other.curves
+        self.areas |= other.areas
+        self.findings += other.findings
+        self.notes |= other.notes
+
+
+@dataclass(frozen=True)
+class Material:
+    """What all parts work on.
+
+    Attributes
+    ----------
+    settings : Settings
+        The settings.
+    sites : list of Site
+        Both sites.
+    templates : list of ndarray
+        Templates of each.
+    examples : list of (DataFrame, ndarray)
+        Examples without prescreener of each, and their features.
+    """
+
+    settings: Settings
+    sites: list[Site]
+    templates: list[NDArray[Any]]
+    examples: list[Examples]
+
+
+def prepare(settings: Settings, sites: list[Site]) -> Material:
+    """Make templates and examples."""
+    templates = [make_templates(settings, site) for site in sites]
+    pairs = zip(sites, templates, strict=True)
+    return Material(settings, sites, templates, [open_examples(settings, site, one) for site, one in pairs])
+
+
+def sizes(material: Material) -> Results:
+    """Count the examples and tell how well the fiducials register the images."""
+    results = Results()
+    results.notes["examples"] = {
+        site.name: {kind: int(count) for kind, count in table["kind"].value_counts().items()}
+        for site, (table, _) in zip(material.sites, material.examples, strict=True)
+    }
+    results.notes["registration"] = {
+        site.name: {
+            name: {"shift": list(found.shift), "residual": found.residual, "fiducials": found.used}
+            for name, found in site.registration.items()
+        }
+        for site in material.sites
+    }
+    return results
+
+
+def _pick(
+    examples: Examples, kinds: tuple[str, ...], depth: tuple[float, float] = (-1.0, 1.0), columns: str = "both"
+) -> Examples:
+    """Examples of some kinds of mines between two depths, and all clutter; features of one or both polarizations."""
+    table, X = examples
+    mine = table["kind"].isin(kinds) & table["depth"].between(*depth)
+    rows = np.flatnonzero(mine | (table["kind"] == "clutter"))
+    half = X.shape[1] // 2
+    parts = {"both": slice(None), "HH": slice(0, half), "VV": slice(half, None)}
+    return table.iloc[rows].reset_index(drop=True), X[rows][:, parts[columns]]
+
+
+def _open_area(examples: Examples, settings: Settings) -> float:
+    """Area of the clutter tiles, m²: what was searched beside the mines."""
+    count = int((examples[0]["kind"] == "clutter").sum())
+    return count * settings.features.region[0] * settings.features.region[1]
+
+
+def templates(material: Material) -> Results:
+    """Principal components, and how alike the sites are (par. 19 and 24)."""
+    settings, sites, results = material.settings, material.sites, Results()
+    chips = [signatures(settings, site, False)[0] for site in sites]
+    share, cosine = component_interval(chips[0], settings.classify.bootstrap)
+    results.findings += [
+        measured(
+            "one dominant principal component", "typically a single principal component (par. 24)",
+            "share of the energy in the first component, arid", share, (0.5, 1.0),
+        ),
+        measured(
+            "component close to the mean template", "very similar to the average templates (par. 24)",
+            "cosine of first component and mean template, arid", cosine, (0.9, 1.0),
+        ),
+        measured(
+            "templates alike at both sites", "templates very close to those of the temperate site (par. 19)",
+            "correlation of the sites' mean templates",
+            likeness_interval(chips[0], chips[1], settings.classify.bootstrap),
+            (0.9, 1.0),
+        ),
+    ]  # fmt: skip
+    results.notes["energy of the first component"] = {
+        f"{site.name}, {'magnitudes' if magnitude else 'complex'}": _first_share(settings, site, magnitude)
+        for site in sites
+        for magnitude in (True, False)
+    }
+    return results
+
+
+def _first_share(settings: Settings, site: Site, magnitude: bool) -> float:
+    chips = signatures(settings, site, False, magnitude)[0]
+    return float(np.mean([principal_templates(chips[:, p, r], 1)[1][0] for p, r in np.ndindex(*chips.shape[1:3])]))
+
+
+def screened(material: Material) -> Results:
+    """Fig. 5: metal mines flush and at 5 cm, with prescreeners; and what becomes of the plastic ones."""
+    settings, sites, results = material.settings, material.sites, Results()
+    peaks, passed = [], {}
+    for site, template in zip(sites, material.templates, strict=True):
+        scores: dict[str, HeldOut] = {}
+        figure: dict[str, pd.DataFrame] = {}
+        screen = learn_screen(settings, site, template, ("metal",))
+        for label, polarizations in (("HH", ("HH",)), ("VV", ("VV",)), ("both", POLARIZATIONS)):
+            regions = screened_regions(settings, site, screen, polarizations)
+            examples = screened_examples(settings, site, template, regions)
+            if label == "both":
+                passed[site.name] = (examples[0], _offered(site))
+            chosen = _pick(examples, ("metal",), (-0.05, SHALLOW), label)
+            wanted = _offered(site, "metal", (-0.05, SHALLOW))
+            if (chosen[0]["kind"] == "metal").sum() < 6 or (chosen[0]["kind"] == "clutter").sum() < 6:
+                results.notes[f"fig5 {site.name} {label}"] = "too few examples pass the prescreeners"
+                continue
+            scores[label] = held_out(*chosen, rvm(settings.classify), settings.classify.folds)
+            figure[label] = roc(scores[label], site.area, wanted)
+            if label == "both":
+                peaks.append((int((chosen[0]["kind"] == "metal").sum()), wanted))
+        results.curves[f"fig5 {site.name}"] = figure
+        if len(scores) == 3:
+            for label in ("HH", "VV"):
+                results.findings.append(
+                    measured(
+                        f"fusion changes little, {site.name}, against {label}",
+                        "fused not significantly different from VV or HH (par. 46)",
+                        "area under the ROC, both less one polarization, prescreened metal",
+                        auc_difference(scores["both"], scores[label], settings.classify.bootstrap), (-0.05, 0.05),
+                    )
+                )  # fmt: skip
+    if len(peaks) == 2:
+        results.findings.append(
+            measured(
+                "peak Pd higher at the arid site", "peak Pd higher for the arid site (par. 43)",
+                "share of metal mines, flush and 5 cm, past the prescreeners, arid less temperate",
+                proportion_difference(*peaks), (0.0, 1.0),
+            )
+        )  # fmt: skip
+    for kind, rule in (("plastic", (0.0, 0.2)), ("metal", (0.5, 1.0))):
+        examples_table, offered = passed[sites[0].name]
+        count = int((examples_table["kind"] == kind).sum())
+        results.findings.append(
+            measured(
+                f"{kind} mines at the prescreener, arid",
+                "almost all plastic mines missed (par. 41)" if kind == "plastic" else "metal mines stronger (par. 41)",
+                f"share of {kind} mines past the prescreeners", proportion(count, int(offered[kind])), rule,
+            )
+        )  # fmt: skip
+    _other_screens(settings, sites[0], material.templates[0], results)
+    return results
+
+
+def _other_screens(settings: Settings, site: Site, template: NDArray[Any], results: Results) -> None:
+    """Note what other prescreening would do: thresholds learnt on plastic mines too, "and" over all six images."""
+    kinds = ("metal", "plastic")
+    learnt, offered = learn_screen(settings, site, template, ("metal",)), _offered(site)
+    tried = {
+        "prescreened": screened_regions(settings, site, learnt, POLARIZATIONS),
+        "prescreened, and over all six images": screened_regions(settings, site, learnt, POLARIZATIONS, "and"),
+        "prescreened, thresholds learnt on metal and plastic": screened_regions(
+            settings, site, learn_screen(settings, site, template, kinds), POLARIZATIONS
+        ),
+    }
+    for name, regions in tried.items():
+        counts = screened_examples(settings, site, template, regions)[0]["kind"].value_counts()
+        results.notes[f"{name}, {site.name}"] = {
+            **{kind: f"{int(counts.get(kind, 0))} of {int(offered[kind])} pass" for kind in kinds},
+            "clutter regions per m²": int(counts.get("clutter", 0)) / site.area,
+        }
+
+
+def _offered(site: Site, kind: str | None = None, depth: tuple[float, float] = (-1.0, 1.0)) -> Any:
+    """Count the mines outside the subset: of one kind between two depths, or of every kind."""
+    mines = site.mines[~site.mines["subset"]]
+    if kind is None:
+        return mines["kind"].value_counts()
+    return int(((mines["kind"] == kind) & mines["depth"].between(*depth)).sum())
+
+
+def sparsity(material: Material) -> Results:
+    """Fig. 6: metal mines down to 5 cm, VV, temperate, no prescreener; RVM against SVM, RBF against polynomials."""
+    settings, results = material.settings, Results()
+    chosen = _pick(material.examples[1], ("metal",), (-1.0, SHALLOW), "VV")
+    area = _open_area(chosen, settings)
+    options, folds, count = settings.classify, settings.classify.folds, settings.classify.bootstrap
+    scores = {
+        "RVM": held_out(*chosen, rvm(options), folds),
+        "SVM": held_out(*chosen, svm(options), folds),
+        "RVM polynomial": held_out(*chosen, rvm(options, "poly"), folds),
+        "SVM polynomial": held_out(*chosen, svm(options, "poly"), folds),
+    }
+    results.curves["fig6"] = {label: roc(one, area) for label, one in scores.items()}
+    results.areas |= {f"fig6 {label}": auc_interval(one, count) for label, one in scores.items()}
+    few = _thin(chosen, options.examples, settings.seed)
+    loo = {"RVM": held_out(*few, rvm(options), None), "SVM": held_out(*few, svm(options), None)}
+    results.curves["fig6 leave-one-out"] = {label: roc(one, _open_area(few, settings)) for label, one in loo.items()}
+    results.notes["vectors, leave-one-out"] = {
+        "examples": len(few[0]),
+        "mines": int((few[0]["kind"] != "clutter").sum()),
+        **{label: float(one.kept.mean()) for label, one in loo.items()},
+    }
+    results.notes["vectors by fold"] = {label: one.kept.tolist() for label, one in loo.items()}
+    results.findings += [
+        measured(
+            "RVM and SVM alike", "ROCs almost identical (par. 48)",
+            "area under the ROC, RVM less SVM, metal to 5 cm, VV",
+            auc_difference(scores["RVM"], scores["SVM"], count), (-0.05, 0.05),
+        ),
+        measured(
+            "RVM and SVM alike, leave-one-out", "ROCs almost identical (par. 48)",
+            "area under the ROC, RVM less SVM, the paper's own scheme",
+            auc_difference(loo["RVM"], loo["SVM"], count), (-0.05, 0.05),
+        ),
+        measured(
+            "RVM sparser", "14 % relevance against 34 % support vectors (par. 48)",
+            "relevance over support vectors, leave-one-out",
+            ratio_interval(loo["RVM"].kept, loo["SVM"].kept), (0.0, 0.5),
+        ),
+        measured(
+            "kernel matters little", "polynomial kernels: very little difference (par. 40)",
+            "area under the ROC, RVM, RBF less polynomial",
+            auc_difference(scores["RVM"], scores["RVM polynomial"], count), (-0.05, 0.05),
+        ),
+    ]  # fmt: skip
+    return results
+
+
+def _thin(examples: Examples, most: tuple[int, int], seed: int) -> Examples:
+    """Draw as many mines and clutter examples as the paper had, or as there are."""
+    table, X = examples
+    rng = np.random.default_rng(seed)
+    mine = np.flatnonzero(table["kind"] != "clutter")
+    clutter = np.flatnonzero(table["kind"] == "clutter")
+    wanted = min(most[0], len(mine)), min(most[1], len(clutter))
+    rows = np.sort(np.concatenate([rng.choice(mine, wanted[0], False), rng.choice(clutter, wanted[1], False)]))
+    return table.iloc[rows].reset_index(drop=True), X[rows]
+
+
+def unscreened(material: Material) -> Results:
+    """Fig. 7 to 9: metal and plastic without prescreener, by depth, and by novelty detectors; both polarizations."""
+    settings, examples, results = material.settings, material.examples[1], Results()
+    options, count = settings.classify, settings.classify.bootstrap
+    binary: dict[str, HeldOut] = {}
+    novel: dict[str, HeldOut] = {}
+    for kind in ("metal", "plastic"):
+        chosen = _pick(examples, (kind,))
+        area = _open_area(chosen, settings)
+        binary[kind] = held_out(*chosen, rvm(options), options.folds)
+        rivals = {
+            name: held_out(*chosen, one_class(options, name), options.folds, True) for name in ("rvm", "svm", "gmm")
+        }
+        novel[kind] = rivals["rvm"]
+        results.curves.setdefault("fig7", {})[kind] = roc(binary[kind], area)
+        results.curves.setdefault("fig9", {})[kind] = roc(novel[kind], area)
+        results.areas[f"fig7 {kind}"] = auc_interval(binary[kind], count)
+        for name, one in rivals.items():
+            results.areas[f"fig9 {kind}, one-class {name}"] = auc_interval(one, count)
+        results.findings.append(
+            measured(
+                f"novelty detector slightly worse, {kind}", "only slightly worse than the binary classifier (par. 53)",
+                "area under the ROC, binary less one-class RVM", auc_difference(binary[kind], novel[kind], count),
+                (0.0, 0.1),
+            )
+        )  # fmt: skip
+    results.findings += [
+        measured(
+            "plastic separable without prescreener", "plastic encouraging without prescreener (par. 42)",
+            "area under the ROC, plastic, binary RVM", auc_interval(binary["plastic"], count), (0.75, 1.0),
+        ),
+        measured(
+            "plastic comparable to metal", "metal typically better, but comparable (par. 49)",
+            "area under the ROC, metal less plastic",
+            auc_difference(binary["metal"], binary["plastic"], count), (0.0, 0.1),
+        ),
+    ]  # fmt: skip
+    _depths(settings, _pick(examples, ("plastic",)), binary["plastic"], results)
+    return results
+
+
+def _depths(settings: Settings, chosen: Examples, scores: HeldOut, results: Results) -> None:
+    """Fig. 8: plastic mines by depth."""
+    table = chosen[0]
+    depth = table["depth"].to_numpy()[(table["kind"] != "clutter").to_numpy()]
+    area = _open_area(chosen, settings)
+    for label, rows in (("to 5 cm", depth <= SHALLOW), ("10 and 15 cm", depth > SHALLOW), ("all", depth > -1)):
+        part = HeldOut(scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept)
+        results.curves.setdefault("fig8", {})[label] = roc(part, area)
+    for far in (0.04, 0.07):
+        results.findings.append(
+            measured(
+                f"plastic degrades with depth at {far} per m²",
+                "substantial degradation for deeper mines, particularly at 0.04-0.07 per m² (par. 50)",
+                "Pd, down to 5 cm less 10 and 15 cm",
+                proportion_difference(
+                    pd_count(scores, area, far, depth <= SHALLOW), pd_count(scores, area, far, depth > SHALLOW)
+                ),
+                (0.1, 1.0),
+            )
+        )
+
+
+def between_sites(material: Material) -> Results:
+    """Fig. 10: trained at one site, with its templates, and tested at the other; buried mines."""
+    settings, sites, results = material.settings, material.sites, Results()
+    options, count = settings.classify, settings.classify.bootstrap
+    for first, second in ((0, 1), (1, 0)):
+        way = f"{sites[first].name} to {sites[second].name}"
+        seen = open_examples(settings, sites[second], material.templates[first])
+        novel: dict[str, HeldOut] = {}
+        for kind in ("metal", "plastic"):
+            train, test = (_pick(one, (kind,), (-0.05, 1.0)) for one in (material.examples[first], seen))
+            novel[kind] = across(train, test, one_class(options))
+            binary = across(train, test, rvm(options))
+            area = _open_area(test, settings)
+            figure = results.curves.setdefault(f"fig10 {way}", {})
+            figure |= {f"{kind}, one-class": roc(novel[kind], area), f"{kind}, binary": roc(binary, area)}
+            results.areas[f"fig10 {way}, {kind}, one-class"] = auc_interval(novel[kind], count)
+            results.areas[f"fig10 {way}, {kind}, binary"] = auc_interval(binary, count)
+        results.findings += [
+            measured(
+                f"training carries over, {way}", "reasonable performance at the other site (par. 55)",
+                "area under the ROC, metal, one-class RVM", auc_interval(novel["metal"], count), (0.75, 1.0),
+            ),
+            measured(
+                f"metal better than plastic, {way}", "improved performance for metal mines (par. 55)",
+                "area under the ROC, metal less plastic, one-class RVM",
+                auc_difference(novel["metal"], novel["plastic"], count), (0.0, 1.0),
+            ),
+        ]  # fmt: skip
+    return results
+
+
+def variants(material: Material) -> Results:
+    """Try other templates and complex correlation, without prescreener; both polarizations, binary RVM, all depths."""
+    settings, results = material.settings, Results()
+    options, count = settings.classify, settings.classify.bootstrap
+    told: dict[str, Any] = {}
+    for site in material.sites:
+        for kind in ("metal", "plastic"):
+            scores: dict[str, HeldOut] = {}
+            for name, variant in VARIANTS.items():
+                made = make_templates(settings, site, variant)
+                chosen = _pick(open_examples(settings, site, made, variant.magnitude), (kind,))
+                scores[name] = held_out(*chosen, rvm(options), options.folds)
+            main = next(name for name, variant in VARIANTS.items() if variant == MAIN)
+            told[f"{site.name}, {kind}"] = {
+                name: {"area": auc_interval(one, count), "less the main one": auc_difference(one, scores[main], count)}
+                for name, one in scores.items()
+            }
+    results.notes["templates"] = told
+    return results
+
+
+PARTS: dict[str, Callable[[Material], Results]] = {
+    "sizes": sizes,
+    "templates": templates,
+    "screened": screened,
+    "sparsity": sparsity,
+    "unscreened": unscreened,
+    "between sites": between_sites,
+    "variants": variants,
+}

@@ -1,0 +1,208 @@
+"""Figures of the flsar2004 reproduction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Rectangle
+from numpy.typing import NDArray
+from sklearn.svm import SVC
+
+from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifier
+from flgpr.detect.one_class import FORMULATIONS
+from flgpr.screen import fit_ellipse
+from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
+from flgpr_papers.flsar2004.lanes import Settings
+
+Curves = dict[str, dict[str, pd.DataFrame]]
+TITLES = {
+    "fig5 arid-sand": "Fig. 5a: metal, flush and 5 cm, prescreened, arid",
+    "fig5 temperate": "Fig. 5b: the same, temperate",
+    "fig6": "Fig. 6: RVM and SVM, metal to 5 cm, VV, temperate",
+    "fig6 leave-one-out": "Fig. 6, leave-one-out as in the paper",
+    "fig7": "Fig. 7: binary RVM, both polarizations, temperate",
+    "fig8": "Fig. 8: plastic by depth, temperate",
+    "fig9": "Fig. 9: one-class RVM, both polarizations, temperate",
+    "fig10 arid-sand to temperate": "Fig. 10: trained arid, tested temperate",
+    "fig10 temperate to arid-sand": "the other way: trained temperate, tested arid",
+}
+CAPTIONS = {
+    "fig1": "Fig. 1. Paper: HH and VV images of part of the arid lane, with mines. Ours: the first 30 m, 10 m ahead.",
+    "fig2": "Fig. 2. Paper: the ellipse of the last prescreener. Ours: learnt from the subset, arid, HH, 10 m.",
+    "fig3": "Fig. 3. Paper: average signatures; two strong responses down-range, particularly in VV. Ours: both sites.",
+    "fig4": "Fig. 4. Paper: the margin of a hyperplane in two dimensions. Ours: the linear support vector machine's "
+    "for points drawn for the purpose, and the relevance vector machine's boundary.",
+    "fig5": "Fig. 5. Paper: metal mines with prescreeners; VV, HH and fusion alike, peak Pd higher at the arid site.",
+    "fig6": "Fig. 6. Paper: RVM and SVM almost identical at 14 % relevance and 34 % support vectors.",
+    "fig7": "Fig. 7. Paper: metal better than plastic, but comparable.",
+    "fig8": "Fig. 8. Paper: plastic mines degrade with depth, particularly at 0.04-0.07 per m².",
+    "fig9": "Fig. 9. Paper: the novelty detector only slightly worse than Fig. 7.",
+    "fig10": "Fig. 10. Paper: trained at the arid and tested at the temperate site; metal better, plastic reasonable. "
+    "Ours with the binary machine beside it, and the other way round.",
+    "vectors": "Sparsity. Paper: 34 % against 14 % (par. 48), typically 30 % against 15 % (par. 57). Ours: the "
+    "leave-one-out folds of Fig. 6.",
+    "one-class-width": "Not in the paper: p(mine) of the one-class machine over a plane, by formulation and width.",
+    "rocs": "Fig. 5 to 10 side by side.",
+}
+
+
+def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]) -> Iterator[tuple[str, Figure]]:
+    """Draw the figures with their names, one at a time and in the order of ``CAPTIONS``."""
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        yield "fig1", _lane(settings, sites[0])
+        yield "fig2", _ellipse(settings, sites[0])
+        yield "fig3", _templates(settings, sites)
+        yield "fig4", margin_figure()
+        for number in range(5, 11):
+            names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
+            yield f"fig{number}", _rocs(curves, names, (1, len(names)))
+        yield "vectors", _vectors(notes["vectors by fold"])
+        yield "one-class-width", kernel_width_figure()
+        yield "rocs", _rocs(curves, list(TITLES), (3, 3))
+
+
+def _lane(settings: Settings, site: Site) -> Figure:
+    """Fig. 1: HH and VV over part of the lane, with mines."""
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    end = min(30.0, settings.length)
+    rows = (site.grid.y >= 0) & (site.grid.y <= end)
+    for axes, p in zip(figure.subplots(2, 1, sharex=True), range(2), strict=True):
+        image = 20 * np.log10(np.maximum(site.image[p, 0][rows], 1e-6))
+        image -= np.median(image)
+        axes.imshow(
+            image.T, origin="lower", extent=(0, end, site.grid.x[0], site.grid.x[-1]), vmin=-5, vmax=25, cmap="viridis",
+            aspect="equal",
+        )  # fmt: skip
+        near = site.mines[site.mines["y"].between(0, end)]
+        for x, y, kind, depth in near[["x", "y", "kind", "depth"]].to_numpy():
+            axes.plot(y, x, "o", mfc="none", mec="white", ms=11)
+            name = f"{kind[0].upper()} {'surface' if depth < -0.05 else f'{100 * depth:.0f} cm'}"
+            axes.annotate(name, (y, x), (0, 8), textcoords="offset points", color="white", fontsize=6, ha="center")
+        axes.grid(visible=False)
+        axes.set(ylabel=f"{POLARIZATIONS[p]}\ncross-track, m")
+    axes.set_xlabel("down-track, m")
+    figure.suptitle(f"{site.name}, {settings.ranges[0]:g} m ahead: dB over the median; M metal, P plastic")
+    return figure
+
+
+def _ellipse(settings: Settings, site: Site) -> Figure:
+    """Fig. 2: energy inside the ellipse against energy in the rest of the region."""
+    one = make_templates(settings, site)[0, 0]
+    ellipse = fit_ellipse(one, settings.spacing)
+    figure = Figure(figsize=(5, 4), layout="constrained")
+    axes = figure.subplots()
+    half = one.shape[0] * settings.spacing[1] / 2, one.shape[1] * settings.spacing[0] / 2
+    axes.add_patch(Rectangle((-half[0], -half[1]), 2 * half[0], 2 * half[1], fc="#d8dee6", ec="#4a5563"))
+    axes.add_patch(Ellipse((0, 0), 2 * ellipse.half_y, 2 * ellipse.half_x, fc="#3b6ea5", ec="none"))
+    axes.text(0, 0, "E in", color="white", ha="center", va="center")
+    axes.text(-half[0] * 0.9, half[1] * 0.85, "E out", va="top")
+    axes.set(xlim=(-1.1 * half[0], 1.1 * half[0]), ylim=(-1.1 * half[1], 1.1 * half[1]), aspect="equal")
+    axes.set(xlabel="down-track, m", ylabel="cross-track, m")
+    axes.set_title(f"half axes {ellipse.half_y:.2f} m along, {ellipse.half_x:.2f} m across", fontsize=9)
+    axes.grid(visible=False)
+    return figure
+
+
+def _templates(settings: Settings, sites: list[Site]) -> Figure:
+    """Fig. 3, with the ellipse of Fig. 2."""
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    axes = figure.subplots(4, len(settings.ranges))
+    for s, site in enumerate(sites):
+        template = make_templates(settings, site)
+        for p, r in np.ndindex(*template.shape[:2]):
+            one: NDArray[Any] = template[p, r]
+            place = axes[2 * s + p, r]
+            half = one.shape[0] * settings.spacing[1] / 2, one.shape[1] * settings.spacing[0] / 2
+            place.imshow(one.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma")
+            ellipse = fit_ellipse(one, settings.spacing)
+            angle = np.linspace(0, 2 * np.pi, 100)
+            # Where the prescreener would put it: about the strongest pixel.
+            row, column = np.unravel_index(int(one.argmax()), one.shape)
+            v = (row - one.shape[0] // 2) * settings.spacing[1]
+            u = (column - one.shape[1] // 2) * settings.spacing[0]
+            place.plot(v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1)
+            place.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3))
+            place.grid(visible=False)
+            place.set_title(f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8)
+    figure.suptitle("Mean signatures of the subset (down-track to the right, m); dotted: ellipse of the energy ratio")
+    return figure
+
+
+def margin_figure() -> Figure:
+    """Fig. 4: the margin of a hyperplane, for points drawn for the purpose."""
+    rng = np.random.default_rng(4)
+    points = np.concatenate([rng.normal((-1.2, -0.6), 0.4, (20, 2)), rng.normal((1.2, 0.8), 0.4, (20, 2))])
+    label = np.repeat([0, 1], 20)
+    machine = SVC(kernel="linear", C=1e6).fit(points, label)
+    weight, bias = machine.coef_[0], float(machine.intercept_[0])
+    distance = machine.decision_function(points) / np.linalg.norm(weight)
+    below, above = -distance[label == 0].max(), distance[label == 1].min()
+    sparse = RelevanceVectorClassifier(kernel="linear").fit(points, label)
+    u, v = np.meshgrid(np.linspace(-2.6, 2.6, 200), np.linspace(-2.2, 2.4, 200))
+    place = np.column_stack([u.ravel(), v.ravel()])
+    figure = Figure(figsize=(6, 4.6), layout="constrained")
+    axes = figure.subplots()
+    for side, colour, name in ((0, "#b3261e", "l = -1"), (1, "#1f4e8c", "l = +1")):
+        axes.plot(*points[label == side].T, "o", color=colour, ms=4, label=name)
+    axes.plot(*points[machine.support_].T, "o", mfc="none", mec="black", ms=10, label="support vectors")
+    axes.plot(*points[sparse.relevance_].T, "s", mfc="none", mec="#2e7d32", ms=13, label="relevance vectors")
+    signed = ((place @ weight + bias) / np.linalg.norm(weight)).reshape(u.shape)
+    axes.contour(u, v, signed, levels=[-below, 0, above], colors="black", linestyles=["dashed", "solid", "dashed"])
+    axes.contour(u, v, sparse.decision_function(place).reshape(u.shape), levels=[0], colors="#2e7d32")
+    axes.set_title(f"D-1 = {below:.2f}, D+1 = {above:.2f}, margin {below + above:.2f}; green: RVM, p = 1/2", fontsize=9)
+    axes.legend(fontsize=7, loc="lower right")
+    axes.set(aspect="equal", xlabel="first feature", ylabel="second feature")
+    return figure
+
+
+def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int]) -> Figure:
+    size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
+    figure = Figure(figsize=size, layout="constrained")
+    for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
+        for label, curve in curves.get(name, {}).items():
+            axes.step(curve["far"], curve["pd"], where="post", label=label)
+        axes.set(title=TITLES[name], xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02), xlim=(0, None))
+        axes.title.set_fontsize(8)
+        if curves.get(name):
+            axes.legend(fontsize=7, loc="lower right")
+        else:
+            axes.text(0.5, 0.5, "too few examples pass", transform=axes.transAxes, ha="center")
+    return figure
+
+
+def _vectors(kept: dict[str, list[float]]) -> Figure:
+    figure = Figure(figsize=(5, 3), layout="constrained")
+    axes = figure.subplots()
+    bins = np.linspace(0, max(max(values) for values in kept.values()) * 1.05, 40)
+    for label, values in kept.items():
+        axes.hist(100 * np.asarray(values), bins=(100 * bins).tolist(), alpha=0.7, label=label)
+    axes.set(xlabel="training examples kept as vectors, %", ylabel="leave-one-out folds")
+    axes.legend()
+    return figure
+
+
+def kernel_width_figure() -> Figure:
+    """Draw the one-class machine's p(mine) over a plane for several kernel widths and each formulation."""
+    rng = np.random.default_rng(0)
+    mines = np.concatenate([rng.normal((-1, 0), 0.35, (40, 2)), rng.normal((1, 0.5), 0.35, (40, 2))])
+    u, v = np.meshgrid(np.linspace(-4, 4, 120), np.linspace(-3, 3, 90))
+    figure = Figure(figsize=(10, 6.4), layout="constrained")
+    axes = figure.subplots(3, 4, sharex=True, sharey=True)
+    for row, formulation in enumerate(FORMULATIONS):
+        for column, gamma in enumerate((0.05, 0.5, 3.0, 30.0)):
+            machine = OneClassRelevanceVectorMachine(
+                gamma=gamma, formulation=formulation, n_reference=400, random_state=0, tol=1e-4
+            ).fit(mines)
+            p = machine.predict_proba(np.column_stack([u.ravel(), v.ravel()]))[:, -1].reshape(u.shape)
+            place = axes[row, column]
+            shown = place.pcolormesh(u, v, p, vmin=0, vmax=1, cmap="viridis", rasterized=True)
+            place.plot(*mines.T, "w.", ms=1.5)
+            place.set_title(f"{formulation}, γ = {gamma:g}, {len(machine.relevance_)} vectors", fontsize=8)
+            place.grid(visible=False)
+    figure.colorbar(shown, ax=axes, label="p(mine)")
+    return figure

@@ -1,0 +1,257 @@
+"""The lanes of flsar2004: simulated, imaged stop by stop, and laid out as one image per polarization and range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from flgpr.clutter import self_signature
+from flgpr.clutter.background import scan_gain
+from flgpr.imaging import ImagingOperator
+from flgpr.kernels.sampling import bilinear
+from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
+from flgpr.pipeline.progress import Track, silent
+from flgpr.simulate import Scene
+from flgpr.simulate.scene import Clutter, Surface, Target, TargetDraw, Thing
+from flgpr.simulate.scene import Track as Drive
+from flgpr.simulate.simulator import Simulator
+from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
+from flgpr_papers.kit.settings import Table, packaged
+
+FloatArray = NDArray[np.float64]
+FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them
+
+
+class Mines(Table):
+    """Mines at one depth: how many of each kind at each site."""
+
+    depth: float
+    metal: int
+    plastic: int
+
+
+class Features(Table):
+    """Regions, templates and the subset that makes them."""
+
+    region: tuple[float, float]
+    template: tuple[float, float]
+    share: float
+    keep_off: float
+
+
+class Prescreen(Table):
+    """Prescreeners and what counts as a hit."""
+
+    radius: float
+    pass_share: float
+    halo: float
+
+
+class Classify(Table):
+    """Classifiers: what is chosen inside training folds, and the size of the bootstrap."""
+
+    folds: int
+    widths: tuple[float, ...]
+    costs: tuple[float, ...]
+    degrees: tuple[int, ...]
+    p0: float
+    bootstrap: int
+    examples: tuple[int, int]
+
+
+class Settings(Table):
+    """All that the experiment depends on."""
+
+    name: str
+    seed: int
+    sensor: str
+    density: float | None = None
+    tones: tuple[float, float, int]
+    footprint: tuple[float, float, float, float]
+    window: str
+    sites: tuple[str, ...]
+    ranges: tuple[float, ...]
+    step: float
+    lane: tuple[float, float]
+    pitch: float
+    spacing: tuple[float, float]
+    margin: float
+    fiducial_x: float
+    fiducial_pitch: float
+    fiducial_rcs: float
+    mines: tuple[Mines, ...]
+    features: Features
+    prescreen: Prescreen
+    classify: Classify
+
+    @property
+    def length(self) -> float:
+        """Length of a lane, m."""
+        return self.pitch * sum(mines.metal + mines.plastic for mines in self.mines)
+
+
+def load_settings(quick: bool = False) -> Settings:
+    """Read the packaged settings; ``quick`` takes few mines, tones and draws, which only show that all of it runs."""
+    settings = packaged("flsar2004", Settings)
+    if not quick:
+        return settings
+    few = tuple(Mines(depth=mines.depth, metal=2, plastic=2) for mines in settings.mines)
+    classify = settings.classify.model_copy(
+        update={"bootstrap": 100, "folds": 3, "widths": (0.3, 1.0), "costs": (1.0, 10.0), "examples": (8, 12)}
+    )
+    return settings.model_copy(
+        update={"mines": few, "classify": classify, "tones": (300e6, 8e6, 169), "density": 20.0, "fiducial_pitch": 17.3}
+    )
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One drive along a lane.
+
+    Attributes
+    ----------
+    site : str
+        Where.
+    direction : str
+        "out" or "back"; the frame is that of the drive.
+    image : (polarization, range, y, x) ndarray of complex64
+        In units of the scans' gain; the phase that the way to the pixel turns at the middle of the band is taken out.
+    grid : Grid
+        Pixels.
+    truth, fiducials : DataFrame
+        Mines and fiducials in the frame of the drive.
+    key : str
+        Digest of what the images were made of.
+    """
+
+    site: str
+    direction: str
+    image: NDArray[np.complex64]
+    grid: Grid
+    truth: pd.DataFrame
+    fiducials: pd.DataFrame
+    key: str = ""
+
+
+def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
+    """Drive a site's lane in both directions, or read the images of the same drive from a folder."""
+    sensor = load_sensor(settings.sensor)
+    start, step, count = settings.tones
+    sensor = sensor.model_copy(
+        update={"tones": Tones(start=start, step=step, count=int(count)), "footprint": settings.footprint}
+    )
+    seed = settings.seed + 10 * settings.sites.index(site)
+    scene = _scene(settings, site)
+    out = Simulator(scene, sensor, seed)
+    turned = _turned(settings, site, out)
+    back = Simulator(turned, sensor, seed + 1)
+    folder.mkdir(parents=True, exist_ok=True)
+    passes = []
+    for name, simulator, world in (("out", out, scene), ("back", back, turned)):
+        imaging = {key: getattr(settings, key) for key in ("ranges", "step", "lane", "spacing", "margin", "window")}
+        content = {
+            "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
+            "imaging": imaging, "length": settings.length,
+        }  # fmt: skip
+        path = folder / f"{site}-{name}-{key_of(content)}.npz"
+        passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
+    return passes
+
+
+def _scene(settings: Settings, site: str) -> Scene:
+    draws = [
+        TargetDraw(kind=kind, depth=mines.depth, count=count, position_jitter=0.2)
+        for mines in settings.mines
+        for kind, count in (("metal", mines.metal), ("plastic", mines.plastic))
+    ]
+    fiducials = tuple(
+        Thing(kind="fiducial", x=side * settings.fiducial_x, y=float(y), height=0.3, rcs_db=settings.fiducial_rcs)
+        for y in np.arange(settings.fiducial_pitch / 2, settings.length, settings.fiducial_pitch)
+        for side in (-1, 1)
+    )
+    return Scene(
+        name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
+        draws=tuple(draws), objects=fiducials, track=_track(settings), surface=Surface(density=settings.density),
+    )  # fmt: skip
+
+
+def _track(settings: Settings) -> Drive:
+    first = -settings.ranges[-1] - settings.step
+    last = settings.length - settings.ranges[0] + settings.step
+    return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
+
+
+def _turned(settings: Settings, site: str, out: Simulator) -> Scene:
+    """Turn mines, stones and posts about, as a vehicle sees them that comes from the other end."""
+
+    def turn(thing: Any) -> Any:
+        update = {"x": -thing.x, "y": settings.length - thing.y}
+        if isinstance(thing, Target):
+            update["azimuth"] = thing.azimuth + math.pi
+        return thing.model_copy(update=update)
+
+    world = out.world
+    return Scene(
+        name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
+        targets=tuple(map(turn, world.targets)), objects=tuple(map(turn, world.objects)),
+        patches=tuple(map(turn, world.patches)), clutter=Clutter(rocks=0, bushes=0, posts=0, patches=0),
+        track=_track(settings), surface=Surface(density=settings.density),
+    )  # fmt: skip
+
+
+def _one_pass(
+    settings: Settings, site: str, direction: str, simulator: Simulator, sensor: Sensor, path: Path, track: Track
+) -> Pass:
+    m, (dx, dy) = settings.margin, settings.spacing
+    x = np.arange(settings.lane[0] - m, settings.lane[1] + m + dx / 2, dx)
+    grid = Grid(float(x[0]), -m, x.size, round((settings.length + 2 * m) / dy) + 1, dx, dy)
+    if path.is_file():
+        image = read_arrays(path)["image"]
+    else:
+        stops = track(range(len(simulator.reported_pose())), f"{site} {direction}", len(simulator.reported_pose()))
+        image = lane_images(settings, simulator, sensor, grid, stops)
+        write_arrays(path, {"image": image}, compress=False)
+    objects = simulator.objects
+    fiducials = objects[objects["kind"] == "fiducial"].reset_index(drop=True)
+    return Pass(site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem)
+
+
+def lane_images(
+    settings: Settings, simulator: Simulator, sensor: Sensor, grid: Grid, stops: Iterable[int]
+) -> NDArray[np.complex64]:
+    """Image every stop, take the self-signature off, and put together one lane image per polarization and range.
+
+    A pixel of the image of range d comes from the stop that sees it within half a step of d. The phase of the middle
+    of the band is taken out, so that neighbouring pixels differ little and signatures at any distance are alike.
+    """
+    half = settings.step / 2 + 0.75
+    nx = round((grid.x[-1] - grid.x[0] + 0.4) / grid.dx) + 1
+    ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
+    view = Grid(float(grid.x[0]) - 0.2, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)
+    pose = simulator.reported_pose()
+    tx, rx = (vehicle_to_scan(positions, pose[0]) for positions in sensor.pairs())
+    operator = ImagingOperator(simulator.frequency, tx, rx, view.points(), window=settings.window)
+    images = [operator.adjoint(simulator.scan(index))[:, 0] for index in stops]
+    signature = self_signature(images, "median")
+    middle = 2 * np.pi * float(np.mean(simulator.frequency)) / SPEED_OF_LIGHT
+    way = 2 * np.linalg.norm(view.points() - (tx + rx).mean(axis=0) / 2, axis=-1)
+    carrier = np.exp(-1j * middle * way).astype(np.complex64)
+    lane = np.zeros((images[0].shape[0], len(settings.ranges), *grid.shape), np.complex64)
+    points = grid.points()
+    for image, where in zip(images, pose, strict=True):
+        clean = ((image / scan_gain(image) - signature) * carrier).astype(np.complex64)
+        local = lane_to_scan(points, where)
+        for k, distance in enumerate(settings.ranges):
+            rows = np.abs(local[:, 0, 1] - distance) <= settings.step / 2
+            if rows.any():
+                row = (local[rows][..., 1] - view.y_min) / view.dy
+                column = (local[rows][..., 0] - view.x_min) / view.dx
+                lane[:, k, rows] = np.nan_to_num(bilinear(clean, row, column))
+    return lane

@@ -1,0 +1,89 @@
+"""Reproduce flsar2004: prescreeners, template features, relevance and support vector machines at two sites."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import flgpr
+from flgpr.io import write_whole
+from flgpr.pipeline.progress import Track, silent
+from flgpr_papers.flsar2004 import figures
+from flgpr_papers.flsar2004.examples import join
+from flgpr_papers.flsar2004.experiment import PARTS, Material, Results, prepare
+from flgpr_papers.flsar2004.lanes import drive, load_settings
+from flgpr_papers.flsar2004.page import page_html
+from flgpr_papers.kit.cache import kept, key_of
+from flgpr_papers.kit.findings import finding_of, write_findings
+from flgpr_papers.kit.page import draw
+
+PAGE = "flsar2004.html"
+
+
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
+
+    Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to make or to go on with: ``flsar2004.html``, ``findings.json``, ``results.json`` and the figures.
+    quick : bool
+        Few mines and tones, which only show that everything runs; the page says so on every figure.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = load_settings(quick)
+    drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
+    sites = [join(settings, passes) for passes in drives]
+    key = key_of(settings.model_dump(mode="json"), [one.key for passes in drives for one in passes], flgpr.__version__)
+    results = _parts(prepare(settings, sites), folder / "parts", key, track)
+    write_findings(folder, results.findings, quick)
+    write_whole(folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n")
+    drawn = figures.draw(settings, sites, results.curves, results.notes)
+    pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", len(figures.CAPTIONS))}
+    for name, picture in pictures.items():
+        write_whole(folder / f"{name}.png", picture)
+    page = folder / PAGE
+    write_whole(page, page_html(settings, results, pictures, quick))
+    return page
+
+
+def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
+    """Run the parts that are not on disk for the same settings, images and version, and read the others."""
+    results = Results()
+    for name, part in track(PARTS.items(), "experiments", len(PARTS)):
+        path = folder / f"{name.replace(' ', '-')}-{key}.json"
+        results.add(_from_json(kept(path, lambda part=part: _as_json(part(material)))))  # type: ignore[misc]
+    return results
+
+
+def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
+    record = {"findings": [asdict(one) for one in results.findings], "areas": results.areas, "notes": results.notes}
+    if curves:
+        record["curves"] = {
+            name: {label: curve.to_dict("list") for label, curve in figure.items()}
+            for name, figure in results.curves.items()
+        }
+    return record
+
+
+def _from_json(record: dict[str, Any]) -> Results:
+    curves = {
+        name: {label: pd.DataFrame(curve) for label, curve in figure.items()}
+        for name, figure in record["curves"].items()
+    }
+    areas = {name: (low[0], low[1], low[2]) for name, low in record["areas"].items()}
+    return Results(curves, areas, [finding_of(one) for one in record["findings"]], record["notes"])

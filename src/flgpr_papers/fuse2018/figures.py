@@ -1,0 +1,216 @@
+"""Figures of the reproduction of Fuse et al. 2018."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from flgpr.clutter import TABLE_II
+from flgpr_papers.fuse2018.findings import CONVENTIONS, clustered, power_db, scored, strongest_boxes
+from flgpr_papers.fuse2018.fullwave import FullwaveStudy
+from flgpr_papers.fuse2018.poses import PoseStudy
+from flgpr_papers.fuse2018.process import VARIANTS
+from flgpr_papers.fuse2018.recipe import FuseRecipe
+from flgpr_papers.fuse2018.results import LaneResult
+
+Arrays = Mapping[str, NDArray[Any]]
+_RANGE = 40.0  # dB shown
+_DEEP = 55.0  # dB, where a mine must show beside a post
+COMPARED = {
+    "original": ("0.25", "-"),
+    "iteration": ("C3", "-"),
+    "per frame": ("C0", "--"),
+    "least squares": ("C1", "-."),
+    "least squares per frame": ("C2", ":"),
+    "L band alone": ("C4", (0, (1, 2))),
+}
+
+
+def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool = False) -> Figure:
+    """Draw an image of the example frame beside its binary mask, as Fig. 3 to 5."""
+    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    shown = _image(left, example, example[image])
+    figure.colorbar(shown, ax=left, label="dB")
+    left.set_title(f"{title}: (a) SAR image", fontsize=10)
+    _mask(right, example, example[mask], "(b) binary mask, fundamental part")
+    for axes in (left, right):
+        _dress(axes, example, boxes)
+    return figure
+
+
+def mixed_figure(example: Arrays) -> Figure:
+    """Draw the mixed masks of the example frame, as Fig. 6, and the fundamental part by connected region beside."""
+    figure = Figure(figsize=(9.5, 2.7), layout="constrained")
+    parts = {
+        "fundamental": "(a) fundamental, by pixel",
+        "fundamental by region": "(a') fundamental, by connected region",
+        "extended": "(b) extended: low VH threshold",
+    }
+    for axes, (name, title) in zip(figure.subplots(1, 3, sharey=True), parts.items(), strict=True):
+        _mask(axes, example, example[name], title)
+        _dress(axes, example)
+    return figure
+
+
+def stages_figure(example: Arrays) -> Figure:
+    """Draw the averages #1, #3, #4 and #6 of the example frame, as Fig. 7."""
+    chosen = {f"stage #{c}": f"({letter}) #{c}" for letter, c in zip("abcd", (1, 3, 4, 6), strict=True)}
+    return _many(example, chosen, (8.6, 5.2), 2)
+
+
+def variants_figure(example: Arrays) -> Figure:
+    """Draw the example frame as every variant leaves it."""
+    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (9.5, 6.6), 3)
+
+
+def _many(example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int) -> Figure:
+    figure = Figure(figsize=size, layout="constrained")
+    rows = -(-len(chosen) // columns)
+    places = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    top = float(example["vv"].max())
+    for axes, (name, title) in zip(places, chosen.items(), strict=False):
+        shown = _image(axes, example, example[name], top)
+        axes.set_title(title, fontsize=10)
+        _dress(axes, example, True)
+    for axes in places[len(chosen) :]:
+        axes.set_visible(False)
+    figure.colorbar(shown, ax=places.tolist(), label="dB under the original's peak")
+    return figure
+
+
+def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecipe) -> Figure:
+    """Draw the clutter power against iterations and combinations, as Fig. 8."""
+    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    boxes = strongest_boxes(lanes)
+    first = lanes[0]
+    nearest = int(np.nanargmin(np.abs(first.origins[:, 1] - float(example["origin"][1]))))
+    named = strongest_boxes([first])
+    named = named[named["frame"] == nearest]
+    singles = {i: f"iteration {i}" for i in range(recipe.suppress.iterations + 1)}
+    averages = {i: f"#{i}" for i in TABLE_II}
+    panels = (("without averaging", "iteration", singles), ("with averaging", "combination # (Table II)", averages))
+    for axes, (title, label, stages) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
+        for row in named.to_dict("records"):
+            one = pd.DataFrame([row])
+            axes.plot(list(stages), [power_db(one, s)[0] for s in stages.values()], "o-", label=f"box, {row['side']}")
+        spread = np.array([clustered(power_db(boxes, s), boxes["cluster"], 500) for s in stages.values()])
+        axes.plot(list(stages), spread[:, 0], "k-", lw=2, label=f"mean of {len(boxes)} boxes, lanes A and B")
+        axes.fill_between(list(stages), spread[:, 1], spread[:, 2], color="0.6", alpha=0.4)
+        axes.axhline(-26.5, color="C3", ls=":", label="paper, #6: -26.5 dB")
+        axes.set(title=title, xlabel=label, xticks=list(stages))
+        axes.grid(alpha=0.3)
+    left = figure.axes[0]
+    left.set_ylabel("clutter power, dB re original")
+    left.legend(fontsize=8)
+    return figure
+
+
+def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
+    """Draw the ROC curves of both lanes by both conventions, as Fig. 9."""
+    figure = Figure(figsize=(8.6, 6.4), layout="constrained")
+    places = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
+    for row, (convention, words) in zip(places, CONVENTIONS.items(), strict=True):
+        for axes, lane in zip(row, lanes, strict=True):
+            for name, (colour, dash) in COMPARED.items():
+                curve = scored(lane, name, recipe, convention)[1]
+                width = 2.2 if name in ("original", "iteration") else 1.2
+                axes.step(curve["far"], curve["pd"], where="post", color=colour, ls=dash, lw=width, label=name)
+            axes.set(title=f"lane {lane.name}, {words}", xlim=(0, 0.3), ylim=(0, 1.02))
+            axes.title.set_fontsize(9)
+            axes.grid(alpha=0.3)
+    for axes in places[-1]:
+        axes.set_xlabel("false alarms per m²")
+    for axes in places[:, 0]:
+        axes.set_ylabel("Pd")
+    places[0, 0].legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
+    """Draw the loss of the coherent sum against the poses' error: formula, reflectors, lanes."""
+    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    errors = 1000 * np.asarray(study.errors)
+    for band, dash in (("l", "-"), ("x", "--")):
+        left.plot(errors, study.predicted[band], dash, color="0.2", label=f"formula, {band.upper()} band, many frames")
+    low, middle, high = np.quantile(study.measured, (0.05, 0.5, 0.95), axis=1)
+    bars = np.array([middle - low, high - middle])
+    left.errorbar(errors, middle, bars, fmt="o", color="C3", capsize=4, label="reflectors, L band (5 to 95 %)")
+    left.set(
+        xlabel="error of the position in each axis, mm rms", ylabel="loss of the coherent sum, dB", ylim=(-0.5, 15)
+    )
+    left.legend(fontsize=8)
+    bins = np.linspace(0, 10, 41).tolist()
+    tight = pd.concat([lane.coherence for lane in lanes])["loss_db"]
+    right.hist(tight, bins, density=True, alpha=0.6, label="lanes A and B")
+    right.hist(loose.coherence["loss_db"], bins, density=True, histtype="step", color="C3", lw=2, label="looser poses")
+    right.set(xlabel="loss at the 20 strongest pixels of a frame, dB", ylabel="density")
+    right.legend(fontsize=8)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def fullwave_figure(study: FullwaveStudy) -> Figure:
+    """Draw the full-wave lane before and after, with its masks."""
+    figure = Figure(figsize=(9.5, 5.8), layout="constrained")
+    rules = sorted({name.split("/")[0] for name in study.images if "/" in name}, reverse=True)
+    places = figure.subplots(len(rules), 4, sharex=True, sharey=True)
+    top = study.images["VV"].max()
+    x, y = study.images["x"], study.images["y"]
+    extent = (x[0], x[-1], y[0], y[-1])
+    for row, rule in zip(places, rules, strict=True):
+        row[0].imshow(study.images[f"{rule}/mask"], origin="lower", extent=extent, cmap="gray", aspect="equal")
+        row[0].set_title(f"mask, roadside {rule}", fontsize=9)
+        for axes, method in zip(row[1:], ("none", "iteration", "least squares"), strict=True):
+            level = 20 * np.log10(np.maximum(study.images[f"{rule}/{method}"] / top, 1e-6))
+            shown = axes.imshow(
+                level, origin="lower", extent=extent, vmin=-_RANGE, vmax=0, cmap="viridis", aspect="equal"
+            )
+            axes.set_title("VV as it is" if method == "none" else f"VV, {method}", fontsize=9)
+        for axes in row:
+            for mark, (px, py) in zip("^^^xs", study.images["places"], strict=True):
+                axes.plot(px, py, mark, mfc="none", mec="C2" if mark == "^" else "C3", color="C3", ms=9)
+        row[0].set_ylabel("y (m)")
+    for axes in places[-1]:
+        axes.set_xlabel("x (m)")
+    figure.colorbar(shown, ax=places.ravel().tolist(), label="dB under the VV peak")
+    return figure
+
+
+def _image(axes: Axes, example: Arrays, magnitude: NDArray[Any], top: float | None = None) -> Any:
+    level = 20 * np.log10(np.maximum(magnitude / (top or magnitude.max()), 1e-8))
+    return axes.imshow(
+        level, origin="lower", extent=_extent(example), vmin=-_DEEP, vmax=0, cmap="viridis", aspect="auto"
+    )
+
+
+def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
+    axes.imshow(mask, origin="lower", extent=_extent(example), cmap="gray", aspect="auto", vmin=0, vmax=1)
+    axes.set_title(title, fontsize=10)
+
+
+def _extent(example: Arrays) -> tuple[float, float, float, float]:
+    x, y = example["x_axis"] - example["origin"][0], example["y_axis"] - example["origin"][1]
+    return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
+
+
+def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
+    x_min, x_max, y_min, y_max = _extent(example)
+    for x, y in example["mines"] - example["origin"]:
+        if x_min <= x <= x_max and y_min <= y <= y_max:
+            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.4)
+    if boxes:
+        side = float(example["box side"])
+        for x, y in example["boxes"] - example["origin"]:
+            axes.add_patch(Rectangle((x - side / 2, y - side / 2), side, side, fill=False, ec="#9dff57", lw=1.4))
+    axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xlabel="cross-range, m", ylabel="ahead of the array, m")
+    axes.label_outer()

@@ -1,0 +1,142 @@
+"""The recipe of the study of Fuse et al. 2018."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from flgpr.model import Lane
+from flgpr_papers.kit.settings import Table, packaged
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Span = tuple[float, float]
+
+
+class Radar(Table):
+    """Errors of the navigation (m, rad), simulated ground (m), surface scatterers per m² in the X band."""
+
+    position: NotNegative
+    heading: NotNegative
+    footprint: tuple[float, float, float, float]
+    scatterers_x: Positive
+
+
+class Lanes(Table):
+    """The three lanes: metres, mines per depth, objects per metre."""
+
+    length: Positive
+    half_width: Positive
+    depths: tuple[float, ...]
+    mines: Annotated[int, Field(ge=1)]
+    site: str
+    bushes: NotNegative
+    posts: NotNegative
+    roadside: Span
+    step: Span
+    start: float
+    wander: NotNegative
+    seeds: dict[str, int]
+
+
+class Image(Table):
+    """Images ahead of the latest frame (m), frames summed, borders of the sub-regions in range (m)."""
+
+    x: Span
+    y: Span
+    spacing: Positive
+    frames: Annotated[int, Field(ge=2)]
+    edges: tuple[float, ...]
+
+
+class Mask(Table):
+    """Radius about a calibration target (m), extent of its response (dB) and the roadside (m)."""
+
+    halo: Positive
+    response_db: Positive
+    roadside: Span
+
+
+class Suppress(Table):
+    """Iterations, and the combination of Table II that is scored."""
+
+    iterations: Annotated[int, Field(ge=7)]
+    combination: Annotated[int, Field(ge=1, le=6)]
+
+
+class Score(Table):
+    """Detection area of a frame (m), halo's diameter and alarms' radius (m), false alarm rates (per m²)."""
+
+    x: Span
+    y: Span
+    halo: Positive
+    radius: Positive
+    far_max: Positive
+    far: Positive
+
+
+class Boxes(Table):
+    """Clutter boxes: side and distance to the image's border (m); draws of every bootstrap."""
+
+    side: Positive
+    margin: NotNegative
+    draws: Annotated[int, Field(ge=100)]
+
+
+class Study(Table):
+    """Place of the example frame (m); steps from aperture to aperture; the looser navigation that is tried (m rms).
+
+    Those that begin with ``quick`` take the place of others in a quick run.
+    """
+
+    example: float
+    quick_length: Positive
+    quick_mines: Annotated[int, Field(ge=1)]
+    quick_scatterers: Positive
+    quick_spacing: Positive
+    quick_frames: Annotated[int, Field(ge=2)]
+    quick_start: float
+    quick_every: Annotated[int, Field(ge=1)]
+    every: Annotated[int, Field(ge=1)]
+    loose_every: Annotated[int, Field(ge=1)]
+    loose_position: Positive
+
+
+class FuseRecipe(Table):
+    """All that the study depends on."""
+
+    name: str
+    description: str
+    radar: Radar
+    lanes: Lanes
+    image: Image
+    mask: Mask
+    suppress: Suppress
+    score: Score
+    boxes: Boxes
+    study: Study
+
+    @property
+    def lane(self) -> Lane:
+        """The rectangle that is scored as a lane: as wide as the detection area."""
+        return Lane(*self.score.x, 0.0, self.lanes.length)
+
+
+def fuse_recipe(quick: bool = False) -> FuseRecipe:
+    """Load the packaged recipe of the study."""
+    recipe = packaged("fuse2018", FuseRecipe)
+    if not quick:
+        return recipe
+    study = recipe.study
+    short = {"length": study.quick_length, "mines": study.quick_mines, "start": study.quick_start}
+    changes = {
+        "radar": recipe.radar.model_copy(update={"scatterers_x": study.quick_scatterers}),
+        "lanes": recipe.lanes.model_copy(update=short),
+        "image": recipe.image.model_copy(update={"spacing": study.quick_spacing, "frames": study.quick_frames}),
+        "boxes": recipe.boxes.model_copy(update={"draws": 200}),
+        "study": study.model_copy(
+            update={"example": 0.0, "every": study.quick_every, "loose_every": study.quick_every}
+        ),
+    }
+    return recipe.model_copy(update=changes)

@@ -1,0 +1,113 @@
+"""Reproduce Fuse et al. 2018: dual-band model-based clutter suppression on two simulated arid lanes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flgpr.io import write_whole
+from flgpr.pipeline.progress import Track, silent
+from flgpr_papers.fuse2018.findings import all_findings
+from flgpr_papers.fuse2018.fullwave import fullwave_study
+from flgpr_papers.fuse2018.lanes import Frames, simulate_lane
+from flgpr_papers.fuse2018.page import page_html
+from flgpr_papers.fuse2018.poses import pose_study
+from flgpr_papers.fuse2018.process import VARIANTS, Calibration, Cleaned, calibrate, process_lane
+from flgpr_papers.fuse2018.recipe import FuseRecipe, fuse_recipe
+from flgpr_papers.fuse2018.results import (
+    LaneResult,
+    example_arrays,
+    read_records,
+    result_key,
+    stored_calibration,
+    write_records,
+)
+from flgpr_papers.kit.cache import read_arrays, write_arrays
+from flgpr_papers.kit.findings import write_findings
+
+PAGE = "fuse2018.html"
+LANES = ("A", "B")
+
+
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Simulate the calibration lane and lanes A and B, clean them, and write the page.
+
+    What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
+    the same recipe, so that a run that was stopped goes on where it was.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in and to write ``fuse2018.html``, ``findings.json`` and the tables to.
+    quick : bool
+        Small lanes that only show that everything runs; the page says so on every figure.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder, recipe = Path(output), fuse_recipe(quick)
+    stores, results = folder / "lanes", folder / "results"
+    for each in (stores, results):
+        each.mkdir(parents=True, exist_ok=True)
+    key = result_key(recipe, quick)
+    calibration = stored_calibration(
+        results / f"calibration-{key}.json",
+        lambda: calibrate(simulate_lane(stores, recipe, "calibration", quick, track), recipe, track),
+    )
+    lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
+    loose = loose_result(folder, recipe, LANES[0], quick, calibration, track)
+    poses = pose_study(recipe, draws=8 if quick else 60)
+    example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.npz")
+    fullwave = fullwave_study(quick)
+    found = all_findings(lanes, loose, recipe)
+    write_findings(folder, found, quick)
+    page = folder / PAGE
+    html = page_html(recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder)
+    write_whole(page, html)
+    return page
+
+
+def lane_result(
+    folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
+) -> LaneResult:
+    """Simulate and clean a lane, or take what is there."""
+    key = result_key(recipe, quick, calibration)
+    path, shown = folder / "results" / f"{name}-{key}.json", folder / "results" / f"example-{key}.npz"
+    frames = simulate_lane(folder / "lanes", recipe, name, quick, track)
+
+    def keep(cleaned: Cleaned) -> None:
+        if name == LANES[0]:
+            write_arrays(shown, example_arrays(cleaned, frames, calibration, recipe))
+
+    if not path.is_file():
+        records = process_lane(frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, keep)
+        write_records(path, frames, records, recipe)
+    return read_records(path, frames)
+
+
+def loose_result(
+    folder: Path, recipe: FuseRecipe, name: str, quick: bool, calibration: Calibration, track: Track
+) -> LaneResult:
+    """Clean some apertures of a lane with the presets' looser navigation."""
+    path = folder / "results" / f"{name}-loose-{result_key(recipe, quick, calibration)}.json"
+    frames = simulate_lane(folder / "lanes", recipe, name, quick, track)
+    if not path.is_file():
+        variants = ("original", "iteration", "per frame")
+        wrong = loosened(frames, recipe)
+        records = process_lane(wrong, calibration, recipe, track, variants, recipe.study.loose_every)
+        write_records(path, wrong, records, recipe)
+    return read_records(path, frames)
+
+
+def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
+    """Add errors to a lane's reported poses, the same in both bands, up to the looser navigation."""
+    more = np.sqrt(max(recipe.study.loose_position**2 - recipe.radar.position**2, 0.0))
+    shift = np.zeros_like(frames.pose["l"])
+    shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(frames), 3))
+    return replace(frames, pose={band: pose + shift for band, pose in frames.pose.items()})

@@ -1,0 +1,132 @@
+"""The papers, and the overview of where their verdicts stand once they have been run again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from html import escape
+from importlib import import_module
+from pathlib import Path
+
+import flgpr
+from flgpr.io import write_whole
+from flgpr.pipeline.progress import Track, silent
+from flgpr_papers.kit.findings import OPEN, VERDICTS, read_findings
+from flgpr_papers.kit.page import study_html
+
+PAPERS = {
+    "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
+    "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",
+    "fuse2018": "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
+    "wang2007": "Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features",
+}
+"""Every paper that can be run again: authors, year and subject by name."""
+
+
+def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Run a paper's experiment again on simulated lanes, or all of them; what was stopped goes on where it was.
+
+    With "all" every paper works in a folder of its own, and the overview is written anew after each, so that a run that
+    was stopped shows what is there.
+
+    Parameters
+    ----------
+    paper : str
+        One of `PAPERS`, or "all".
+    output : str or Path
+        Folder to work in; "all" writes ``index.html`` and ``verdicts.csv`` there.
+    quick : bool
+        Small versions that only show that everything runs; every page says so.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ValueError
+        If there is no such paper.
+    """
+    if paper != "all" and paper not in PAPERS:
+        raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
+    if paper != "all":
+        return run_study(paper, Path(output), quick, track)
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    pages: dict[str, Path] = {}
+    for name in PAPERS:
+        pages[name] = run_study(name, folder / name, quick, track).relative_to(folder)
+        rows = {one: verdict_rows(folder / one) for one in pages}
+        write_whole(folder / "verdicts.csv", verdicts_csv(rows))
+        write_whole(folder / "index.html", overview_html(pages, rows, quick))
+    return folder / "index.html"
+
+
+def run_study(paper: str, folder: Path, quick: bool, track: Track) -> Path:
+    """Run the study of one paper, which is loaded for it; returns its page."""
+    page: Path = import_module(f"flgpr_papers.{paper}.study").reproduce(folder, quick, track)
+    return page
+
+
+def verdict_rows(folder: Path) -> list[tuple[str, str, str]]:
+    """Read statement, our figure with its interval, and verdict of a study's findings; open questions are left out."""
+    rows = []
+    for one in read_findings(folder):
+        about = "; ".join(part for part in (one.quantity or one.paper, one.group and f"{one.group} lanes") if part)
+        ours = one.ours if one.interval is None else _with_interval(*one.interval)
+        if one.verdict != OPEN:
+            rows.append((f"{one.claim} ({about})", ours, one.verdict))
+    return rows
+
+
+def _with_interval(value: float, low: float, high: float) -> str:
+    if math.isnan(value):
+        return "nothing to measure"
+    if math.isnan(low) or math.isnan(high):
+        return f"{value:.3g} (one sample, no interval)"
+    if not high > low:
+        return f"{value:.3g} ({low:.3g} to {high:.3g})"
+    digits = max(0, 1 - math.floor(math.log10(high - low)))  # as many as the interval's width has meaning for
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def verdicts_csv(found: Mapping[str, list[tuple[str, str, str]]]) -> str:
+    """Tabulate the verdicts of all papers: paper, claim, ours, verdict."""
+    rows = [("paper", "claim", "ours", "verdict")]
+    rows += [(name, *row) for name, verdicts in found.items() for row in verdicts]
+    return "".join(",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows)
+
+
+def overview_html(pages: Mapping[str, Path], found: Mapping[str, list[tuple[str, str, str]]], quick: bool) -> str:
+    """Write the overview: how many statements of each paper agree, disagree or stay open, and then each of them.
+
+    A paper without a page (relative to the overview) is still to be run.
+    """
+    rows = []
+    for name, title in PAPERS.items():
+        cells = f"<td>{name}</td><td>{escape(title)}</td><td colspan=3>still to be run</td>"
+        if name in pages:
+            said = [verdict for _, _, verdict in found[name]]
+            cells = f'<td><a href="{escape(pages[name].as_posix())}">{name}</a></td><td>{escape(title)}</td>'
+            cells += "".join(f"<td class=n>{said.count(word)}</td>" for word in VERDICTS)
+        rows.append(f"<tr>{cells}</tr>")
+    head = "".join(f"<th>{word}</th>" for word in ("paper", "about", *VERDICTS))
+    note = "It shows that everything runs. Its verdicts say nothing about the papers."
+    parts = [
+        "<h1>The papers, run again on simulated lanes</h1>",
+        f"<p class=quick><b>Quick run.</b> {note}</p>" if quick else "",
+        f"<p>flgpr {escape(flgpr.__version__)}. Each statement of a paper is judged by the 95 % interval of ours and a "
+        "rule that its own page tells; <i>cannot say</i> means that the interval allows both.</p>",
+        f"<div class=scroll><table><tr>{head}</tr>{''.join(rows)}</table></div>",
+    ]
+    for name, verdicts in found.items():
+        body = "".join(
+            f"<tr><td>{escape(claim)}</td><td>{escape(ours)}</td><td class={verdict.split()[0]}>{verdict}</td></tr>"
+            for claim, ours, verdict in verdicts
+        )
+        head = "<tr><th>statement</th><th>here</th><th>verdict</th></tr>"
+        parts.append(f"<h2>{name}</h2><div class=scroll><table>{head}{body}</table></div>")
+    return study_html("flgpr: papers reproduced", parts)

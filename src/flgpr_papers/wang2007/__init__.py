@@ -1,0 +1,1 @@
+"""The study of Wang et al. 2007 on simulated lanes."""

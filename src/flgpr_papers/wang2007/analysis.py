@@ -1,0 +1,233 @@
+"""Tables I-IV and curves of Wang et al. 2007 from detections and truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
+from flgpr.features import FEATURES
+from flgpr.model import Lane
+from flgpr.pipeline.classifier import duplication, label_lanes
+from flgpr.scoring import Match, far_area, match, pd_mean_interval
+from flgpr.screen import prescreen
+
+MINES = {"kind": lambda kind: kind != "simulant"}
+BURIED_METAL = {"kind": "metal", "depth": lambda depth: depth > 0}
+BURIED_PLASTIC = {"kind": "plastic", "depth": lambda depth: depth > 0}
+SIMULANTS = {"kind": "simulant"}
+METHODS = {
+    "A": "resubstitution with duplication",
+    "B": "resubstitution without duplication",
+    "C": "cross-validation with duplication",
+    "D": "cross-validation without duplication",
+}
+SUBBANDS = ("F1", "F2", "F3", "F4")
+FAR_MAX = 0.1
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LaneResult:
+    """What was found in a lane, and what is there.
+
+    Attributes
+    ----------
+    name : str
+        The lane's name.
+    lane : Lane
+        Its borders.
+    truth : DataFrame
+        Its targets.
+    alarms, features : DataFrame
+        Alarms of the prescreener and their features, row by row.
+    view : xarray.DataArray
+        Run-view (polarization, subband, y, x).
+    wide_view : xarray.DataArray
+        Run-view (y, x) of the prescreener's channel over the full range of the images.
+    """
+
+    name: str
+    lane: Lane
+    truth: pd.DataFrame
+    alarms: pd.DataFrame
+    features: pd.DataFrame
+    view: xr.DataArray
+    wide_view: xr.DataArray
+
+
+def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
+    """Match alarms of several lanes to their targets with the paper's halo of 1 m."""
+    alarms = [table[["x", "y", "confidence"]].assign(lane=one.name) for one, table in zip(results, tables, strict=True)]
+    truth = [one.truth.assign(lane=one.name, target_id=one.name + "-" + one.truth["target_id"]) for one in results]
+    lanes = {one.name: one.lane for one in results}
+    return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
+
+
+class PdMeanScorer:
+    """PD_mean of actual mines as a function of confidences, quick enough for a search.
+
+    An alarm with confidence -inf is never declared. Equal to :func:`flgpr.scoring.pd_mean` of the curve.
+
+    Parameters
+    ----------
+    reference : Match
+        The alarms, with any confidences.
+    """
+
+    def __init__(self, reference: Match) -> None:
+        mines = (reference.truth["kind"] != "simulant").to_numpy()
+        number = np.where(mines, np.cumsum(mines) - 1, -1)[reference.pair_target]
+        self._alarm, self._mine = reference.pair_alarm[number >= 0], number[number >= 0]
+        self._count, self._false = int(mines.sum()), reference.false
+        self._area = far_area(reference, "union")
+
+    def __call__(self, confidence: FloatArray) -> float:
+        """PD_mean for the confidences of all alarms."""
+        best = np.full(self._count, -np.inf)
+        np.maximum.at(best, self._mine, confidence[self._alarm])
+        false = np.sort(confidence[self._false])
+        above = len(false) - np.searchsorted(false, best, side="left")
+        share = np.maximum(0.0, 1 - above / self._area / FAR_MAX)
+        return float(np.where(np.isneginf(best), 0.0, share).sum() / self._count)
+
+
+class Pool:
+    """All alarms of the calibration lanes, labelled, for training and testing.
+
+    Parameters
+    ----------
+    results : sequence of LaneResult
+        The lanes.
+    """
+
+    def __init__(self, results: Sequence[LaneResult]) -> None:
+        self.results = list(results)
+        self.features = pd.concat([one.features for one in results], ignore_index=True)
+        self.labels = label_lanes([(one.name, one.alarms, one.truth, one.lane) for one in results])
+        self.reference = matched(results, [one.alarms for one in results])
+        self.scorer = PdMeanScorer(self.reference)
+        self.lanes = [one.name for one in results]
+
+    def folds(
+        self, columns: Sequence[str], cross: bool, duplicate: bool, only: Sequence[str] | None = None
+    ) -> list[Fold]:
+        """Make the folds of a method; ``only`` leaves other lanes out of training and testing altogether."""
+        known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
+        lane = self.labels["lane"].to_numpy()
+        here = known & np.isin(lane, list(only or self.lanes))
+        if not cross:
+            return [self._fold(columns, here, here, duplicate)]
+        names = list(only or self.lanes)
+        return [self._fold(columns, here & (lane != name), here & (lane == name), duplicate) for name in names]
+
+    def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool) -> Fold:
+        labels = self.labels
+        use = train & (labels["label"] != "neither").to_numpy()
+        targets = sum(len(one.truth) for one in self.results if one.name in set(labels["lane"][train]))
+        weight = np.ones(len(labels), np.int64)
+        if duplicate:
+            weight[use] = duplication(labels[use], targets)
+        hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
+        return make_fold(np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test)
+
+    def singles(self, columns: Sequence[str], method: str) -> FloatArray:
+        """PD_mean of every feature on its own by a method A-D."""
+        return single_features(self.folds(columns, *_settings(method)), len(self.labels), self.scorer)
+
+    def search(self, columns: Sequence[str], method: str, steps: int | None = None) -> list[SearchStep]:
+        """Forward search by a method A-D."""
+        return forward_search(self.folds(columns, *_settings(method)), len(self.labels), self.scorer, steps)
+
+    def confidence(self, columns: Sequence[str], method: str) -> FloatArray:
+        """Confidences of all alarms with a fixed set of features by a method A-D; -inf where a feature is missing."""
+        folds = self.folds(columns, *_settings(method))
+        return _refit(folds, len(self.labels))
+
+    def magnitude(self) -> FloatArray:
+        """Magnitude of all alarms: what the prescreener goes by."""
+        return np.concatenate([one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results])
+
+    def nested(self, columns: Sequence[str], steps: int) -> tuple[float, FloatArray, list[list[str]]]:
+        """PD_mean where each lane is scored with features that a search without it has chosen.
+
+        Gives that of all lanes together, the confidences, and the features chosen for each lane.
+        """
+        confidence, chosen = np.full(len(self.labels), -np.inf), []
+        for name in self.lanes:
+            others = [lane for lane in self.lanes if lane != name]
+            folds = self.folds(columns, len(others) > 1, True, others)
+            scorer = PdMeanScorer(
+                matched([one for one in self.results if one.name in others],
+                        [one.alarms for one in self.results if one.name in others])
+            )  # fmt: skip
+            rows = np.flatnonzero(np.isin(self.labels["lane"], others))
+            inner = forward_search(folds, len(self.labels), lambda c, r=rows, s=scorer: s(c[r]), steps)  # type: ignore[misc]
+            best = int(np.argmax([step.score for step in inner])) + 1
+            names = [columns[step.feature] for step in inner[:best]]
+            known = np.isfinite(self.features[names].to_numpy(float)).all(axis=1)
+            lane = self.labels["lane"].to_numpy()
+            fold = self._fold(names, known & (lane != name), known & (lane == name), True)
+            confidence[fold.samples] = _refit([fold], len(self.labels))[fold.samples]
+            chosen.append(names)
+        return self.scorer(confidence), confidence, chosen
+
+    def match_of(self, confidence: FloatArray) -> Match:
+        """Match with other confidences; alarms with -inf are left out."""
+        tables = []
+        lane = self.labels["lane"].to_numpy()
+        for one in self.results:
+            table = one.alarms.assign(confidence=confidence[lane == one.name])
+            tables.append(table[np.isfinite(table["confidence"])])
+        return matched(self.results, tables)
+
+    def interval(self, confidence: FloatArray, draws: int = 1000) -> tuple[float, float]:
+        """95 % interval of PD_mean of actual mines by resampling targets, lanes and stretches of lane."""
+        return pd_mean_interval(self.match_of(confidence), FAR_MAX, MINES, draws=draws)
+
+
+def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, recipe: Any) -> Match:
+    """Alarms of another channel's run-view by the same prescreener, confidence being the magnitude."""
+    tables = []
+    for one in results:
+        wide = subband == "wide"
+        view = one.wide_view if wide else one.view.sel(polarization=polarization, subband=subband)
+        screen = recipe.prescreen
+        alarms = prescreen(view, one.lane, screen.radius, screen.density, screen.count)
+        tables.append(alarms.assign(confidence=alarms["magnitude"]))
+    return matched(results, tables)
+
+
+def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame:
+    """PD_mean of every feature on its own by the methods A-D."""
+    columns = [f"{prefix}{name}_{subband}" for name in FEATURES]
+    return pd.DataFrame({method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)).T
+
+
+def table_two(pool: Pool, subband: str = "F1") -> dict[str, list[SearchStep]]:
+    """Forward searches over the ten features by the methods A-D."""
+    columns = [f"{name}_{subband}" for name in FEATURES]
+    return {method: pool.search(columns, method) for method in METHODS}
+
+
+def all_forty() -> list[str]:
+    """Names of the 40 features of the four sub-bands, #1 to #40."""
+    return [f"{name}_{subband}" for subband in SUBBANDS for name in FEATURES]
+
+
+def _settings(method: str) -> tuple[bool, bool]:
+    return method in "CD", method in "AC"
+
+
+def _refit(folds: Sequence[Fold], samples: int) -> FloatArray:
+    confidence = np.full(samples, -np.inf)
+    for fold in folds:
+        direction = np.linalg.lstsq(fold.scatter, fold.difference, rcond=1e-12)[0]
+        confidence[fold.samples] = fold.values @ direction
+    return confidence

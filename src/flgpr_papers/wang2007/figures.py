@@ -1,0 +1,270 @@
+"""The figures of Wang et al. 2007, drawn from simulated lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+from numpy.typing import NDArray
+
+from flgpr.detect import HistogramNormalizer
+from flgpr.model import Sensor
+from flgpr.pipeline.recipe import Recipe
+from flgpr.scoring import Match, roc_of
+from flgpr_papers.wang2007.analysis import LaneResult
+
+_DB = 30.0
+_POLARIZATIONS, _BANDS = ("HH", "VV", "HV"), ("F0", "F1", "F2", "F3", "F4")
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000")
+Examples = Mapping[str, NDArray[Any]]
+
+
+def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
+    """Fig. 1: the radar and the imaged area, from the side and from above."""
+    figure, (side, plan) = _figure(9, 3.2, 1, 2)
+    image, height = recipe.image, sensor.height
+    side.plot(0, height, "s", color="k")
+    for y in image.y:
+        side.plot([0, y], [height, 0], color="#888888", lw=0.8)
+    length = 6.0
+    side.annotate(
+        "",
+        (length * np.cos(sensor.tilt), height - length * np.sin(sensor.tilt)),
+        (0, height),
+        arrowprops={"arrowstyle": "->"},
+    )
+    side.plot(image.y, [0, 0], lw=4, color="#0072b2")
+    side.set(
+        xlabel="ahead (m)", ylabel="height (m)", title=f"tilt {np.degrees(sensor.tilt):.0f}°", ylim=(-0.5, height + 1)
+    )
+    plan.add_patch(Rectangle((image.y[0], image.x[0]), np.ptp(image.y), np.ptp(image.x), fc="#cfe3f2", ec="#0072b2"))
+    for style, positions in (("v", sensor.tx), ("|", sensor.rx)):
+        plan.plot(*np.asarray(positions)[:, [1, 0]].T, style, color="k", ms=7)
+    plan.axhline(-1.5, color="#888888", lw=0.8)
+    plan.axhline(1.5, color="#888888", lw=0.8)
+    plan.set(
+        xlabel="ahead (m)", ylabel="cross-track (m)", title="2 transmitters, 18 receivers, imaged area", aspect="equal"
+    )
+    return figure
+
+
+def polarization_figure(examples: Examples) -> Figure:
+    """Fig. 2: one scan in three polarizations, sub-band F0."""
+    figure, axes = _figure(8, 4.6, 1, 3)
+    for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
+        _scan(
+            axis, examples["raw_surface"][_at(examples, pol, "F0")], examples, examples["place_surface"], f"{pol}, F0"
+        )
+    return figure
+
+
+def subband_figure(examples: Examples) -> Figure:
+    """Fig. 3: one scan in five sub-bands, HH."""
+    figure, axes = _figure(11, 4.2, 1, 5)
+    for axis, band in zip(axes, _BANDS, strict=True):
+        _scan(
+            axis, examples["raw_surface"][_at(examples, "HH", band)], examples, examples["place_surface"], f"HH, {band}"
+        )
+    return figure
+
+
+def series_figure(examples: Examples) -> Figure:
+    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays."""
+    figure, axes = _figure(11, 4.2, 1, 5)
+    for k, axis in enumerate(axes):
+        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}")
+    return figure
+
+
+def background_figure(examples: Examples) -> Figure:
+    """Fig. 5: background removal and normalisation, HH, F1."""
+    figure, axes = _figure(11, 4.2, 1, 5)
+    channel, place = _at(examples, "HH", "F1"), examples["place_surface"]
+    clean = examples["clean_surface"][channel]
+    panels = (
+        (examples["raw_surface"][channel], "(a) scan"),
+        (examples["signature"], "(b) self-signature"),
+        (clean * examples["gain"], "(c) less (b)"),
+        (examples["gain"], "(d) gain background"),
+        (clean, "(e) (c) over (d)"),
+    )
+    for axis, (image, title) in zip(axes, panels, strict=True):
+        _scan(axis, image, examples, place, title)
+    return figure
+
+
+def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figure:
+    """Fig. 6 and 7: 60 m of a calibration lane in pieces of 15 m, with targets or with alarms."""
+    view = one.view.sel(polarization="HH", subband="F1")
+    start = one.lane.y_min
+    figure, axes = _figure(8, 5.2, 1, 4)
+    top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
+    for k, axis in enumerate(axes):
+        low, high = start + k * length / 4, start + (k + 1) * length / 4
+        piece = view.sel(y=slice(low, high))
+        if not piece.sizes["y"]:
+            axis.set_visible(False)
+            continue
+        extent = (float(view.x[0]), float(view.x[-1]), float(piece.y[0]), float(piece.y[-1]))
+        axis.imshow(_decibel(piece.values), origin="lower", extent=extent, vmin=top - _DB, vmax=top, cmap="gray_r")
+        for x in (one.lane.x_min, one.lane.x_max):
+            axis.axvline(x, color="#0072b2", lw=0.8)
+        table, radius = (one.alarms, 0.25) if alarms else (one.truth, 0.6)
+        for x, y in table.loc[table["y"].between(low, high), ["x", "y"]].to_numpy():
+            axis.add_patch(Circle((x, y), radius, fill=False, color="#d55e00", lw=1.2))
+        axis.set(xlabel="x (m)", ylabel="y (m)" if k == 0 else "")
+    return figure
+
+
+def clean_bands_figure(examples: Examples) -> Figure:
+    """Fig. 8: cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one."""
+    figure, axes = _figure(11, 6.4, 2, 5)
+    for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
+        for axis, band in zip(row, _BANDS, strict=True):
+            image = examples[f"clean_{name}"][_at(examples, pol, band)]
+            _scan(axis, image, examples, examples[f"place_{name}"], f"{pol}, {band}", (-3, 3), (8, 16))
+    return figure
+
+
+def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
+    """Fig. 9: ROC of the prescreener for every polarization and sub-band."""
+    figure, axes = _figure(10, 3.4, 1, 3)
+    for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
+        for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
+            _step(axis, roc_of(matches[pol, band], mines), band, colour, ":" if band == "F0" else "-")
+        _roc_axes(axis, pol, 0.3)
+    return figure
+
+
+def patch_figure(examples: Examples) -> Figure:
+    """Fig. 10: incoherent patches of three hits and a false alarm."""
+    names = ("surface", "metal", "plastic", "false")
+    figure, axes = _figure(12, 8, 1, 4)
+    for axis, name, title in zip(axes, names, examples["titles"], strict=True):
+        patches = examples[f"patches_{name}"]
+        order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
+        rows = [np.hstack([_padded(patch[channel]) for patch in patches]) for channel in order]
+        scaled = [row / np.nanmax(row) for row in rows]
+        axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
+        size = scaled[0].shape[0]
+        labels = [f"{pol} {band}" for pol in _POLARIZATIONS for band in _BANDS[1:]]
+        axis.set_yticks((np.arange(len(labels)) + 0.5) * size, labels, fontsize=7)
+        axis.set_xticks(
+            (np.arange(len(patches)) + 0.5) * size, [f"{d:.0f}" for d in examples[f"distances_{name}"]], fontsize=7
+        )
+        axis.set_title(str(title), fontsize=8)
+        axis.set_xlabel("distance (m)", fontsize=8)
+    return figure
+
+
+def region_figure(recipe: Recipe) -> Figure:
+    """Fig. 11: regions of an incoherent patch."""
+    patch = recipe.contrast.patch()
+    codes = np.where(patch.region(patch.guard), 1, 2) - patch.region(patch.inner)
+    figure, axis = _figure(3.4, 3.4, 1, 1)
+    axis.pcolormesh(codes, cmap="Blues", edgecolors="white", linewidth=0.4)
+    axis.set(aspect="equal", xlabel="cross-track", ylabel="down-track", xticks=[], yticks=[])
+    axis.set_title("white: inner, middle: guard, dark: outer", fontsize=8)
+    return figure
+
+
+def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64]) -> Figure:
+    """Fig. 12: histogram of M_HH before and after duplication and after normalisation."""
+    figure, axes = _figure(9, 2.8, 1, 3)
+    normal = HistogramNormalizer().fit(values[:, None], sample_weight=weight).transform(values[:, None])[:, 0]
+    titles = ("(a) alarms", "(b) with duplication", "(c) normalised")
+    for axis, data, w, title in zip(
+        axes, (values, values, normal), (np.ones_like(weight), weight, weight), titles, strict=True
+    ):
+        axis.hist(data, bins=40, weights=w, color="#0072b2")
+        axis.set_title(title, fontsize=9)
+        axis.set_xlabel("M_HH", fontsize=8)
+    return figure
+
+
+def classifier_figure(
+    panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any], far_max: float = 0.1
+) -> Figure:
+    """Fig. 13 and 14: ROC of classifiers, one panel per data set, for metal and plastic mines."""
+    figure, axes = _figure(5 * len(panels), 3.8, 1, len(panels))
+    for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=True):
+        for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
+            for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
+                _step(axis, roc_of(one, subset), f"{name}, {kind}", colour, dash)
+        _roc_axes(axis, title, far_max)
+    return figure
+
+
+def _figure(width: float, height: float, rows: int, columns: int) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns)
+
+
+def _at(examples: Examples, polarization: str, subband: str) -> tuple[int, int]:
+    return list(examples["polarization"]).index(polarization), list(examples["subband"]).index(subband)
+
+
+def _decibel(image: NDArray[Any]) -> NDArray[np.float64]:
+    return np.asarray(20 * np.log10(np.maximum(np.nan_to_num(np.asarray(image, np.float64)), 1e-12)))
+
+
+def _scan(
+    axis: Axes,
+    image: NDArray[Any],
+    examples: Examples,
+    place: NDArray[np.float64],
+    title: str,
+    x: tuple[float, float] | None = None,
+    y: tuple[float, float] | None = None,
+) -> None:
+    values = _decibel(image)
+    extent = (examples["x"][0], examples["x"][-1], examples["y"][0], examples["y"][-1])
+    top = values.max()
+    if x and y:
+        rows, columns = (np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x)))
+        top = values[np.ix_(rows, columns)].max()
+    axis.imshow(values, origin="lower", extent=extent, vmin=top - _DB, vmax=top, cmap="gray_r", aspect="equal")
+    axis.add_patch(Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0))
+    axis.set(xlim=x, ylim=y)
+    axis.set_title(title, fontsize=9)
+    axis.tick_params(labelsize=7)
+
+
+def _padded(patch: NDArray[Any]) -> NDArray[Any]:
+    return np.pad(np.nan_to_num(patch), 1, constant_values=0.0)
+
+
+def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -> None:
+    axis.step(curve["far"], curve["pd"], where="post", label=label, color=colour, ls=dash, lw=1.3)
+
+
+def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
+    axis.set(xlim=(0, far_max), ylim=(0, 1.02), xlabel="FAR (per m²)", ylabel="Pd")
+    axis.set_title(title, fontsize=10)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=7, loc="lower right")
+
+
+def captions() -> Sequence[tuple[str, str]]:
+    """Tell what each figure of the paper shows, for the page."""
+    return (
+        ("1", "Schematic of the radar system and imaged area."),
+        ("2", "Scan images of one place in F0 and three polarizations. Circle (2 m): a surface-laid plastic mine."),
+        ("3", "Scan images of one place in HH and five sub-bands."),
+        ("4", "Five consecutive scans: the mine moves through the image, the self-signature stays."),
+        ("5", "Background removal and normalisation."),
+        ("6", "Run-view of 60 m of a calibration lane, HH, F1; circles are targets."),
+        ("7", "Alarms in the same 60 m."),
+        ("8", "Cleaned images: VV over a deep metal mine (paper: 15 cm) and HH over a plastic one (paper: 5 cm)."),
+        ("9", "ROC at the prescreener stage, actual mines."),
+        ("10", "Patches by channel and distance, each row scaled to its own maximum."),
+        ("11", "Regions of a patch."),
+        ("12", "Effect of duplication and normalisation on M_HH."),
+        ("13", "Prescreener against C_HH, buried mines."),
+        ("14", "Classifiers A (C_HH) and B (C_HH + M_VV + P_alpha), calibration and blind lanes."),
+    )

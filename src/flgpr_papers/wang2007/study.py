@@ -1,0 +1,131 @@
+"""Reproduce Wang et al. 2007 on simulated lanes: three calibration and four blind ones, one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from flgpr.clutter import Background
+from flgpr.imaging import ScanImager
+from flgpr.io import open_run, read_manifest, sha256, write_whole
+from flgpr.model import Lane
+from flgpr.pipeline.blocks import FeatureChain
+from flgpr.pipeline.detect import detection_of
+from flgpr.pipeline.progress import Track, silent
+from flgpr.pipeline.recipe import Recipe, parse_recipe
+from flgpr.pipeline.result import ResultError, read_result, write_result
+from flgpr.pipeline.run_info import describe_run
+from flgpr.pipeline.wang2007 import CleanedRun
+from flgpr.screen import RunViewSums, view_array
+from flgpr.simulate import Scene, Sensor
+from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
+from flgpr_papers.kit.findings import write_findings
+from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.wang2007.analysis import LaneResult
+from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.lanes import blind_scenes, calibration_scenes, quick_scenes, sensor
+from flgpr_papers.wang2007.page import page_html
+
+PAGE = "wang2007.html"
+
+
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+    """Simulate the lanes, run the chain on them, and write the page.
+
+    What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
+    sensor and recipe; so a run that was stopped goes on where it was, lane by lane. The page is written after the
+    calibration lanes and again after the blind ones.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in and to write ``wang2007.html`` and ``findings.json`` to.
+    quick : bool
+        Small lanes that only show that everything runs; the page says so on every figure.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder = Path(output)
+    folder.mkdir(parents=True, exist_ok=True)
+    calibration, blind = quick_scenes() if quick else (calibration_scenes(), blind_scenes())
+    text, radar = packaged_text("wang2007"), sensor()
+    page = folder / PAGE
+    results = [
+        lane_result(folder, scene, seed, radar, text, track, examples=name == "c1")
+        for name, (scene, seed) in calibration.items()
+    ]
+    if not quick:
+        write_whole(page, page_html(folder, results, [], parse_recipe(text), radar, quick, track)[0])
+    others = [lane_result(folder, scene, seed, radar, text, track) for scene, seed in blind.values()]
+    html, findings = page_html(folder, results, others, parse_recipe(text), radar, quick, track)
+    write_findings(folder, findings, quick)
+    write_whole(page, html)
+    return page
+
+
+def lane_result(
+    folder: Path, scene: Scene, seed: int, radar: Sensor, text: str, track: Track, examples: bool = False
+) -> LaneResult:
+    """Simulate a lane and run the chain on it, or take what is there.
+
+    What was found and what is there.
+    """
+    home, recipe = folder / "results" / scene.name, parse_recipe(text)
+    store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
+    extras = folder / "results" / f"{scene.name}-wide.npz"
+    pictures = folder / "results" / "examples.npz"
+    if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
+        run = open_run(store)
+        chain = FeatureChain(run, recipe, lane)
+        chain.go(track, ("signature", "gain", "view", "features"))
+        cleaned, found = chain.cleaned, chain.found()
+        extras.parent.mkdir(parents=True, exist_ok=True)
+        if examples:
+            save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
+        wide = wide_view(cleaned, run, recipe, lane, track)
+        write_arrays(extras, {"view": wide.values, "looks": wide["looks"].values}, compress=False)
+        write_result(home, [detection_of(found, recipe)], text, lane, describe_run(run, store))
+    result = read_result(home)
+    main = result.detections[0]
+    features = main.features if main.features is not None else pd.DataFrame()
+    arrays = read_arrays(extras)
+    wide = view_array(arrays["view"], arrays["looks"], recipe.run_view.grid(lane), {})
+    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, wide)
+
+
+def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
+    """Run-view of the prescreener's channel over the full range of the images."""
+    screen, table = recipe.prescreen, recipe.image
+    p = [str(label) for label in run["polarization"].values].index(screen.polarization)
+    b = list(table.subbands).index(screen.subband)
+    whole, place = cleaned.whole_background, (slice(p, p + 1), slice(b, b + 1))
+    parts = whole.signature[place], whole.gain[place], whole.shared_signature[place], whole.shared_gain[b : b + 1]
+    one = Background(*(np.ascontiguousarray(part) for part in parts))  # type: ignore[arg-type]
+    band = {screen.subband: table.subbands[screen.subband]}
+    # Which scans are whole depends on all polarizations, so that the choice is made before one is taken.
+    chosen = run.isel(scan=cleaned.imager.scans, polarization=[p])
+    imager = ScanImager(chosen, table.grid(), band, table.window, table.tolerance)
+    grid = recipe.run_view.grid(lane)
+    sums = RunViewSums(grid, table.y[1])
+    for image, gain in zip(track(imager, "full range", len(imager)), cleaned.gains, strict=True):
+        magnitude = one.magnitude(image.values, np.ascontiguousarray(gain[place]))
+        sums.add(magnitude[0, 0], imager.grid, np.asarray(image.attrs["pose"]))
+    return view_array(*sums.result(), grid, {})
+
+
+def _is_done(home: Path, store: Path, text: str) -> bool:
+    try:
+        manifest: dict[str, Any] = read_result(home).manifest
+    except ResultError:
+        return False
+    same = manifest["run"].get("store_sha256") == read_manifest(store)["sha256"]
+    return bool(same and manifest["recipe_sha256"] == sha256(text.encode()))

@@ -1,0 +1,238 @@
+"""The study of Cosgrove et al. 2004 on lanes small enough for a test."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flgpr.clutter import ClutterWhitener
+from flgpr.detect import load_detector
+from flgpr.scoring import pd_at
+from flgpr_papers.cosgrove2004 import study as cosgrove2004
+from flgpr_papers.cosgrove2004.detect import (
+    box_values,
+    calibrated,
+    detectors,
+    eigenvectors,
+    learn,
+    score_looks,
+)
+from flgpr_papers.cosgrove2004.examples import half_power_width, point_response, signature_cuts
+from flgpr_papers.cosgrove2004.findings import case_curve, contrast_table, findings, interval, pd_table
+from flgpr_papers.cosgrove2004.images import lane_looks, study_sensor, tone_weight
+from flgpr_papers.cosgrove2004.recipe import study_recipe
+from reference.cosgrove2004 import equations_7_to_12
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    """The packaged study on few tones, coarse pixels and thin ground; ranges fold, which no test here minds."""
+    packaged = study_recipe()
+    radar = packaged.radar.model_copy(update={"tone_step": 40e6, "scatterers": 5.0})
+    image = packaged.image.model_copy(update={"y": (12.0, 17.2), "spacing": (0.1, 0.02)})
+    study = packaged.study.model_copy(update={"quick_seeds": 2, "quick_share": 0.01})
+    training = packaged.training.model_copy(update={"clutter_step": (3, 1)})
+    sites = {name: packaged.sites[name] for name in ("sand", "gravel")}
+    tables = {"radar": radar, "image": image, "study": study, "training": training, "sites": sites}
+    return packaged.model_copy(update=tables)
+
+
+@pytest.fixture(scope="module")
+def looks(recipe):
+    return lane_looks(recipe, "sand", 3, 0.1)
+
+
+def test_packaged_study_has_the_papers_sizes():
+    recipe = study_recipe()
+    for site, images in (("sand", 72), ("gravel", 34), ("clay", 34)):
+        depth, trains = recipe.sites[site].depths()
+        assert 2 * np.count_nonzero(~trains) == images
+        assert set(depth[trains]) == ({0.1} if site == "sand" else {0.01})
+        assert not set(depth[trains]) & set(depth[~trains])
+    assert (recipe.cut.length, recipe.image.spacing[1], recipe.detector.ddof) == (28, 0.02, 1)
+    assert study_sensor(recipe).pairs()[0].shape == (72, 3)
+    assert recipe.study.seeds >= 20
+
+
+def test_ramp_on_calibrated_data_leaves_amplitudes_that_grow_with_frequency(recipe):
+    sensor = study_sensor(recipe)
+    frequency = sensor.tones.axis()
+    # Gain grows as f² and the wavelength falls as 1/f: the raw data already carry the ramp.
+    assert np.allclose(tone_weight(recipe, sensor), 1)
+    image = recipe.image.model_copy(update={"calibrate": False})
+    plain = recipe.model_copy(update={"image": image})
+    assert np.allclose(tone_weight(plain, sensor), frequency / frequency[-1])
+
+
+def test_every_mine_is_seen_twice_at_the_studys_range(recipe, looks):
+    depths, trains = recipe.sites["sand"].depths(0.1)
+    for world in ("roadside", "open"):
+        seen = looks[world]
+        assert len(seen) == 2 * depths.size
+        assert sum(look.trains for look in seen) == 2 * trains.sum()
+        assert sorted({look.depth for look in seen}) == sorted(set(depths))
+        assert all(abs(look.place[1] - 15) < 0.7 and abs(look.place[0]) < 1.1 for look in seen)
+    forth, back = looks["open"][: depths.size], looks["open"][depths.size :][::-1]
+    for one, other in zip(forth, back, strict=True):
+        # Seen from the other end, left is right and far is near; heading and position have errors of a few cm.
+        assert one.depth == other.depth
+        assert one.place[0] == pytest.approx(-other.place[0], abs=0.2)
+        assert one.place[1] - 15 == pytest.approx(15 - other.place[1], abs=0.1)
+
+
+def test_lanes_are_the_same_again_and_the_roadside_is_what_the_worlds_differ_in(recipe, looks):
+    again = lane_looks(recipe, "sand", 3, 0.1)
+    for world in looks:
+        assert all(np.array_equal(a.image, b.image) for a, b in zip(looks[world], again[world], strict=True))
+    assert not np.array_equal(looks["open"][0].image, looks["roadside"][0].image)
+    assert np.array_equal(looks["open"][0].place, looks["roadside"][0].place)
+
+
+def test_mine_without_clutter_shows_two_humps_32_cm_apart_behind_its_place():
+    away, cuts = signature_cuts(study_recipe())
+    for cut in cuts:
+        level = np.abs(cut)
+        peaks = [k for k in range(1, level.size - 1) if level[k] > max(level[k - 1], level[k + 1])]
+        near = max((k for k in peaks if -0.15 < away[k] < 0.15), key=lambda k: level[k])
+        far = max((k for k in peaks if 0.25 < away[k] < 0.45), key=lambda k: level[k])
+        assert away[far] - away[near] == pytest.approx(0.32, abs=0.04)
+        assert min(level[near], level[far]) > 0.25 * level.max()  # HH far: spread by the cover
+
+
+def test_resolution_is_near_the_papers():
+    width = point_response(study_recipe(), filtered=True).resolution
+    assert width[0] == pytest.approx(0.10, abs=0.02)
+    assert width[1] == pytest.approx(0.40, abs=0.05)
+
+
+def test_half_power_width_of_a_known_lobe():
+    place = np.linspace(-1, 1, 201)
+    assert half_power_width(place, np.exp(-(place**2) / 0.1)) == pytest.approx(2 * np.sqrt(0.05 * np.log(2)), abs=1e-3)
+    assert np.isnan(half_power_width(place, np.ones_like(place)))
+
+
+def test_likelihood_of_a_cut_is_that_of_the_slow_twin(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    made = detectors(recipe, training)["rank 2"]
+    look = looks["open"][5]
+    stack = np.asarray(look.image.values)
+    value = made.likelihood(stack)
+    row, column = 70, 30
+    cut = np.concatenate([stack[c, row - 14 : row + 14, column] for c in range(2)])
+    white = training.whitener.transform(cut[None])[0]
+    expected = equations_7_to_12(white, training.white, 2, recipe.detector.ddof)
+    assert value[row, column] == pytest.approx(expected, rel=1e-3)
+
+
+def test_eigenvectors_are_shown_as_they_look_in_the_image(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    shown = eigenvectors(recipe, training)
+    white = shown @ training.whitener.matrix_.T
+    white /= np.linalg.norm(white, axis=1, keepdims=True)
+    assert np.allclose(white @ white.conj().T, np.eye(len(shown)), atol=1e-6)
+    second = training.white.T @ training.white.conj()
+    assert np.allclose(np.linalg.norm(second @ white[0]), np.linalg.norm(second, 2))
+
+
+def test_simulated_signatures_get_the_level_of_the_examples(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    rng = np.random.default_rng(1)
+    shape = training.white.shape
+    found = calibrated(training, rng.normal(size=shape) + 1j * rng.normal(size=shape))
+    energy = np.mean(np.sum(np.abs(found) ** 2, axis=1))
+    wanted = np.mean(np.sum(np.abs(training.white) ** 2, axis=1)) - training.clutter_energy
+    assert energy == pytest.approx(max(wanted, 1.0))
+
+
+def test_peaks_are_taken_at_and_off_the_mine(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    made = {"HH": detectors(recipe, training)["HH"]}
+    look = looks["open"][6]
+    peaks = score_looks(recipe, [look], made)["HH"]
+    x, y = look.image["x"].values, look.image["y"].values
+    power = np.abs(look.image.sel(polarization="HH").values) ** 2
+    near = (np.abs(x - look.place[0]) <= 0.5)[None, :] & (np.abs(y - look.place[1]) <= 0.5)[:, None]
+    assert peaks.target[0] == pytest.approx(power[near].max(), rel=1e-3)
+    assert len(peaks.rock) == len(peaks.clutter) == len(peaks.clutter_quantile) > 0
+    assert (np.array(peaks.clutter_quantile) < np.array(peaks.clutter)).all()
+    empty, _ = box_values(np.zeros((4, 4), np.float32), np.arange(4.0), np.arange(4.0), np.array([[9.0, 9.0]]), 1, 0.9)
+    assert np.isnan(empty).all()
+
+
+def case(seed, target, clutter, names=("HH", "PWF", "rank 1", "rank 3")):
+    def peaks(name):
+        clear = 5.0 if name.startswith("rank") else 0.0
+        values = [float(v) for v in target + clear]
+        return {
+            "target": values,
+            "clutter": clutter.tolist(),
+            "target_quantile": values,
+            "clutter_quantile": clutter.tolist(),
+            "depth": [0.05] * 20 + [0.15] * (len(values) - 20),
+            "rock": [k == int(np.argmax(clutter)) for k in range(clutter.size)],
+        }
+
+    return {"seed": seed, "ratios": [1, 0.089, 0.5, 0.028, 0.019, 0.014], "peaks": {n: peaks(n) for n in names}}
+
+
+def test_verdicts_follow_the_interval_over_seeds():
+    recipe, rng = study_recipe(), np.random.default_rng(0)
+    sites = ("sand", "gravel", "clay")
+    cases = {s: [case(k, rng.normal(1, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
+    recipe = recipe.model_copy(update={"sites": {site: recipe.sites[site] for site in sites}})
+    table = pd_table(recipe, cases)
+    found = {one.claim: one for one in findings(recipe, cases, table)}
+    assert found["The deflection detector outperforms PWF: site one, dry sand"].verdict == "agrees"
+    assert found["The first eigenvector alone is an excellent candidate: site two, gravel"].verdict == "agrees"
+    assert found["Eigenvalue 2 is 0.089 of the first (dry sand)"].verdict == "agrees"
+    assert found["Eigenvalue 3 is 0.075 of the first (dry sand)"].verdict == "disagrees"
+    worst = [one for statement, one in found.items() if statement.startswith("Wet clay")]
+    assert {one.verdict for one in worst} <= {"cannot say", "disagrees"}
+    blind = {s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
+    for one in findings(recipe, blind, pd_table(recipe, blind)):
+        assert one.verdict in ("cannot say", "open") or one.claim.startswith(("Eigenvalue", "Pd is about"))
+    for row in table.itertuples():
+        curve = case_curve(cases[row.site][row.seed], row.detector, 1.0)
+        assert row.pd == pd_at(curve, 0.01)
+    assert (table["pd_rockless"] >= table["pd"]).all()
+
+
+def test_contrast_is_that_of_median_peaks():
+    one = case(1, np.r_[np.full(20, 100.0), np.full(5, 10.0)], np.arange(1.0, 20.0))
+    table = contrast_table({"sand": [one, one]})
+    assert list(table["looks"]) == [40, 10]
+    assert np.allclose(table["contrast"], [10.0, 0.0])
+
+
+def test_interval_is_students():
+    mean, low, high = interval([1.0, 2.0, 3.0])
+    assert (mean, high - mean) == (2.0, pytest.approx(4.302653 / np.sqrt(3)))
+    assert low == pytest.approx(4 - high)
+    assert interval([0.5])[1:] == (-np.inf, np.inf)
+
+
+def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_path, monkeypatch):
+    page = cosgrove2004.reproduce(tmp_path, quick=True, recipe=recipe)
+    text = page.read_text(encoding="utf-8")
+    assert "Quick run" in text
+    assert "://" not in text
+    summary = json.loads((tmp_path / "findings.json").read_text())
+    assert summary["quick"] is True
+    assert {one["verdict"] for one in summary["findings"]} <= {"agrees", "disagrees", "cannot say", "open"}
+    assert {one["group"] for one in summary["findings"]} == {"open", "roadside"}
+    for number in range(1, 8):
+        assert list(tmp_path.glob(f"figure-{number}*.png"))
+    model = load_detector(tmp_path / "models" / "sand-open")
+    assert (model.channels, model.shape) == (("HH", "VV"), (28, 1))
+    monkeypatch.setattr(cosgrove2004, "run_seed", lambda *_: pytest.fail("ran a seed again"))
+    before = (tmp_path / "pd.csv").read_bytes()
+    cosgrove2004.reproduce(tmp_path, quick=True, recipe=recipe)
+    assert (tmp_path / "pd.csv").read_bytes() == before
+
+
+def test_whitener_of_the_study_is_ledoit_and_wolfs(recipe, looks):
+    training = learn(recipe, looks["open"][:4])
+    assert training.whitener.moments == "ledoit-wolf"
+    assert isinstance(training.unshrunk, ClutterWhitener)
+    condition = [np.linalg.cond(one.covariance_) for one in (training.whitener, training.unshrunk)]
+    assert condition[0] < 1e-2 * condition[1]

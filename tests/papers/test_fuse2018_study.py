@@ -1,0 +1,330 @@
+"""The reproduction of Fuse et al. 2018 on a made-up lane of points: thresholds, masks, variants, scores, page."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.imaging import ImagingOperator
+from flgpr.model import make_run, vehicle_to_lane
+from flgpr.pipeline.progress import silent
+from flgpr.scoring import pd_mean
+from flgpr.simulate import draw_world
+from flgpr_papers.fuse2018 import results as fuse2018_results
+from flgpr_papers.fuse2018 import study as fuse2018
+from flgpr_papers.fuse2018.findings import (
+    all_findings,
+    clustered,
+    frame_match,
+    lane_match,
+    mine_changes,
+    peaks_kept,
+    power_db,
+    scored,
+    strongest_boxes,
+)
+from flgpr_papers.fuse2018.fullwave import fullwave_study
+from flgpr_papers.fuse2018.lanes import (
+    Frames,
+    aperture,
+    band_sensor,
+    check_shared_poses,
+    lane_scene,
+    read_frames,
+    without_signature,
+)
+from flgpr_papers.fuse2018.page import page_html
+from flgpr_papers.fuse2018.poses import pose_study
+from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, equal_cost, process_lane
+from flgpr_papers.fuse2018.recipe import fuse_recipe
+from flgpr_papers.kit.findings import VERDICTS
+
+TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
+RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 4), np.zeros(4), np.full(4, -0.2)]), (4, 1))
+TONES = {"l": 0.75e9 + 12e6 * np.arange(204), "x": 8.4e9 + 12e6 * np.arange(160)}
+MINES = np.column_stack([np.resize([0.5, -1.5, 2.0], 12), 0.5 + 1.5 * np.arange(12)])
+BUSHES = np.array([[-6.0, 4.0], [5.5, 7.0], [-5.0, 11.0], [6.5, 14.0]])
+RECIPE = fuse_recipe(True)
+RECIPE = RECIPE.model_copy(
+    update={
+        "image": RECIPE.image.model_copy(update={"frames": 2, "spacing": 0.2}),
+        "study": RECIPE.study.model_copy(update={"every": 2, "loose_every": 2}),
+        "lanes": RECIPE.lanes.model_copy(update={"length": 16.0}),
+    }
+)
+
+
+def make_frames(name, seed, count=6):
+    """Mines that show in VV alone and bushes that show everywhere, in noise."""
+    rng = np.random.default_rng(seed)
+    # Off the pixels, and not alike on the three lanes.
+    mines, bushes = MINES + rng.uniform(-0.1, 0.1, MINES.shape), BUSHES + rng.uniform(-0.3, 0.3, BUSHES.shape)
+    points = np.zeros((len(mines) + 12 * len(bushes), 3))
+    points[: len(mines), :2] = mines
+    points[len(mines) :, :2] = np.repeat(bushes, 12, axis=0) + rng.normal(0, 0.25, (12 * len(bushes), 2))
+    mine = np.arange(len(points)) < len(mines)
+    phase = np.exp(2j * np.pi * rng.random(len(points)))
+    level = {"l": [(1.0, 5.0), (0.03, 2.0)], "x": [(0.02, 3.0)]}
+    pose = np.zeros((count, 6))
+    pose[:, 1] = 2.0 * np.arange(count) - 5
+    data, poses = {}, {}
+    for band, tones in TONES.items():
+        poses[band] = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
+        strength = np.stack([np.where(mine, a, b) * phase for a, b in level[band]])[:, None]
+        made = [
+            ImagingOperator(tones, vehicle_to_lane(TX, p), vehicle_to_lane(RX, p), points, tolerance=1e-2).forward(
+                strength
+            )
+            for p in poses[band]
+        ]
+        noise = rng.normal(size=(*np.shape(made), 2)).view(complex)[..., 0]
+        data[band] = (np.array(made) + 0.3 * noise).astype(np.complex64)
+    ids = {"target_id": [f"T{i}" for i in range(len(mines))], "kind": "metal", "depth": 0.05}
+    truth = pd.DataFrame({"x": mines[:, 0], "y": mines[:, 1], **ids})
+    objects = pd.DataFrame({"object_id": [f"O{i}" for i in range(len(bushes))], "kind": "bush"})
+    objects = objects.assign(x=bushes[:, 0], y=bushes[:, 1])
+    sides = {band: side for band in TONES for side in [TX]}
+    return Frames(name, TONES, data, sides, {band: RX for band in TONES}, poses, truth, objects)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return calibrate(make_frames("calibration", 1), RECIPE, silent)
+
+
+@pytest.fixture(scope="module")
+def lanes(calibration, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuse2018")
+    results = {}
+    for name, seed in (("A", 2), ("B", 3)):
+        frames, shown = make_frames(name, seed), {}
+
+        def keep(cleaned, frames=frames, shown=shown):
+            shown.update(fuse2018_results.example_arrays(cleaned, frames, calibration, RECIPE))
+
+        records = process_lane(frames, calibration, RECIPE, silent, every=2, example=keep)
+        fuse2018_results.write_records(folder / f"{name}.json", frames, records, RECIPE)
+        results[name] = fuse2018_results.read_records(folder / f"{name}.json", frames), frames, shown
+    return results
+
+
+def both(lanes):
+    return [lanes[name][0] for name in ("A", "B")]
+
+
+def test_bands_share_world_and_poses():
+    seed = RECIPE.lanes.seeds["A"]
+    worlds = [draw_world(lane_scene(RECIPE, "A", band), seed) for band in ("l", "x")]
+    assert worlds[0].truth()[["x", "y", "depth"]].equals(worlds[1].truth()[["x", "y", "depth"]])
+    assert worlds[0].objects_table().equals(worlds[1].objects_table())
+    l_band, x_band = (band_sensor(RECIPE, band) for band in ("l", "x"))
+    assert l_band.pairs()[0].shape == (64, 3)
+    assert x_band.pairs()[0].shape == (128, 3)
+    assert l_band.polarization == ("HH", "HV", "VH", "VV")
+    assert l_band.errors.position == x_band.errors.position == RECIPE.radar.position
+
+
+def as_run(frames, band, polarizations, pose=None):
+    signal = frames.data[band]
+    order = [p for p in ("VV", "VH") if p in polarizations]
+    return make_run(
+        signal[:, : len(order)], frames.frequency[band], order, TX, RX, frames.pose[band] if pose is None else pose
+    )
+
+
+def test_runs_whose_poses_differ_are_refused():
+    frames = make_frames("A", 2, 3)
+    runs = {"l": as_run(frames, "l", ("VV", "VH")), "x": as_run(frames, "x", ("VV",))}
+    check_shared_poses(runs)
+    read = read_frames("A", runs, frames.truth, frames.objects, signature=False)
+    assert np.array_equal(read.data["l"], frames.data["l"])
+    assert "x" not in read_frames("A", {"l": runs["l"]}, frames.truth, frames.objects).data
+    moved = frames.pose["x"].copy()
+    moved[1, 0] += 0.01
+    with pytest.raises(ValueError, match=r"share their poses: l and x are up to 0\.01 m"):
+        check_shared_poses(runs | {"x": as_run(frames, "x", ("VV",), moved)})
+    with pytest.raises(ValueError, match="3 scans, x has 2"):
+        check_shared_poses(runs | {"x": runs["x"].isel(scan=slice(2))})
+    with pytest.raises(ValueError, match="VH is missing"):
+        read_frames("A", {"l": as_run(frames, "l", ("VV",))}, frames.truth, frames.objects)
+
+
+def test_the_self_signature_goes_whatever_its_gain():
+    rng = np.random.default_rng(5)
+    still = rng.normal(size=(2, 16, 60)) + 1j * rng.normal(size=(2, 16, 60))
+    moving = 0.01 * (rng.normal(size=(41, 2, 16, 60)) + 1j * rng.normal(size=(41, 2, 16, 60)))
+    gain = 1 + 0.07 * rng.normal(size=41)
+    rest = without_signature((gain[:, None, None, None] * still + moving).astype(np.complex64))
+    assert np.linalg.norm(rest) < 1.1 * np.linalg.norm(moving)
+
+
+def test_an_aperture_is_the_coherent_sum_of_its_frames():
+    frames = make_frames("A", 2, 3)
+    one = aperture(frames, 2, RECIPE.image)
+    assert one.frames == (1, 2)
+    np.testing.assert_allclose(one.looks.sum(axis=0), one.vv, rtol=1e-5)
+    np.testing.assert_allclose(one.stack_on(one.grid.points()).adjoint(one.data)[0, 0], one.vv, atol=1e-3)
+    assert (one.grid.y - one.origin[1]).min() == pytest.approx(5)
+    assert np.unique(one.region).tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(one.grid.y / 0.2, np.round(one.grid.y / 0.2), atol=1e-9)
+
+
+def test_masks_hold_the_bushes_and_leave_the_mines(lanes):
+    for result, _, shown in lanes.values():
+        first = result.mines[result.mines["variant"] == "original"]
+        assert not first["masked"].any()
+        assert (shown["fundamental"] | shown["extended"]).any()
+
+
+def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
+    boxes = strongest_boxes(both(lanes))
+    for name in VARIANTS:
+        if name == "original":
+            continue
+        assert power_db(boxes, name).mean() < -10, name
+    # With 16 pairs, regions and reflectivities of a frame's own take part of the mines too.
+    for name in ("iteration", "L band alone"):
+        assert abs(np.median(mine_changes(both(lanes), name)[0])) < 1.0, name
+    np.testing.assert_allclose(power_db(boxes, "#6"), power_db(boxes, "iteration"), atol=0.05)
+    assert (power_db(boxes, "least squares") < power_db(boxes, "iteration")).mean() > 0.5
+
+
+def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
+    frames = make_frames("A", 2, 4)
+    blind = replace(frames, truth=frames.truth.iloc[:0], objects=frames.objects.iloc[:0])
+    with_truth, without = (
+        process_lane(one, calibration, RECIPE, silent, ("original", "iteration"), 2) for one in (frames, blind)
+    )
+    assert with_truth.alarms == without.alarms
+    assert not without.mines
+    assert not without.boxes
+
+
+def test_a_single_band_run_is_masked_by_vv_and_vh(calibration):
+    frames = make_frames("A", 2, 3)
+    alone = replace(frames, data={"l": frames.data["l"]})
+    one = aperture(alone, 2, RECIPE.image)
+    assert one.x is None
+    cleaned = clean(one, calibration.thresholds, RECIPE, ("original", "iteration"))
+    assert np.array_equal(cleaned.masks["pixel"], cleaned.masks["L"])
+    assert cleaned.masks["pixel"].any()
+
+
+def test_equal_cost_counts_pixels(calibration):
+    one = aperture(make_frames("A", 2, 3), 2, RECIPE.image)
+    cleaned = clean(one, calibration.thresholds, RECIPE, ("original", "iteration"))
+    mask = np.zeros(one.grid.shape, bool)
+    mask[0, :10] = True
+    area = int((one.region == 0).sum())
+    assert equal_cost(cleaned.course, mask, one.region) == 7 * (20 + area) // 20
+    assert equal_cost(cleaned.course, np.zeros_like(mask), one.region) == 1
+
+
+def test_scores_count_every_frame_or_every_place(lanes):
+    lane, frames, _ = lanes["A"]
+    looks = frame_match(lane, "original", RECIPE)
+    used = np.flatnonzero(np.isfinite(lane.origins[:, 0]))
+    wanted = sum(
+        5 <= y - lane.origins[k, 1] <= 10 and abs(x - lane.origins[k, 0]) <= 7
+        for k in used
+        for x, y in frames.truth[["x", "y"]].to_numpy()
+    )
+    assert looks.truth["inside"].sum() == wanted
+    assert set(looks.truth["mine"]) <= set(frames.truth["target_id"])
+    matched, curve, options = scored(lane, "original", RECIPE, "frames")
+    assert curve.attrs["area"] == len(used) * 70.0
+    assert curve["n_targets"].iloc[0] == wanted
+    assert options["cluster"] == "mine"
+    assert matched.halo == 0.5
+    place = lane_match(lane, "original", RECIPE)
+    assert len(place.truth) == len(frames.truth)
+    better = [pd_mean(scored(lane, name, RECIPE, "frames")[1]) for name in ("iteration", "original")]
+    assert better[0] >= better[1]
+
+
+def test_intervals_and_verdicts():
+    rng = np.random.default_rng(0)
+    held = 0
+    for seed in range(100):
+        centre = np.repeat(rng.normal(0, 1, 30), 4)
+        mean, low, high = clustered(centre + rng.normal(0, 0.1, 120), np.repeat(np.arange(30), 4), 300, seed)
+        assert low <= mean <= high
+        held += low <= 0 <= high
+    assert 86 <= held <= 99
+    assert np.isnan(clustered([], [], 10)).all()
+    assert [peaks_kept(-0.5, 0.5), peaks_kept(-3, -2), peaks_kept(-2, 0)] == ["agrees", "disagrees", "cannot say"]
+
+
+def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
+    path = tmp_path / "calibration.json"
+    first = fuse2018_results.stored_calibration(path, lambda: calibration)
+    again = fuse2018_results.stored_calibration(path, lambda: pytest.fail("made again"))
+    np.testing.assert_array_equal(first.thresholds.vh, again.thresholds.vh)
+    np.testing.assert_array_equal(first.background, calibration.background)
+    keys = {fuse2018_results.result_key(RECIPE, quick) for quick in (False, True)}
+    keys |= {fuse2018_results.result_key(fuse_recipe(), False), fuse2018_results.result_key(RECIPE, True, calibration)}
+    assert len(keys) == 4
+    lane, frames, _ = lanes["A"]
+    assert lane.frames == 3
+    assert lane.maps["original"].shape[1] == 101
+    assert len(frames) == 6
+
+
+def test_loosened_poses_are_wrong_alike_in_both_bands():
+    frames = make_frames("A", 2, 200)
+    wrong = fuse2018.loosened(frames, RECIPE)
+    shift = {band: wrong.pose[band] - frames.pose[band] for band in ("l", "x")}
+    np.testing.assert_allclose(shift["l"], shift["x"], atol=1e-12)
+    total = np.hypot(shift["l"][:, :3].std(), RECIPE.radar.position)
+    assert total == pytest.approx(RECIPE.study.loose_position, rel=0.1)
+    assert not shift["l"][:, 3:].any()
+
+
+def test_reflectors_lose_what_the_formula_says():
+    study = pose_study(RECIPE.model_copy(update={"image": RECIPE.image.model_copy(update={"frames": 5})}), draws=12)
+    measured = np.median(study.measured, axis=1)
+    assert measured[0] < 0.1
+    near = np.asarray(study.errors) <= 0.005
+    np.testing.assert_allclose(measured[near], study.predicted["l"][near], atol=0.5)
+    assert (study.predicted["x"][1:] > study.predicted["l"][1:]).all()
+    assert study.needed["x"] < study.needed["l"]
+
+
+@pytest.fixture(scope="module")
+def fullwave():
+    return fullwave_study(quick=True)
+
+
+def test_the_full_wave_post_falls(fullwave):
+    table = fullwave.table.set_index(["roadside", "method", "object"])
+    assert len(table) == 2 * 4 * 5
+    for rule in ("scaled with the image", "beside the lane"):
+        assert table.loc[(rule, "none", "post"), "VV"] == 0
+        for method in ("iteration", "per frame", "least squares"):
+            assert table.loc[(rule, method, "post"), "HH"] < -6
+            assert table.loc[(rule, method, "post"), "VV"] < -6
+
+
+def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
+    results = both(lanes)
+    loose = results[0]
+    found = all_findings(results, loose, RECIPE)
+    assert {one.verdict for one in found} <= set(VERDICTS)
+    assert sum("ROC better with suppression" in one.claim for one in found) == 4
+    poses = pose_study(RECIPE, draws=2)
+    html = page_html(
+        RECIPE, results, loose, calibration, lanes["A"][2], poses, fullwave, found, True, tmp_path
+    )  # fmt: skip
+    assert html.count("data:image/png;base64,") == 10
+    assert "Quick run" in html
+    for one in found:
+        assert one.verdict in html
+    assert (tmp_path / "figure-9.png").is_file()
+
+
+def test_least_squares_needs_the_iteration_before_it(calibration):
+    one = aperture(make_frames("A", 2, 3), 2, RECIPE.image)
+    for variants in (("original",), ("least squares", "iteration")):
+        with pytest.raises(ValueError, match="iteration before any least-squares form"):
+            clean(one, calibration.thresholds, RECIPE, variants)

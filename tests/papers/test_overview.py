@@ -1,0 +1,117 @@
+"""The overview of all papers: made-up findings through the very files that the studies write."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flgpr.cli import app
+from flgpr.cli.tools import PAPERS
+from flgpr_papers import overview
+from flgpr_papers.kit.findings import Finding, judge, larger, measured, read_findings, within, write_findings
+
+MADE_UP = {
+    "cosgrove2004": [
+        replace(measured("A above B", "", "Pd", (0.2, 0.1, 0.3), verdict="agrees"), group="open"),
+        replace(measured("Anything else?", "", "Pd", (0.0, 0.0, 0.0)), group="open"),
+        measured("one seed", "", "Pd", (0.2, float("-inf"), float("inf")), verdict="cannot say"),
+    ],
+    "flsar2004": [measured("n", "p", "q", (0.1, 0.06, 0.2), (-0.05, 0.05))],
+    "fuse2018": [Finding("less clutter", "26.5 dB", "20 dB (19 to 21)", "disagrees")],
+    "wang2007": [Finding("F1 < F2", "0.9 & more", "0.8, 9 of 10", "cannot say")],
+}
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    """Studies that only write their findings."""
+    order = []
+
+    def run(paper, folder, quick, _):
+        order.append((paper, quick))
+        folder.mkdir(exist_ok=True)
+        write_findings(folder, MADE_UP[paper], quick)
+        return folder / f"{paper}.html"
+
+    monkeypatch.setattr(overview, "run_study", run)
+    return order
+
+
+def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
+    page = overview.reproduce("all", tmp_path / "all", quick=True)
+    assert made_up == [("cosgrove2004", True), ("flsar2004", True), ("fuse2018", True), ("wang2007", True)]
+    with (tmp_path / "all" / "verdicts.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert [(row["paper"], row["verdict"]) for row in rows] == [
+        ("cosgrove2004", "agrees"),
+        ("cosgrove2004", "cannot say"),
+        ("flsar2004", "disagrees"),
+        ("fuse2018", "disagrees"),
+        ("wang2007", "cannot say"),
+    ]
+    assert rows[0]["ours"] == "0.20 (0.10 to 0.30)"
+    assert "no interval" in rows[1]["ours"]
+    html = page.read_text("utf-8")
+    for text in ("Quick run", 'href="wang2007/wang2007.html"', "0.9 &amp; more", "F1 &lt; F2"):
+        assert text in html
+    assert "://" not in html
+    counts = html[html.index(">cosgrove2004</a>") :].split("</tr>")[0]
+    assert [int(part[0]) for part in counts.split("<td class=n>")[1:]] == [1, 0, 1]
+
+
+def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up, tmp_path, monkeypatch):
+    run = overview.run_study
+
+    def fails_at_last(paper, *rest):
+        if paper == "wang2007":
+            raise ValueError("no room on the disk")
+        return run(paper, *rest)
+
+    monkeypatch.setattr(overview, "run_study", fails_at_last)
+    told = CliRunner().invoke(app, ["reproduce", "all", "-o", str(tmp_path / "all"), "--quick", "--quiet"])
+    assert told.exit_code == 2
+    assert "no room" in told.stderr
+    html = (tmp_path / "all" / "index.html").read_text("utf-8")
+    assert html.count("still to be run") == 1
+    assert "Quick run" in html
+    assert made_up == [("cosgrove2004", True), ("flsar2004", True), ("fuse2018", True)]
+
+
+@pytest.mark.parametrize(
+    ("interval", "verdict"),
+    [((0.0, -0.02, 0.03), "agrees"), ((0.1, 0.06, 0.2), "disagrees"), ((0.04, 0.01, 0.08), "cannot say")],
+)
+def test_verdicts_follow_the_rule(interval, verdict):
+    assert judge(*interval[1:], (-0.05, 0.05)) == verdict
+    assert measured("a", "b", "c", interval, (-0.05, 0.05)).verdict == verdict
+
+
+def test_differences_are_judged_against_zero_and_figures_by_our_interval():
+    assert [larger(0.1, 1), larger(-1, -0.1), larger(-1, 1), larger(0, 0)] == [
+        "agrees",
+        "disagrees",
+        *["cannot say"] * 2,
+    ]
+    assert larger(-0.04, 0.1, -0.05) == "agrees"
+    assert [within(0.9, 0.85, 0.95), within(0.9, 0.95, 1)] == ["agrees", "disagrees"]
+
+
+def test_findings_come_back_as_they_were_written(tmp_path):
+    for name in ("flsar2004", "fuse2018", "wang2007"):
+        write_findings(tmp_path, MADE_UP[name], True, seeds=3)
+        assert read_findings(tmp_path) == MADE_UP[name]
+    write_findings(tmp_path, MADE_UP["cosgrove2004"], False)
+    *whole, one = read_findings(tmp_path)
+    assert whole == MADE_UP["cosgrove2004"][:2]
+    assert np.isnan(one.interval[1:]).all()
+    assert "Infinity" not in (tmp_path / "findings.json").read_text()
+
+
+def test_reproduce_names_the_papers_it_knows(tmp_path):
+    told = CliRunner().invoke(app, ["reproduce", "none2001", "-o", str(tmp_path / "x")])
+    assert told.exit_code == 2
+    assert all(name in told.stderr for name in (*overview.PAPERS, "all"))
+    assert not (tmp_path / "x").exists()
+    assert tuple(overview.PAPERS) == PAPERS

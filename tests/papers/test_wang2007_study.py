@@ -1,0 +1,205 @@
+"""The reproduction's scorer, tables, verdicts and page, on made-up detections; the simulated lanes by their counts."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.model import Lane
+from flgpr.pipeline.classifier import CLASSIFIER_A
+from flgpr.pipeline.progress import silent
+from flgpr.pipeline.recipe import load_recipe, parse_recipe
+from flgpr.scoring import pd_mean, roc_of
+from flgpr.simulate import Simulator, draw_world
+from flgpr_papers.kit.cache import store_lane
+from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.wang2007 import findings, lanes
+from flgpr_papers.wang2007.analysis import (
+    MINES,
+    SUBBANDS,
+    LaneResult,
+    PdMeanScorer,
+    Pool,
+    matched,
+    table_one,
+)
+from flgpr_papers.wang2007.page import blind_scores, page_html
+
+BANDS = ("F0", *SUBBANDS)
+
+
+def fake_lane(name, seed):
+    rng = np.random.default_rng(seed)
+    lane = Lane(-1.5, 1.5, 0.0, 60.0)
+    kinds = ["metal", "metal", "metal", "plastic", "plastic", "plastic", "plastic", "simulant", "simulant"]
+    truth = pd.DataFrame(
+        {
+            "target_id": [f"T{i}" for i in range(9)],
+            "x": rng.uniform(-1, 1, 9),
+            "y": 3 + 6.3 * np.arange(9),
+            "kind": kinds,
+            "depth": [-0.15, 0.05, 0.1, -0.15, 0.05, 0.05, 0.1, 0.05, 0.1],
+        }
+    )
+    x, y = np.arange(-3, 3.01, 0.1), np.arange(0, 60.01, 0.1)
+    values = rng.rayleigh(size=(3, 5, y.size, x.size)).astype(np.float32)
+    for tx, ty in truth[["x", "y"]].to_numpy()[:7]:
+        values[..., round(ty / 0.1), round((tx + 3) / 0.1)] += 3
+    coords = {"polarization": ["HH", "VV", "HV"], "subband": list(BANDS), "y": y, "x": x}
+    view = xr.DataArray(values, dims=("polarization", "subband", "y", "x"), coords=coords)
+    near = truth[["x", "y"]].to_numpy() + rng.normal(0, 0.2, (9, 2))
+    places = np.vstack([near, np.column_stack([rng.uniform(-3, 3, 120), rng.uniform(0, 60, 120)])])
+    mine = np.arange(len(places)) < 7
+    columns = [f"{p}{f}_{b}" for p in ("", "swapped.") for b in BANDS for f in FEATURES]
+    columns += [f"paper.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
+    table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(len(columns))
+    features = pd.DataFrame(table, columns=columns).assign(scans=3)
+    features["C_HH_F1"] += 3 * mine
+    features.loc[20, "P_H_F1"] = np.nan
+    alarms = pd.DataFrame(places, columns=["x", "y"]).assign(magnitude=rng.gamma(3, size=len(places)) + mine)
+    return LaneResult(name, lane, truth, alarms.assign(confidence=features["C_HH_F1"]), features, view, view[0, 1])
+
+
+@pytest.fixture(scope="module")
+def results():
+    return [fake_lane(name, seed) for seed, name in enumerate(("c1", "c2", "c3"))]
+
+
+@pytest.fixture(scope="module")
+def pool(results):
+    return Pool(results)
+
+
+def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        confidence = np.round(rng.normal(size=len(pool.labels)), 1)
+        confidence[rng.random(confidence.size) < 0.1] = -np.inf
+        want = pd_mean(roc_of(pool.match_of(confidence), MINES))
+        assert PdMeanScorer(pool.reference)(confidence) == pytest.approx(want, abs=1e-12)
+
+
+def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
+    table = table_one(pool)
+    for method in "ABCD":
+        for name in ("C_HH", "P_H", "M_VV"):
+            curve = roc_of(pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES)
+            assert table.loc[method, name] == pytest.approx(pd_mean(curve), abs=0.03)  # P_H lacks one alarm
+    strong = ["C_HH", "M_HH", "C_VV"]  # a weak feature's sign may turn with the weights, a strong one's ROC may not
+    np.testing.assert_allclose(table.loc["A", strong], table.loc["B", strong], atol=1e-12)
+    assert table.loc["A"].idxmax() == "C_HH"
+
+
+def test_cross_validation_never_scores_a_lane_with_its_own_alarms(results):
+    pool = Pool(results)
+    altered = [results[0], results[1], fake_lane("c3", 77)]
+    for one, other in zip(pool.folds(["C_HH_F1", "M_VV_F1"], True, True),
+                          Pool(altered).folds(["C_HH_F1", "M_VV_F1"], True, True), strict=True):  # fmt: skip
+        lane = pool.labels["lane"].to_numpy()[one.samples]
+        assert len(set(lane)) == 1
+        same = np.array_equal(one.scatter, other.scatter)
+        assert same == (lane[0] == "c3")  # only the fold that tests c3 has not learned from it
+
+
+def test_nested_choice_leaves_the_tested_lane_out(results):
+    columns = [f"{name}_F1" for name in FEATURES]
+    score, confidence, chosen = Pool(results).nested(columns, 2)
+    altered = [*results[:2], fake_lane("c3", 99)]
+    assert Pool(altered).nested(columns, 2)[2][2] == chosen[2]
+    assert 0 <= score <= 1
+    assert np.isfinite(confidence).sum() >= len(confidence) - 3
+
+
+def test_a_claim_of_several_parts_holds_if_all_do():
+    assert findings.all_of(["agrees", "cannot say"]) == "cannot say"
+    assert findings.all_of(["agrees", "disagrees", "cannot say"]) == "disagrees"
+    assert findings.all_of(["agrees", "agrees"]) == "agrees"
+
+
+def fake_examples(path):
+    rng = np.random.default_rng(0)
+    arrays = {"polarization": np.array(["HH", "VV", "HV"]), "subband": np.array(BANDS)}
+    arrays |= {"x": np.linspace(-6, 6, 25), "y": np.linspace(7, 26, 39), "titles": np.array(list("abcd"))}
+    for name in ("surface", "metal", "plastic", "false"):
+        arrays |= {f"raw_{name}": rng.random((3, 5, 39, 25)), f"clean_{name}": rng.random((3, 5, 39, 25))}
+        arrays |= {f"place_{name}": np.array([0.0, 11.0]), f"patches_{name}": rng.random((3, 3, 5, 25, 25))}
+        arrays[f"distances_{name}"] = np.array([9.0, 11.0, 13.0])
+    arrays |= {"series": rng.random((5, 39, 25)), "series_place": np.zeros((5, 2))}
+    arrays |= {"signature": rng.random((39, 25)), "gain": rng.random((39, 25))}
+    path.parent.mkdir(parents=True)
+    np.savez(path, **arrays)
+
+
+def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool):
+    fake_examples(tmp_path / "results" / "examples.npz")
+    blind = [fake_lane("b1", 5)]
+    recipe = load_recipe("wang2007")
+    page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent)
+    assert page.count("<img src=") == 14
+    assert all(f"Table {number}." in page for number in ("I", "II", "III", "IV"))
+    verdicts = re.findall(r"<td class=(agrees|disagrees|cannot)>", page)
+    assert len(verdicts) == len(judged) >= 25
+    assert "Quick run" in page
+    assert "still to be run" not in page
+    best = table_one(pool).loc["A", "C_HH"]
+    assert f"best is C_HH; C_HH {best:.2f}" in page
+    assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
+
+
+def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
+    blind = [fake_lane("b1", 5)]
+    plain = matched(blind, [blind[0].alarms.assign(confidence=blind[0].features[CLASSIFIER_A[0]])])
+    assert set(blind_scores(results, blind)) == {"A", "B"}
+    a = roc_of(blind_scores(results, blind)["A"], MINES)
+    np.testing.assert_allclose(a["pd"], roc_of(plain, MINES)["pd"])  # one feature: monotone
+    np.testing.assert_allclose(a["far"], roc_of(plain, MINES)["far"])
+
+
+def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():
+    own, packaged = parse_recipe(packaged_text("wang2007")), load_recipe("wang2007")
+    assert own.features.variants
+    assert not packaged.features.variants
+    plain = own.model_copy(update={"features": own.features.model_copy(update={"variants": False})})
+    assert plain == packaged
+
+
+def test_the_lanes_hold_what_the_paper_says():
+    kinds = {"surface": 0, "metal": 0, "plastic": 0, "simulant": 0}
+    for scene, seed in lanes.calibration_scenes().values():
+        assert 300 <= scene.length <= 340
+        truth = draw_world(scene, seed).truth()
+        for kind, depth in zip(truth["kind"], truth["depth"], strict=True):
+            kinds["surface" if depth < 0 else kind] += 1
+    assert kinds == {"surface": 15, "metal": 12, "plastic": 20, "simulant": 16}
+    blind = lanes.blind_scenes()
+    assert [scene.length for scene, _ in blind.values()] == [1200.0] * 4
+    for scene, seed in blind.values():
+        truth = draw_world(scene, seed).truth()
+        assert np.abs(truth["depth"] - 0.075).max() < 0.03
+    assert len({seed for _, seed in [*lanes.calibration_scenes().values(), *blind.values()]}) == 7
+
+
+def test_a_stored_lane_is_not_made_again_unless_it_changed(tmp_path, monkeypatch):
+    scene, seed = lanes.quick_scenes()[1]["b1"]
+    data = scene.model_dump(exclude_unset=True) | {"length": 6.0, "track": {"step": (9.0, 9.0), "start": -12.0}}
+    small = type(scene).model_validate(data)
+    sensor = lanes.sensor()
+    few = sensor.model_copy(
+        update={"tones": sensor.tones.model_copy(update={"start": 0.75e9, "step": 4e7, "count": 16})}
+    )
+    calls = []
+    plain = Simulator.scan
+    monkeypatch.setattr(Simulator, "scan", lambda self, index: calls.append(index) or plain(self, index))
+    path, truth, lane = store_lane(tmp_path, small, seed, few, silent)
+    made = len(calls)
+    assert made > 0
+    assert path.is_dir()
+    assert lane.y_max == 6.0
+    assert len(truth) == 4
+    store_lane(tmp_path, small, seed, few, silent)
+    assert len(calls) == made
+    store_lane(tmp_path, small, seed + 1, few, silent)
+    assert len(calls) == 2 * made

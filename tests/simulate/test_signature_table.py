@@ -1,0 +1,260 @@
+"""Tables of signatures: kept, read between their nodes, made in pieces, and named by scenes."""
+
+from hashlib import sha256
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from flgpr.simulate.scene import Target
+from flgpr.simulate.signature import build, load_body, packaged_bodies, packaged_table
+from flgpr.simulate.signature import table as nodes
+from flgpr.simulate.signature.body import Body
+from flgpr.simulate.signature.build import build_table
+from flgpr.simulate.signature.solve import solve_round
+from flgpr.simulate.signature.table import SignatureTable, find_table, load_table, save_table
+from flgpr.simulate.targets import node_weights
+
+TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
+
+
+def soil_of(node):
+    """Permittivity at a node, the same at all tones."""
+    eps = nodes.PERMITTIVITY[node] * (1 - 1j * nodes.LOSS[node])
+    return np.full(nodes.FREQUENCY.size, eps)
+
+
+def test_a_file_keeps_a_table_to_a_thousandth(tmp_path):
+    table = packaged_table("plastic-at")
+    path = tmp_path / "mine.npz"
+    digest = save_table(table, path)
+    back = load_table(path)
+    assert back.body == table.body
+    scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
+    assert (np.abs(back.values - table.values) / scale).max() < 1e-3
+    assert digest == sha256(path.read_bytes()).hexdigest() == save_table(table, tmp_path / "again.npz")
+
+
+def test_a_table_of_very_weak_and_very_strong_tones_loses_neither(tmp_path):
+    rng = np.random.default_rng(0)
+    size = (6, 40, 8, 1, 6, 3, 4)
+    levels = 10.0 ** rng.uniform(-9, 3, size[:2]).reshape(6, 40, 1, 1, 1, 1, 1)
+    values = levels * (rng.normal(size=size) + 1j * rng.normal(size=size))
+    save_table(SignatureTable(TINY, values.astype(np.complex64)), tmp_path / "t.npz")
+    back = load_table(tmp_path / "t.npz").values
+    assert (np.abs(back - values) / np.abs(values).max(axis=(2, 3, 4, 5, 6), keepdims=True)).max() < 1e-3
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "text", "foreign", "missing"])
+def test_a_damaged_or_foreign_file_is_named(tmp_path, damage):
+    path = tmp_path / "broken.npz"
+    save_table(SignatureTable(TINY, np.ones((6, 40, 8, 1, 6, 3, 4), np.complex64)), path)
+    data = path.read_bytes()
+    if damage == "cut":
+        path.write_bytes(data[: len(data) // 2])
+    elif damage == "flipped":
+        middle = len(data) // 2
+        path.write_bytes(data[:middle] + bytes(255 - b for b in data[middle : middle + 64]) + data[middle + 64 :])
+    elif damage == "text":
+        path.write_text("nothing of the kind")
+    elif damage == "foreign":
+        np.savez(path, other=np.ones(3))
+    else:
+        path.unlink()
+    with pytest.raises(ValueError, match=r"broken.npz"):
+        load_table(path)
+
+
+def test_a_table_made_for_other_nodes_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "old.npz"
+    with monkeypatch.context() as patched:
+        patched.setattr(nodes, "DEPTH", nodes.DEPTH + 0.001)
+        save_table(SignatureTable(TINY, np.ones((6, 40, 8, 1, 6, 3, 4), np.complex64)), path)
+    with pytest.raises(ValueError, match=r"old.npz: made for other nodes"):
+        load_table(path)
+
+
+@pytest.mark.parametrize("name", ["metal-at", "plastic-at"])
+@pytest.mark.parametrize(("soil", "depth"), [(0, 0), (1, 3), (4, 6)])
+def test_a_table_gives_back_its_nodes(name, soil, depth):
+    table = packaged_table(name)
+    got = table.at(nodes.FREQUENCY, soil_of(soil), float(nodes.DEPTH[depth]))
+    want = np.moveaxis(table.values[soil, :, depth], 0, -1)
+    np.testing.assert_allclose(got, want, atol=1e-5 * np.abs(want).max())
+
+
+def test_below_its_tones_a_table_falls_with_the_square_and_above_it_stays():
+    table, depth = packaged_table("plastic-at"), 0.05
+    f = np.array([0.15e9, 0.3e9, 3.225e9, 3.4e9])
+    got = np.abs(table.at(f, np.full(4, 3.1 - 0.06j), depth)[..., :2, :])
+    np.testing.assert_allclose(got[..., 0], got[..., 1] / 4, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(got[..., 3], got[..., 2], rtol=1e-4, atol=1e-9)
+
+
+def test_what_the_surface_adds_fades_with_depth():
+    table, f = packaged_table("metal-at"), nodes.FREQUENCY
+    deep = table.at(f, soil_of(1), 1e4)
+    added = [np.linalg.norm(table.at(f, soil_of(1), d) - deep) for d in (0.05, 0.15, 0.3, 0.6)]
+    assert added[0] > added[1]
+    np.testing.assert_allclose(np.divide(added[1:-1], added[2:]), 2, rtol=1e-3)  # below the last node as 1/d
+
+
+BETWEEN = np.array([0.75, 0.9, 0.965])  # sines that are not nodes
+
+
+@pytest.mark.parametrize(("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15)])
+@pytest.mark.parametrize(("frequency", "soil"), [(1.0e9, 3.4 - 0.04j), (0.71e9, 4.6 - 0.16j)])
+def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, frequency, soil):
+    """Tone, soil, loss, depth, sine and azimuth all off their nodes."""
+    apart, depth = np.radians(8.0), 0.037
+    body = packaged_table(name).body
+    want = solve_round(body, frequency, soil, BETWEEN, np.array([apart]), np.array([depth]))[0, :, 0]
+    found = packaged_table(name).at(np.array([frequency]), np.array([soil]), depth)[..., 0]
+    weight = node_weights(BETWEEN, np.full(3, apart), np.zeros(3), np.zeros(1))
+    even = np.einsum("aspn,aspc->nc", weight[..., 0, :], found)
+    odd = np.einsum("aspn,aspc->nc", weight[..., 1, :], found)
+    got = np.concatenate([even[:, :3], odd[:, 3:]], axis=1)
+    assert np.abs(got - want).max() < limit * np.abs(want).max()
+    level = 20 * np.log10(np.linalg.norm(got[:, :2], axis=0) / np.linalg.norm(want[:, :2], axis=0))
+    assert np.abs(level).max() < 1.5
+
+
+def test_weights_are_those_of_polynomials_even_and_odd():
+    rng = np.random.default_rng(1)
+    sine, apart = rng.uniform(nodes.SINE.min(), nodes.SINE.max(), 20), rng.uniform(-0.5, 0.5, 20)
+    weight = node_weights(sine, apart, np.zeros(20), np.zeros(1))[0]
+    np.testing.assert_allclose(weight[:, :, 0].sum(axis=(0, 1)), 1, atol=1e-12)
+
+    def even(s, p):
+        return (1 - 2 * s + s**5) * (1 + 3 * p**2 - p**4)
+
+    def odd(s, p):
+        return (2 - s**3) * (p - 0.5 * p**3)
+
+    for row, function in enumerate((even, odd)):
+        at_nodes = function(nodes.SINE[:, None], nodes.SEPARATION)
+        got = np.einsum("spn,sp->n", weight[:, :, row], at_nodes)
+        np.testing.assert_allclose(got, function(sine, apart), atol=1e-11)
+
+
+def test_swapping_the_antennas_swaps_hv_and_vh():
+    table = packaged_table("metal-at").at(np.array([1e9]), np.array([3.4 - 0.04j]), 0.05)[..., 0]
+    sine, apart = np.full(2, 0.9), np.array([0.3, -0.3])
+    weight = node_weights(sine, apart, np.zeros(2), np.zeros(1))
+    even = np.einsum("aspn,aspc->nc", weight[..., 0, :], table)
+    odd = np.einsum("aspn,aspc->nc", weight[..., 1, :], table)
+    there, back = ((even[n, 2] + odd[n, 3], even[n, 2] - odd[n, 3]) for n in range(2))
+    assert abs(there[0]) > 1e-4
+    np.testing.assert_allclose(there, back[::-1], rtol=1e-12)
+    np.testing.assert_allclose(even[0, :2], even[1, :2], rtol=1e-12)
+
+
+def test_aspects_are_folded_at_a_box_s_mirrors():
+    """A square looks alike after a quarter turn and in its diagonals, an oblong after half a turn."""
+    at = np.radians([20.0, -20.0, 110.0, 70.0, 200.0])
+    sine, apart = np.full(5, 0.9), np.full(5, 0.1)
+    square = node_weights(sine, apart, at, nodes.ASPECT[:7])
+    np.testing.assert_allclose(square, np.broadcast_to(square[..., :1], square.shape), atol=1e-12)
+    oblong = node_weights(sine, apart, at, nodes.ASPECT)
+    np.testing.assert_allclose(oblong[..., [1, 4]], np.broadcast_to(oblong[..., :1], oblong[..., :2].shape), atol=1e-12)
+    assert np.abs(oblong[..., 3] - oblong[..., 0]).max() > 0.1
+    np.testing.assert_allclose(oblong[..., 0, :].sum(axis=(0, 1, 2)), 1, atol=1e-12)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Two soils, two tones, two depths."""
+    monkeypatch.setattr(nodes, "PERMITTIVITY", nodes.PERMITTIVITY[:2])
+    monkeypatch.setattr(nodes, "LOSS", nodes.LOSS[:2])
+    monkeypatch.setattr(nodes, "FREQUENCY", nodes.FREQUENCY[:2])
+    monkeypatch.setattr(nodes, "DEPTH", nodes.DEPTH[-2:])
+
+
+@pytest.mark.usefixtures("few")
+def test_a_table_that_was_stopped_goes_on_and_gives_the_same_bits(tmp_path, monkeypatch):
+    whole = build_table(TINY, tmp_path / "whole")
+    assert whole.values.shape == (2, 2, 2, 1, 6, 3, 4)
+
+    def stop(done, count):
+        assert count == 4
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_table(TINY, tmp_path / "part", progress=stop)
+    solved, told = [], []
+    solve = build.solve_piece
+    monkeypatch.setattr(build, "solve_piece", lambda *piece: solved.append(piece[1:]) or solve(*piece))
+    went_on = build_table(TINY, tmp_path / "part", progress=lambda *at: told.append(at))
+    assert len(set(solved)) == len(solved) == 2
+    assert told == [(3, 4), (4, 4)]
+    assert went_on.values.tobytes() == whole.values.tobytes()
+    build_table(TINY, tmp_path / "part")
+    assert len(solved) == 2
+    build_table(TINY.model_copy(update={"name": "another"}), tmp_path / "part")
+    assert len(solved) == 6  # of another body it starts anew
+
+
+@pytest.mark.usefixtures("few")
+def test_two_workers_give_the_same_bits(tmp_path):
+    one = build_table(TINY, tmp_path / "one")
+    two = build_table(TINY, tmp_path / "two", workers=2)
+    assert two.values.tobytes() == one.values.tobytes()
+
+
+def test_a_box_with_metal_is_refused(tmp_path):
+    box = Body(name="tin", shape="box", layers=[{"thickness": 0.02, "zones": ((0.03, "metal"),)}])
+    with pytest.raises(ValueError, match="body tin: a box must be without metal"):
+        build_table(box, tmp_path)
+
+
+@pytest.mark.parametrize("name", packaged_bodies())
+def test_every_packaged_body_says_where_it_is_from_and_has_a_table(name):
+    body = load_body(name)
+    assert body.name == name
+    assert body.source
+    assert packaged_table(name).body == body
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "a"\n[[layers]]\nthickness = 2.0\nzones = [[0.1, 3.0]]', r"layers.*thickness"),
+        (
+            'name = "a"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 3.0], [0.05, 2.0]]',
+            "each wider than the one before",
+        ),
+        ('name = "a"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 0.5]]', "zones"),
+        ('name = "a"\nlayers = []', "layers"),
+        ('name = "a"\ncolour = "red"\n[[layers]]\nthickness = 0.1\nzones = [[0.1, 3.0]]', "colour"),
+        ('name = "a', "not valid TOML"),
+    ],
+)
+def test_a_body_that_breaks_a_rule_is_told_by_its_entry(tmp_path, text, message):
+    path = tmp_path / "wrong.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=rf"wrong\.toml.*{message}"):
+        load_body(path)
+
+
+def test_an_unknown_body_is_told_what_there_is():
+    with pytest.raises(ValueError, match="did you mean tm-62p"):
+        load_body("tm-62")
+    with pytest.raises(ValueError, match=r"body file not found: no/such.toml"):
+        load_body("no/such.toml")
+    with pytest.raises(ValueError, match="did you mean tm-62p"):
+        find_table("tm-62")
+    with pytest.raises(ValidationError, match="did you mean tm-62p"):
+        Target(kind="mine", x=0, y=10, body="tm-62")
+
+
+def test_a_body_brings_its_size_and_takes_no_other():
+    body = load_body("vs-1.6")
+    target = Target(kind="plastic", x=0, y=10, depth=0.05, body="vs-1.6")
+    assert (target.radius, target.height) == (body.radius, pytest.approx(body.height))
+    assert Target.model_validate(target.model_dump(exclude_unset=True)) == target
+    with pytest.raises(ValidationError, match=r"radius must not be given with body = 'vs-1.6'"):
+        Target(kind="plastic", x=0, y=10, body="vs-1.6", radius=0.3)
+    with pytest.raises(ValidationError, match="gap must not be given with body"):
+        Target(kind="plastic", x=0, y=10, body="vs-1.6", gap=0.01)
+    assert Target(kind="plastic", x=0, y=10, body="m19").radius == pytest.approx(0.166)

@@ -1,0 +1,295 @@
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import j1
+from scipy.stats import kstest
+
+from flgpr.imaging import ScanImager
+from flgpr.model import Antenna, Grid
+from flgpr.simulate import Scene, Simulator, inclusions
+from flgpr.simulate.buried_spectra import BuriedSpectra
+from flgpr.simulate.echoes import Ground
+from flgpr.simulate.layers import View
+from flgpr.simulate.refraction import apparent_shift
+from flgpr.simulate.simulator import array_state
+from flgpr.simulate.subsurface import (
+    _LENS,
+    Buried,
+    SubsurfaceField,
+    SubsurfaceLayer,
+    laws,
+    shapes,
+    stone_radii,
+    subsurface_layers,
+)
+from flgpr.simulate.tables_buried import Stones
+from simulate.conftest import BARE, STILL
+
+DRY = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}
+MOIST = {"model": "mironov", "clay": 20.0, "moisture": 0.12}
+SPEED = 299792458.0
+POSE = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+
+
+class Given:
+    """A field that holds the given points."""
+
+    def __init__(self, points):
+        self.points = points
+
+    def within(self, corners):
+        return self.points
+
+
+def given(xy, depth, size=1.0, axial=0.0, axis=(0.0, 0.0, 1.0), shape=0, reach=0.0):
+    count = len(xy)
+    return Buried(
+        np.array(xy, dtype=float),
+        np.full(count, depth, dtype=float),
+        np.full(count, size, np.complex64),
+        np.full(count, axial, np.complex64),
+        np.tile(np.array(axis, dtype=float), (count, 1)),
+        np.full(count, shape),
+        np.full(count, reach, dtype=float),
+    )
+
+
+def ground_of(soil, sensor):
+    return Ground(Scene(soil=soil).soil, None, sensor.tones.axis())
+
+
+def flat_layer(points, soil, sensor, scene=None):
+    """Give the layer that holds the points with spectra that do not grow, and the soil."""
+    ground = ground_of(soil, sensor)
+    spectra = BuriedSpectra(ground, np.ones((60, ground.frequency.size)), 0.5)
+    return SubsurfaceLayer(Given(points), spectra, laws(scene or Scene(soil=soil), ground)), ground
+
+
+def view_of(sensor):
+    return View(sensor.footprint, POSE, array_state(sensor, POSE))
+
+
+def spectra_of(echoes):
+    """Spectra (point, 3, frequency) of all points."""
+    return np.einsum("irc,rcf->icf", echoes.coefficient, echoes.basis)
+
+
+def sine_at(xy):
+    return np.hypot(*np.transpose(xy)) / np.sqrt(np.hypot(*np.transpose(xy)) ** 2 + POSE[2] ** 2)
+
+
+def test_stones_are_as_many_and_as_large_as_their_law(quiet):
+    scene = Scene(soil=DRY, stones={"density": 2.0, "radius": (0.01, 0.08), "exponent": 2.5})
+    ground = ground_of(DRY, quiet)
+    spectra = BuriedSpectra(ground, shapes(scene, ground), 0.4)
+    field = SubsurfaceField(scene, spectra, 30.0, 10.0, seed=1)
+    count = sum(field.stones(ix, iy).depth.size for ix in range(30) for iy in range(30))
+    assert abs(count - 1800) < 4 * np.sqrt(1800)
+    radii = stone_radii(Stones(), np.random.default_rng(0).random(4000))
+    low, high, d = 0.01, 0.08, 2.5
+
+    def law(r):
+        return (1 - (r / low) ** -d) / (1 - (high / low) ** -d)
+
+    assert kstest(radii, law).pvalue > 1e-3
+    assert kstest(radii, lambda r: law(r) ** 1.15).pvalue < 1e-3  # the test can tell
+
+
+def test_a_stone_is_a_dipole_when_small_and_optical_when_large():
+    k, es, er = 20.0, 4.0, 7.0
+    amplitude, _ = inclusions.stone([0.002, 3.0], er, es, k)
+    dipole = k**2 * es * 0.002**3 * (er - es) / (er + 2 * es)
+    assert amplitude[0] ** 2 == pytest.approx(4 * np.pi * dipole**2, rel=0.01)
+    face = (np.sqrt(er) - np.sqrt(es)) / (np.sqrt(er) + np.sqrt(es))
+    assert amplitude[1] ** 2 == pytest.approx(np.pi * 3.0**2 * face**2, rel=0.01)
+    assert inclusions.stone(0.03, es, es, k)[0] == 0  # a stone like its soil is not there
+    assert inclusions.stone(0.03, 3.0, es, k)[0] < 0
+
+
+def test_spheroids_have_the_polarizability_of_their_limits():
+    along, across = inclusions.spheroid([1.0, 1.0005, 1e-4, 200.0], 6.0, 3.0)
+    np.testing.assert_allclose(along[:2], 1, atol=1e-3)
+    np.testing.assert_allclose(across[:2], 1, atol=1e-3)
+    sphere = (6 + 2 * 3) / 3
+    assert along[2] == pytest.approx(sphere / 6, rel=1e-3)  # a flat disc hides its inside: N = 1
+    assert across[2] == pytest.approx(sphere / 3, rel=1e-3)
+    assert along[3] == pytest.approx(sphere / 3, rel=1e-3)  # a needle: N = 0
+    assert across[3] == pytest.approx(sphere / 4.5, rel=1e-3)  # N = 1/2
+    prolate, _ = inclusions.spheroid(2.0, 6.0, 3.0)
+    assert sphere / prolate - 3 == pytest.approx(0.1736 * 3, rel=1e-3)  # tabulated depolarization factor of 2:1
+
+
+def test_buried_spheres_have_the_ratio_of_transmissions_and_no_cross(quiet):
+    places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
+    layer, ground = flat_layer(given(places, 0.0), DRY, quiet)
+    h, v, x = np.moveaxis(spectra_of(layer.echoes(view_of(quiet)))[..., 100], 1, 0)
+    s = sine_at(places)
+    c, q, n = np.sqrt(1 - s**2), np.sqrt(3.4 - s**2), np.sqrt(3.4)
+    t_h, t_v = 2 * c / (c + q), 2 * n * c / (3.4 * c + q)
+    np.testing.assert_allclose(np.abs(h), t_h**2, rtol=0.01)
+    np.testing.assert_allclose(np.abs(v / h), (t_v / t_h) ** 2, rtol=0.01)
+    assert not x.any()
+    assert ground.real == [3.4]
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.12, 0.3])
+def test_depth_takes_what_the_soil_takes(quiet, depth):
+    places = [(0.0, 7.0), (-3.0, 12.0), (2.0, 26.0)]
+    shallow, ground = flat_layer(given(places, 0.0), MOIST, quiet)
+    deep, _ = flat_layer(given(places, depth), MOIST, quiet)
+    ratio = spectra_of(deep.echoes(view_of(quiet)))[:, 0] / spectra_of(shallow.echoes(view_of(quiet)))[:, 0]
+    normal = np.sqrt(ground.media[0] - sine_at(places)[:, None] ** 2)
+    middle = normal[:, ground.frequency.size // 2].real[:, None]
+    want = np.exp(-2j * ground.wavenumber * depth * (normal - middle))
+    # What is lost must be right where it matters: errors count against the strongest tone and a shallow point.
+    assert np.abs(ratio - want).max() < 0.05 * np.abs(want).max() + 0.01
+    assert np.abs(want).min() < 0.6
+
+
+def test_a_buried_point_is_focused_at_its_apparent_shift(quiet):
+    scene = Scene(soil=DRY, surface=BARE, track=STILL, length=30.0)
+    layer, _ = flat_layer(given([(0.0, 12.0)], 0.15), DRY, quiet)
+    simulator = Simulator(scene, quiet.model_copy(update={"antenna": Antenna()}), 1)
+    simulator._layers = [layer]
+    grid = Grid.spanning((-0.3, 0.3), (11.6, 12.8), 0.01)
+    image = np.abs(next(iter(ScanImager(simulator.run(), grid, {"all": (0.45e9, 2.95e9)}))).values[0, 0])
+    row, column = np.unravel_index(image.argmax(), grid.shape)
+    shift = float(apparent_shift(0.15, 3.4, sine_at([(0.0, 12.0)])[0]))
+    assert shift > 0.2
+    assert grid.y[row] == pytest.approx(12.0 + shift, abs=0.02)
+    assert grid.x[column] == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_spectrum_of_the_uneven_soil_is_that_of_its_correlation():
+    """Along one axis of isotropic soil the transform is 4π/K·∫ C(r)·r·sin(Kr) dr."""
+    k, s, length, deviation, soil = 12.0, 0.9, 0.03, 0.4, 4.0
+    wave = 2 * k * np.sqrt(soil)
+    integral = quad(lambda r: r * np.exp(-r / length), 0, np.inf, weight="sin", wvar=wave)[0]
+    want = k**4 / (4 * np.pi) * deviation**2 * 4 * np.pi / wave * integral
+    got = inclusions.volume_backscatter(k, s, soil, deviation, length, length)
+    assert got == pytest.approx(want, rel=1e-3)
+
+
+@pytest.mark.parametrize("tone", [20, 128, 230])
+def test_the_uneven_soil_echoes_as_its_closed_form(quiet, tone):
+    uneven = {"deviation": 0.5, "horizontal": 0.1, "vertical": 0.05, "depth": 0.4, "density": 60.0}
+    scene = Scene(soil=MOIST, heterogeneity=uneven)
+    ground = ground_of(MOIST, quiet)
+    (layer,) = subsurface_layers(scene, (), ground, 1.0, seed=3)
+    echoes = layer.echoes(view_of(quiet))
+    power = np.abs(spectra_of(echoes)[..., tone]) ** 2
+    s = sine_at(echoes.points[:, :2])
+    k, eps = ground.wavenumber[tone], ground.media[0][tone]
+    q, c = np.sqrt(eps - s**2), np.sqrt(1 - s**2)
+    x_min, x_max, y_min, y_max = quiet.footprint
+    area = (x_max - x_min) * (y_max - y_min)
+    rate = 4 * k * np.abs(q.imag)
+    for channel, t in ((0, 2 * c / (c + q)), (1, 2 * np.sqrt(eps) * c / (eps * c + q))):
+        sigma = inclusions.volume_backscatter(k, s, eps.real, 0.5, 0.1, 0.05)
+        want = area * np.mean(sigma * np.abs(t) ** 4 * (1 - np.exp(-rate * 0.4)) / rate)
+        error = np.sqrt(np.sum(power[:, channel] ** 2))  # of a sum of independent terms
+        assert error < 0.1 * want
+        assert abs(power[:, channel].sum() - want) < 3 * error + 0.08 * want
+
+
+def test_the_two_flashes_of_a_lens_are_born_s_disc(quiet):
+    """Both flashes beyond the way to the disc's middle add up to k0²·δε·a²h/4·2J_1(x)/x·sqrt(4π)."""
+    radius, thickness, contrast, k = 0.15, 1e-4, 0.7, 2 * np.pi * 1.2e9 / SPEED
+    near = complex(inclusions.lens(radius, contrast, thickness, k))
+    for s in (0.8, 0.9, 0.97):
+        x = 2 * k * radius * s
+        both = s**-1.5 * (near * np.exp(1j * x) + np.conj(near) * np.exp(-1j * x))
+        full = np.sqrt(4 * np.pi) * k**2 / 4 * contrast * radius**2 * thickness
+        assert abs(both - full * 2 * j1(x) / x) < 0.05 * full * 2 * np.sqrt(2 / (np.pi * x**3)) * 2
+    layer, _ = flat_layer(given([(0.0, 12.0)] * 2, 0.1, shape=_LENS, reach=0.15), DRY, quiet)
+    np.testing.assert_allclose(layer.echoes(view_of(quiet)).points[:, 1], 11.85, atol=1e-3)
+
+
+def test_a_field_along_a_root_makes_its_echo(quiet):
+    """Across the look it answers H alone, along it V alone, and aslant both and HV."""
+    middle = 128
+
+    def echo(axis):
+        layer, _ = flat_layer(given([(0.0, 12.0)], 0.0, 0.0, 1.0, axis), DRY, quiet)
+        return np.abs(spectra_of(layer.echoes(view_of(quiet)))[0, :, middle])
+
+    h, v, x = echo((1.0, 0.0, 0.0))
+    assert h > 0.1
+    assert max(v, x) < 0.02 * h
+    h, v, x = echo((0.0, 1.0, 0.0))
+    assert v > 0.1
+    assert max(h, x) < 0.02 * v
+    h, v, x = echo((np.sqrt(0.5), np.sqrt(0.5), 0.0))
+    assert x == pytest.approx(np.sqrt(h * v), rel=0.02)
+
+
+def test_roots_of_every_direction_have_the_cross_level_of_thin_wires(quiet):
+    scene = Scene(soil=DRY, roots={"density": 3.0, "plunge": 0.0, "radius": (0.004, 0.0041), "loss_tangent": 0.0})
+    (layer,) = subsurface_layers(scene, (), ground_of(DRY, quiet), 1.0, seed=5)
+    echoes = layer.echoes(view_of(quiet))
+    power = np.sum(np.abs(spectra_of(echoes)[..., 128]) ** 2, axis=0)
+    turn = np.linspace(0, np.pi, 200, endpoint=False)
+    across = 2 * 3.4 / (22 + 3.4)
+    s = sine_at(echoes.points[:, :2])
+    inside = np.sqrt(1 - s**2 / 3.4)
+    c, q, n = np.sqrt(1 - s**2), np.sqrt(3.4 - s**2), np.sqrt(3.4)
+    ratio = n * (c + q) / (3.4 * c + q)  # t12 of V over that of H
+    level = np.mean((across + (1 - across) * np.cos(turn) ** 2) ** 2)
+    cross = np.mean(((1 - across) * np.cos(turn) * np.sin(turn)) ** 2) * np.mean((inside * ratio) ** 2)
+    assert power[2] / power[0] == pytest.approx(cross / level, rel=0.15)  # about 900 roots that turn twice
+    assert -10 < 10 * np.log10(power[2] / power[0]) < -2
+
+
+def test_stones_of_any_shape_depolarize_and_round_ones_do_not(quiet):
+    def cross(stretch):
+        scene = Scene(soil=DRY, stones={"density": 5.0, "stretch": stretch})
+        (layer,) = subsurface_layers(scene, (), ground_of(DRY, quiet), 1.0, seed=5)
+        power = np.sum(np.abs(spectra_of(layer.echoes(view_of(quiet)))[..., 128]) ** 2, axis=0)
+        return 10 * np.log10(power[2] / power[0] + 1e-30)
+
+    assert cross(1.0) < -60
+    assert -40 < cross(1.8) < -10
+
+
+FULL = {
+    "stones": {"density": 2.0},
+    "roots": {"density": 0.3},
+    "lenses": {"density": 0.3},
+    "heterogeneity": {"deviation": 0.3, "density": 5.0},
+    "holes": {"empty": 0.1, "over": 0.5},
+}
+LANE = {"soil": MOIST, "surface": {"density": 5.0}, "length": 20.0, "track": {"positions": (0.0, 1.0, 2.5)}}
+MINES = {"draws": [{"kind": "metal", "depth": 0.05, "count": 4}], "clutter": {"rocks": 0.05}}
+
+
+def test_the_same_seed_gives_the_same_bits_in_any_order(quiet):
+    one, other = (Simulator(Scene(**LANE, **MINES, **FULL), quiet, 7) for _ in range(2))
+    forwards, backwards = [one.scan(k) for k in (0, 1, 2)], [other.scan(k) for k in (2, 1, 0)][::-1]
+    for a, b in zip(forwards, backwards, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(Simulator(Scene(**LANE, **MINES, **FULL), quiet, 8).scan(0), forwards[0])
+
+
+def test_switched_off_it_is_the_world_without(quiet):
+    bare = Simulator(Scene(**LANE, **MINES), quiet, 7)
+    off = {name: table | {"on": False} for name, table in FULL.items()}
+    np.testing.assert_array_equal(Simulator(Scene(**LANE, **MINES, **off), quiet, 7).scan(0), bare.scan(0))
+    for name in FULL:
+        one = Simulator(Scene(**LANE, **MINES, **(off | {name: FULL[name]})), quiet, 7)
+        assert not np.array_equal(one.scan(0), bare.scan(0)), name
+        assert one.truth.equals(bare.truth), name
+        assert one.objects[one.objects["kind"] != "hole"].equals(bare.objects), name
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"stones": {"density": -1}}, "density"),
+        ({"stones": {"radius": (0.05, 0.01)}}, "least < greatest"),
+        ({"holes": {"over": 1.5}}, "over"),
+        ({"roots": {"lenght": 1.0}}, "lenght"),
+    ],
+)
+def test_bad_tables_are_refused(table, message):
+    with pytest.raises(ValueError, match=message):
+        Scene(**table)
