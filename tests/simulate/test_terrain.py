@@ -47,6 +47,19 @@ def test_the_height_does_not_depend_on_what_else_is_asked_for():
     assert np.abs(terrain(2, undulation=0.02).relief(xy)[:, 0] - one_by_one).max() > 0.01
 
 
+def test_the_lattice_holds_the_cell_of_every_place_whatever_rounding_does():
+    """A place on a node may fall into the cell after it."""
+    ground = terrain(undulation=0.02, undulation_length=2.1, rut_depth=0.05)
+    for first in range(-30, 30):
+        for cells in range(40):
+            steps = np.array([0.175, ground.table.rut_wander_length / 200])
+            low, high = first * steps, (first + cells) * steps
+            origin, step, nodes = ground._undulation(np.array([[low[0]] * 2, [high[0]] * 2]))
+            assert int((high[0] - origin[0]) / step) + 1 < len(nodes)
+            start, pitch, line = ground._rut_line(np.array([low[1], high[1]]))
+            assert int((high[1] - start) / pitch) + 1 < len(line)
+
+
 def test_ruts_have_their_depth_width_and_spacing():
     ground = terrain(rut_depth=0.06, rut_width=0.2, rut_spacing=1.6, rut_wander=0.0)
     np.testing.assert_allclose(ground([-0.8, 0.8], 7.0), -0.06, rtol=1e-6)

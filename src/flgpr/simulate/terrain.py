@@ -72,7 +72,7 @@ class Terrain:
     def _undulation(self, xy: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Heights and slopes (y, x, 3) on the lattice around places (point, 2), its first node and its step, m."""
         step = self.table.undulation_length / _FINE
-        first, last = np.floor(xy.min(axis=0) / step), np.floor(xy.max(axis=0) / step) + 2
+        first, last = np.floor(xy.min(axis=0) / step), np.floor(xy.max(axis=0) / step) + 3  # one to spare for rounding
         x, y = (np.arange(a, b) * step for a, b in zip(first, last, strict=True))
         along_x = np.exp(1j * (x[:, None] * self._waves[0] + self._phase))
         along_y = np.exp(1j * y[:, None] * self._waves[1])
@@ -82,7 +82,7 @@ class Terrain:
     def _rut_line(self, y: FloatArray) -> tuple[float, float, FloatArray]:
         """Place across and its slope (node, 2) of the middle between the ruts, its first node and its step, m."""
         step = self.table.rut_wander_length / 200
-        first, last = math.floor(y.min() / step), math.floor(y.max() / step) + 2
+        first, last = math.floor(y.min() / step), math.floor(y.max() / step) + 3  # one to spare for rounding
         (waves, start), size = self._wander, self.table.rut_wander * math.sqrt(2 / 3)
         turns = np.arange(first, last)[:, None] * step * waves + start
         return first * step, step, size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1)
