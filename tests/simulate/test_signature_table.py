@@ -1,5 +1,6 @@
 """Tables of signatures: kept, read between their nodes, made in pieces, and named by scenes."""
 
+from functools import partial
 from hashlib import sha256
 
 import numpy as np
@@ -10,11 +11,13 @@ from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import build, load_body, packaged_bodies, packaged_table
 from flgpr.simulate.signature import table as nodes
 from flgpr.simulate.signature.body import Body
+from flgpr.simulate.signature.box import solve_box
 from flgpr.simulate.signature.build import build_table
 from flgpr.simulate.signature.solve import solve_round
 from flgpr.simulate.signature.table import SignatureTable, find_table, load_table, save_table
 from flgpr.simulate.targets import node_weights
 
+SHAPE = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size, nodes.DEPTH.size, 1, nodes.SINE.size, nodes.SEPARATION.size, 4)
 TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
 
 
@@ -37,8 +40,8 @@ def test_a_file_keeps_a_table_to_a_thousandth(tmp_path):
 
 def test_a_table_of_very_weak_and_very_strong_tones_loses_neither(tmp_path):
     rng = np.random.default_rng(0)
-    size = (6, 40, 8, 1, 6, 3, 4)
-    levels = 10.0 ** rng.uniform(-9, 3, size[:2]).reshape(6, 40, 1, 1, 1, 1, 1)
+    size = SHAPE
+    levels = 10.0 ** rng.uniform(-9, 3, size[:2]).reshape(*size[:2], 1, 1, 1, 1, 1)
     values = levels * (rng.normal(size=size) + 1j * rng.normal(size=size))
     save_table(SignatureTable(TINY, values.astype(np.complex64)), tmp_path / "t.npz")
     back = load_table(tmp_path / "t.npz").values
@@ -48,7 +51,7 @@ def test_a_table_of_very_weak_and_very_strong_tones_loses_neither(tmp_path):
 @pytest.mark.parametrize("damage", ["cut", "flipped", "text", "foreign", "missing"])
 def test_a_damaged_or_foreign_file_is_named(tmp_path, damage):
     path = tmp_path / "broken.npz"
-    save_table(SignatureTable(TINY, np.ones((6, 40, 8, 1, 6, 3, 4), np.complex64)), path)
+    save_table(SignatureTable(TINY, np.ones(SHAPE, np.complex64)), path)
     data = path.read_bytes()
     if damage == "cut":
         path.write_bytes(data[: len(data) // 2])
@@ -69,7 +72,7 @@ def test_a_table_made_for_other_nodes_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "old.npz"
     with monkeypatch.context() as patched:
         patched.setattr(nodes, "DEPTH", nodes.DEPTH + 0.001)
-        save_table(SignatureTable(TINY, np.ones((6, 40, 8, 1, 6, 3, 4), np.complex64)), path)
+        save_table(SignatureTable(TINY, np.ones(SHAPE, np.complex64)), path)
     with pytest.raises(ValueError, match=r"old.npz: made for other nodes"):
         load_table(path)
 
@@ -112,11 +115,17 @@ def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, freq
     found = packaged_table(name).at(np.array([frequency]), np.array([soil]), depth)[..., 0]
     weight = node_weights(BETWEEN, np.full(3, apart), np.zeros(3), np.zeros(1))
     even = np.einsum("aspn,aspc->nc", weight[..., 0, :], found)
-    odd = np.einsum("aspn,aspc->nc", weight[..., 1, :], found)
+    odd = np.einsum("aspn,aspc->nc", weight[..., 2, :], found)
     got = np.concatenate([even[:, :3], odd[:, 3:]], axis=1)
     assert np.abs(got - want).max() < limit * np.abs(want).max()
     level = 20 * np.log10(np.linalg.norm(got[:, :2], axis=0) / np.linalg.norm(want[:, :2], axis=0))
     assert np.abs(level).max() < 1.5
+
+
+def test_without_a_surface_a_table_gives_its_deepest_node():
+    table = packaged_table("metal-at")
+    deep = table.at(nodes.FREQUENCY, soil_of(1), np.inf)
+    np.testing.assert_allclose(deep, table.at(nodes.FREQUENCY, soil_of(1), 1e6), atol=1e-6 * np.abs(deep).max())
 
 
 def test_weights_are_those_of_polynomials_even_and_odd():
@@ -131,7 +140,7 @@ def test_weights_are_those_of_polynomials_even_and_odd():
     def odd(s, p):
         return (2 - s**3) * (p - 0.5 * p**3)
 
-    for row, function in enumerate((even, odd)):
+    for row, function in ((0, even), (2, odd)):
         at_nodes = function(nodes.SINE[:, None], nodes.SEPARATION)
         got = np.einsum("spn,sp->n", weight[:, :, row], at_nodes)
         np.testing.assert_allclose(got, function(sine, apart), atol=1e-11)
@@ -142,23 +151,35 @@ def test_swapping_the_antennas_swaps_hv_and_vh():
     sine, apart = np.full(2, 0.9), np.array([0.3, -0.3])
     weight = node_weights(sine, apart, np.zeros(2), np.zeros(1))
     even = np.einsum("aspn,aspc->nc", weight[..., 0, :], table)
-    odd = np.einsum("aspn,aspc->nc", weight[..., 1, :], table)
+    odd = np.einsum("aspn,aspc->nc", weight[..., 2, :], table)
     there, back = ((even[n, 2] + odd[n, 3], even[n, 2] - odd[n, 3]) for n in range(2))
     assert abs(there[0]) > 1e-4
     np.testing.assert_allclose(there, back[::-1], rtol=1e-12)
     np.testing.assert_allclose(even[0, :2], even[1, :2], rtol=1e-12)
 
 
-def test_aspects_are_folded_at_a_box_s_mirrors():
-    """A square looks alike after a quarter turn and in its diagonals, an oblong after half a turn."""
-    at = np.radians([20.0, -20.0, 110.0, 70.0, 200.0])
-    sine, apart = np.full(5, 0.9), np.full(5, 0.1)
-    square = node_weights(sine, apart, at, nodes.ASPECT[:7])
-    np.testing.assert_allclose(square, np.broadcast_to(square[..., :1], square.shape), atol=1e-12)
-    oblong = node_weights(sine, apart, at, nodes.ASPECT)
-    np.testing.assert_allclose(oblong[..., [1, 4]], np.broadcast_to(oblong[..., :1], oblong[..., :2].shape), atol=1e-12)
-    assert np.abs(oblong[..., 3] - oblong[..., 0]).max() > 0.1
-    np.testing.assert_allclose(oblong[..., 0, :].sum(axis=(0, 1, 2)), 1, atol=1e-12)
+BRICK = {"thickness": 0.03, "zones": ((0.04, 2.0),)}
+
+
+@pytest.mark.parametrize(("elongation", "count"), [(1.0, 4), (1.6, 7)])
+def test_all_aspects_of_a_box_come_from_an_eighth_or_a_quarter_of_its_turn(elongation, count):
+    """Between the nodes and behind every mirror, where (HV + VH)/2 changes its sign."""
+    body = Body(name="brick", shape="box", elongation=elongation, layers=[BRICK])
+    aspects = np.radians(np.linspace(0, 45 if elongation == 1 else 90, count))
+    at, apart = np.radians([20.0, -20.0, 110.0, 70.0, 200.0, 38.0]), np.radians(12.0)
+    solve = partial(solve_box, body, 1.5e9, 4.0 - 0.1j, nodes.SINE)
+
+    def channels(found):
+        hh, hv, vh, vv = np.moveaxis(found, -1, 0)
+        return np.stack([hh, vv, (hv + vh) / 2, (hv - vh) / 2], axis=-1)
+
+    want = channels(solve(at, np.array([apart])))[3, :, 0]
+    table = channels(solve(aspects, nodes.SEPARATION))  # (sine, aspect, separation, 4)
+    weight = node_weights(np.full(at.size, nodes.SINE[3]), np.full(at.size, apart), at, aspects)
+    rows = [0, 0, 1, 2]  # the weights of each channel
+    got = np.stack([np.einsum("aspn,sap->n", weight[..., rows[c], :], table[..., c]) for c in range(4)], axis=-1)
+    assert np.abs(want[:, 2]).max() > 0.02 * np.abs(want).max()
+    np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
 
 
 @pytest.fixture

@@ -278,12 +278,12 @@ def _add_fiducial(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayStat
 
 
 def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
-    """Gain over distance of every antenna, H to h, H to v and V to v, towards places (n, 3): (antenna, 3, n).
+    """Gain over distance of every antenna towards places (n, 3), H to h, H to v and V to v: (antenna, n, 3).
 
     A beam that narrows with frequency is left out: it is applied tone by tone.
     """
     shape = (len(array.position), len(places))
-    gain = np.empty((shape[0], 3, shape[1]), np.float32)
+    gain = np.empty((*shape, 3), np.float32)
     exponent = 0.0 if array.growth > 0 else array.exponent
     look = (array.boresight, array.horizontal, array.vertical, exponent, np.empty((0, 0), np.float32))
     unused = (np.empty(shape), np.empty(shape, np.complex64))
@@ -348,8 +348,8 @@ def _sum(
     for q in prange(tx.shape[0]):
         a, b = tx[q], rx[q]
         for e in range(path.shape[0]):
-            ah, av, aw = gain[a, 0, e], gain[a, 1, e], gain[a, 2, e]
-            bh, bv, bw = gain[b, 0, e], gain[b, 1, e], gain[b, 2, e]
+            ah, av, aw = gain[a, e, 0], gain[a, e, 1], gain[a, e, 2]
+            bh, bv, bw = gain[b, e, 0], gain[b, e, 1], gain[b, e, 2]
             even, odd = weight[e, 0, q], weight[e, 1, q]
             rate = moved[a, e] + moved[b, e]
             angle = -4 * math.pi * step * rate

@@ -18,6 +18,21 @@ FloatArray = NDArray[np.float64]
 TILE = 1.0  # m
 
 
+def cells_of(count: float) -> tuple[int, int]:
+    """Cells across and along a square, at least ``count`` in all."""
+    across = max(1, math.ceil(math.sqrt(count)))
+    return across, max(1, math.ceil(count / across))
+
+
+def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
+    """Places (point, 2) in the unit square, each anywhere within a cell of its own (jittered sampling, Cook 1986).
+
+    So few scatterers share power out over resolution cells as evenly as several times as many strewn at random do.
+    """
+    corner = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.asarray((corner + rng.random(corner.shape)) / cells)
+
+
 class Scatterers(NamedTuple):
     """Point scatterers on the mean surface.
 
@@ -62,7 +77,8 @@ class SurfaceField:
         name: str = "surface",
     ) -> None:
         self.surface, self.patches, self.seed, self.name = surface, patches, seed, name
-        self.per_tile = max(1, math.ceil(density * TILE**2))
+        self._cells = cells_of(density * TILE**2)
+        self.per_tile = math.prod(self._cells)
         self._kept: OrderedDict[tuple[int, int], Scatterers] = OrderedDict()
         self._limit = keep
         textures = "texture" if name == "surface" else f"{name} texture"
@@ -89,7 +105,7 @@ class SurfaceField:
 
     def _make(self, ix: int, iy: int) -> Scatterers:
         rng = stream(self.seed, self.name, ix, iy)
-        xy = (rng.random((self.per_tile, 2)) + np.array([ix, iy])) * TILE
+        xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
         z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(np.complex64) / np.float32(math.sqrt(2))
         rho = self.surface.correlation
         z[:, 1] = rho * z[:, 0] + math.sqrt(1 - rho**2) * z[:, 1]

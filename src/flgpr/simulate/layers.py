@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from flgpr.simulate.terrain import Terrain
 
 if TYPE_CHECKING:
     from flgpr.simulate.shadow import Shadows
+    from flgpr.simulate.skeleton import Skeleton
 
 FloatArray = NDArray[np.float64]
 
@@ -32,16 +33,13 @@ class PointEchoes(NamedTuple):
     coefficient : (point, rank, 3) ndarray of complex64
         Amplitudes HH, VV and cross (square root of the cross section, m) for every spectral function.
     basis : (rank, 3, frequency) ndarray
-        The spectral functions, real or complex. Layers that share the very same array are summed at once.
-    nodes : (rank,) ndarray or None
-        Frequencies, Hz, at which the coefficients are the spectra's values, the functions interpolating between them.
+        The spectral functions, real or complex.
     """
 
     points: FloatArray
     extra: FloatArray
     coefficient: NDArray[np.complex64]
     basis: NDArray[Any]
-    nodes: FloatArray | None = None
 
 
 class View:
@@ -98,13 +96,6 @@ class View:
             return self.terrain.local_sine(points, self.centre)
         offset = points - self.centre
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) / np.linalg.norm(offset, axis=1))
-
-    def seen(self, echoes: PointEchoes) -> list[PointEchoes]:
-        """Raise scatterers by the ground under them and give those in the light and those in shadows apart."""
-        if self.terrain is not None:
-            height = self.terrain.relief(echoes.points[:, :2])[:, :1]
-            echoes = echoes._replace(points=echoes.points + height * [0.0, 0.0, 1.0])
-        return [echoes] if self.shadows is None else self.shadows.split(echoes)
 
 
 class Layer(Protocol):
@@ -177,12 +168,7 @@ class SurfaceLayer:
         return PointEchoes(points, np.zeros(len(points)), coefficient, self._spectra.basis)
 
 
-def sum_layers(
-    layers: Iterable[Layer],
-    view: View,
-    spreader: Spreader,
-    narrowed: Callable[[PointEchoes], PointEchoes] | None = None,
-) -> NDArray[np.complex64]:
+def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton) -> NDArray[np.complex64]:
     """Sum the echoes of all layers over pairs and tones.
 
     Parameters
@@ -193,22 +179,22 @@ def sum_layers(
         What the scan sees.
     spreader : Spreader
         Sums points.
-    narrowed : callable or None
-        Rewrites spectra for a beam that narrows with frequency.
+    skeleton : Skeleton
+        The tones at which the layers' spectra are taken.
 
     Returns
     -------
     (3 or 4, pair, frequency) ndarray of complex64
         Channels as :class:`~flgpr.simulate.spread.Spreader` gives them.
     """
-    alike: dict[int, list[PointEchoes]] = {}
-    for layer in layers:
-        found = layer.echoes(view)
-        alike.setdefault(id(found.basis), []).append(found)
-    total = np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)
-    for some in alike.values():
-        points, extra, coefficient = (np.concatenate(parts) for parts in list(zip(*some, strict=True))[:3])
-        for part in view.seen(PointEchoes(points, extra, coefficient, some[0].basis)):
-            one = part if narrowed is None else narrowed(part)
-            total += spreader(one.points, one.coefficient, one.basis, view.array, one.extra, one.nodes)
-    return total
+    found = [layer.echoes(view) for layer in layers]
+    if not found:
+        return np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)
+    points = np.concatenate([echoes.points for echoes in found])
+    extra = np.concatenate([echoes.extra for echoes in found])
+    values = np.concatenate([skeleton.values(echoes) for echoes in found])
+    if view.terrain is not None:
+        points[:, 2] += view.terrain.relief(points[:, :2])[:, 0]
+    if view.shadows is not None:
+        view.shadows.darken(values, points, skeleton.nodes)
+    return spreader(points, values, skeleton.functions, view.array, extra, skeleton.nodes)

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.simulate.layers import PointEchoes
 from flgpr.simulate.scene import Target, Thing
 from flgpr.simulate.spread import ArrayState
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-NODES = 5  # frequencies at which shadows of scatterers are known; linear between them
+_NODES = 5  # frequencies at which the shadow on a body is known; linear between them
 _PAIRS = 8  # pairs over which a shadow is averaged
-_LEAST = 0.1  # change of the two-way amplitude that counts
 _REACH = 6.0  # argument beyond which the Fresnel integral has arrived
 _FINE = 128  # its samples per unit
+_LEAST = 0.05  # change of the two-way amplitude that counts
+_MANY = 500  # points that a thread takes at once
 _ROCK = 0.05  # m: lower rocks throw no shadow
 
 
@@ -99,58 +99,40 @@ class Shadows:
         The antennas.
     frequency : (frequency,) ndarray
         Tones, Hz.
-
-    Attributes
-    ----------
-    nodes : (node,) ndarray
-        Frequencies of the factors, Hz.
     """
 
     def __init__(self, strips: Iterable[Strip], array: ArrayState, frequency: FloatArray) -> None:
-        self.frequency = frequency
-        self.nodes = np.geomspace(frequency[0], frequency[-1], NODES) if frequency.size > 1 else frequency
+        self._frequency = frequency
         chosen = slice(None, None, max(1, math.ceil(array.tx.size / _PAIRS)))
         used, index = np.unique(np.concatenate([array.tx[chosen], array.rx[chosen]]), return_inverse=True)
         self._antennas = array.position[used]
         self._tx, self._rx = np.split(index, 2)
         self._strips = np.array([s[:5] for s in strips]).reshape(-1, 5)
-        loss = np.array([s.foliage for s in strips])[:, None] * np.sqrt(self.nodes / 0.87e9)
-        self._passed = 10 ** (-loss.reshape(-1, self.nodes.size) / 20)
+        self._foliage = np.array([s.foliage for s in strips])
 
-    def factors(self, points: FloatArray) -> ComplexArray:
-        """Two-way factor of the field at points (point, 3) of the lane frame, for every node (point, node)."""
-        out = np.ones((len(points), self.nodes.size), complex)
+    def darken(self, values: NDArray[np.complex64], points: FloatArray, nodes: FloatArray) -> None:
+        """Multiply amplitudes (point, channel, node) at points (point, 3) of the lane frame by the two-way factors.
+
+        ``nodes`` (node,) are the amplitudes' frequencies, Hz.
+        """
         if len(self._strips):
-            wavelength = SPEED_OF_LIGHT / self.nodes
-            _shade(points, self._antennas, self._tx, self._rx, self._strips, self._passed, wavelength, _TABLE, out)
-        return out
+            passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
+            ways = (self._antennas, self._tx, self._rx)
+            shade = _shade_blocks if len(points) > _MANY else _shade  # waking threads takes longer than few points
+            shade(points, *ways, self._strips, passed, SPEED_OF_LIGHT / nodes, _TABLE, values)
+
+    def factors(self, points: FloatArray, nodes: FloatArray) -> NDArray[np.complex64]:
+        """Two-way factor of the field at points (point, 3) of the lane frame, for every node (point, node)."""
+        out = np.ones((len(points), 1, len(nodes)), np.complex64)
+        self.darken(out, points, nodes)
+        return out[:, 0]
 
     def of_body(self, point: FloatArray) -> ComplexArray:
         """Two-way factor of the field at one point (3,) for every tone (frequency,)."""
-        factor = self.factors(point[None, :])[0]
-        return np.interp(self.frequency, self.nodes, factor.real) + 1j * np.interp(
-            self.frequency, self.nodes, factor.imag
-        )
-
-    def split(self, echoes: PointEchoes) -> list[PointEchoes]:
-        """Take those that are shaded out of ``echoes`` and give both sets, the shaded ones with their factor.
-
-        Their spectra are then linear between the nodes, times the root mean square of the functions they had.
-        """
-        if not len(self._strips) or not len(echoes.points):
-            return [echoes]
-        factor = self.factors(echoes.points)
-        dark = np.abs(factor - 1).max(axis=1) > _LEAST
-        if not dark.any():
-            return [echoes]
-        points, extra, coefficient, basis, _ = echoes
-        size = np.sqrt((np.abs(basis) ** 2).mean(axis=0))  # (3, frequency)
-        place = np.searchsorted(self.frequency, self.nodes).clip(0, self.frequency.size - 1)
-        ratio = basis[:, :, place] / np.maximum(size[:, place], 1e-30)  # (rank, 3, node)
-        at_nodes = np.einsum("irc,rcn->inc", coefficient[dark], ratio) * factor[dark][:, :, None]
-        hats = np.stack([np.interp(self.frequency, self.nodes, row) for row in np.eye(self.nodes.size)])
-        shaded = PointEchoes(points[dark], extra[dark], at_nodes.astype(np.complex64), hats[:, None] * size, self.nodes)
-        return [PointEchoes(points[~dark], extra[~dark], coefficient[~dark], basis), shaded]
+        f = self._frequency
+        nodes = np.geomspace(f[0], f[-1], _NODES) if f.size > 1 else f
+        factor = self.factors(point[None, :], nodes)[0]
+        return np.interp(f, nodes, factor.real) + 1j * np.interp(f, nodes, factor.imag)
 
 
 def _fresnel_table() -> ComplexArray:
@@ -194,26 +176,31 @@ def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, 
         out[n] = 1 - (1 - passed[n]) * width * _arrived(above * scale, table)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _shade(
     points: Any, antennas: Any, tx: Any, rx: Any, strips: Any, passed: Any, wavelength: Any, table: Any, out: Any
 ) -> None:
-    """Multiply ``out`` (point, node) by the mean over pairs of the factors of both ways, strip by strip."""
+    """Multiply ``out`` (point, channel, node) by the mean over pairs of the factors of both ways, strip by strip."""
     cx, cy, cz = antennas[:, 0].mean(), antennas[:, 1].mean(), antennas[:, 2].mean()
     aperture = np.abs(antennas[:, 0] - cx).max() + np.abs(antennas[:, 1] - cy).max()
-    for i in prange(points.shape[0]):
+    # One Fresnel zone of the lowest frequency at its widest, and the spread of the antennas as seen past the strip.
+    longest = wavelength.max()
+    away = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
+    reach = strips[:, 4] + np.sqrt(longest * away) + aperture
+    for i in range(points.shape[0]):
         dx, dy, dz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
         flat = math.sqrt(dx * dx + dy * dy)
+        ux, uy = dx / flat, dy / flat
         for s in range(strips.shape[0]):
             sx, sy = strips[s, 0] - cx, strips[s, 1] - cy
-            part = (sx * dx + sy * dy) / flat**2
-            if part <= 0 or (1 - part) * flat <= strips[s, 4]:
+            across, part = abs(sx * uy - sy * ux), (sx * ux + sy * uy) / flat
+            if across > reach[s] or part <= 0 or (1 - part) * flat <= strips[s, 4]:
                 continue
-            # One Fresnel zone of the lowest frequency, and the spread of the antennas as seen past the strip.
-            zone = math.sqrt(wavelength[0] * flat * part * (1 - part))
-            if strips[s, 3] - cz - part * dz < -zone:
+            zone, below = math.sqrt(longest * flat * part * (1 - part)), cz + part * dz - strips[s, 3]
+            if below > zone or across > strips[s, 4] + zone + aperture * (1 - part):
                 continue
-            if abs(sx * dy - sy * dx) / flat > strips[s, 4] + zone + aperture * (1 - part):
+            # |G(v2) - G(v1)| <= (v2 - v1)/√2 and |G(u)| <= 1/(√2·π|u|) bound what a low or thin strip takes away.
+            if 2 * strips[s, 4] < _LEAST * math.pi * below:
                 continue
             one_way = np.empty((antennas.shape[0], wavelength.size), np.complex128)
             for a in range(antennas.shape[0]):
@@ -222,4 +209,14 @@ def _shade(
                 total = 0j
                 for q in range(tx.size):
                     total += one_way[tx[q], n] * one_way[rx[q], n]
-                out[i, n] *= total / tx.size
+                for c in range(out.shape[1]):
+                    out[i, c, n] *= total / tx.size
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def _shade_blocks(
+    points: Any, antennas: Any, tx: Any, rx: Any, strips: Any, passed: Any, wavelength: Any, table: Any, out: Any
+) -> None:
+    for block in prange(-(-points.shape[0] // _MANY)):
+        some = slice(block * _MANY, (block + 1) * _MANY)
+        _shade(points[some], antennas, tx, rx, strips, passed, wavelength, table, out[some])

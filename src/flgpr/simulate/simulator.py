@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, make_run, vehicle_to_lane
-from flgpr.simulate.beam import NarrowingBeam
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import SurfaceField
 from flgpr.simulate.grass import GrassLayer, through_grass
@@ -23,6 +23,7 @@ from flgpr.simulate.layers import Layer, SineSpectra, SurfaceLayer, View, sum_la
 from flgpr.simulate.roughness import surface_backscatter, surface_heights
 from flgpr.simulate.scene import Scene
 from flgpr.simulate.shadow import Shadows, Strip, strips_of
+from flgpr.simulate.skeleton import Skeleton
 from flgpr.simulate.spread import ArrayState, Spreader
 from flgpr.simulate.subsurface import subsurface_layers
 from flgpr.simulate.targets import add_target
@@ -32,6 +33,7 @@ from flgpr.simulate.world import draw_world
 
 FloatArray = NDArray[np.float64]
 _RANKS = 3
+_PER_CELL = 3  # scatterers of the surface in the sensor's finest resolution cell
 _REACH = 45.0  # m beyond which single objects are left out
 
 
@@ -77,11 +79,8 @@ class Simulator:
         self.response = system_response(sensor, self.frequency)
         self._errors = Impairments(sensor, seed) if errors else None
         self._drift = sweep_drift(self.pose, self.time, sensor.errors.sweep_time if errors else 0.0)
-        first = self._array(0)
-        narrows = first.growth > 0 and self.frequency.size > 1
-        self._narrowed = (
-            NarrowingBeam(self._layers, self._view(first, self.pose[0]), self.frequency) if narrows else None
-        )
+        self._threads = ThreadpoolController()
+        self._skeleton = Skeleton(self._layers, self._view(self._array(0), self.pose[0]), self.frequency)
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -102,8 +101,9 @@ class Simulator:
         pose = self.pose[index]
         array = self._array(index)
         view = self._view(array, pose)
-        layers = sum_layers(self._layers, view, self._spreader, self._narrowed)
-        channels = sum_echoes(self._single_echoes(view), array, self.frequency)
+        with self._threads.limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
+            layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
+            channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         channels = (channels + _four_channels(layers, array.dipoles)) * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
@@ -183,33 +183,32 @@ class Simulator:
         """Raise a body's echoes, from number ``first`` on, to the ground it stands on, through grass and shadow."""
         grass, ground = self.scene.grass, self._terrain(x, y).item()
         places = np.array(echoes.place[first:]).reshape(-1, 3)
-        shade = None
-        if view.shadows is not None and len(places):
-            shade = view.shadows.of_body(np.array([x, y, ground + max(places[:, 2].mean(), 0.0)]))
+        if not len(places):
+            return
+        through = np.ones((4, self.frequency.size), complex)
+        if view.shadows is not None:
+            through *= view.shadows.of_body(np.array([x, y, ground + max(places[:, 2].mean(), 0.0)]))
+        sine = view.sine(np.array([[x, y, 0.0]])).item() if grass.grown else 0.0
         for i, place in enumerate(places, first):
+            factor = through
             if grass.grown:
                 above = min(max(1 - place[2] / grass.height, 0.0), 1.0)
-                sine = view.sine(np.array([[x, y, 0.0]])).item()
-                through = through_grass(grass, self.frequency, sine, above)
-                echoes.spectrum[i] = echoes.spectrum[i] * through[[0, 1, 2, 2]]
-            if shade is not None:
-                echoes.spectrum[i] = echoes.spectrum[i] * shade
+                factor = through * through_grass(grass, self.frequency, sine, above)[[0, 1, 2, 2]]
+            echoes.spectrum[i] = echoes.spectrum[i] * factor
             echoes.place[i] = place + np.array([0.0, 0.0, ground])
 
     def _make_layers(self) -> list[Layer]:
         """Make all that is summed as point scatterers; further layers are added to this list."""
         layers: list[Layer] = []
         surface = self.scene.surface
+        density = surface.density or _PER_CELL / finest_cell(self.sensor)
         if surface.echo:
-            density = surface.density or 10 / finest_cell(self.sensor)
             field = SurfaceField(surface, self.world.patches, density, self.seed)
             layers.append(SurfaceLayer(field, self._surface_spectra()))
         grass = self.scene.grass
         if grass.grown:
-            density = grass.density or 0.4 * (surface.density or 10 / finest_cell(self.sensor))
-            layers.append(GrassLayer(grass, density, self.seed, self.frequency))
-        density = 0.1 * (surface.density or 10 / finest_cell(self.sensor))
-        return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density, self.seed)
+            layers.append(GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency))
+        return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density / 4, self.seed)
 
     def _surface_spectra(self) -> SineSpectra:
         """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross."""

@@ -6,8 +6,11 @@ not depend on the number of tones.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,10 +21,13 @@ from numpy.typing import NDArray
 from flgpr.model import SPEED_OF_LIGHT
 
 FloatArray = NDArray[np.float64]
-WIDTH = 6  # taps of the window; with twofold oversampling the error is about 1e-5
+WIDTH = 4  # taps of the window; with twofold oversampling the error is 4e-4, rms
 _TABLE = 1024
-_CHUNK = 8192
-_COSINES = 4096  # steps of a tabulated beam over the cosine off the axis
+_CHUNK = 1024
+_COSINES = 1024  # steps of a tabulated beam over the cosine off the axis
+_LANES = 4  # numbers of lanes are multiples of it
+_TURNS = 4096  # places on the unit circle between which carriers are interpolated: right to 3e-7
+_CIRCLE = np.exp(-2j * np.pi * np.arange(_TURNS + 1) / _TURNS).astype(np.complex64)
 _TURN = 0.04  # cycles at the ends of the band by which points of a sweep in motion may differ and be summed at once
 
 
@@ -97,98 +103,103 @@ def antenna_terms(
     phasor: Any,
     gain: Any,
 ) -> None:
-    """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, 3 or beam, point) of every ray.
+    """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, point, 3 or lane) of every ray.
 
     ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift`` (3,) is how far
     the antennas move in a sweep times carrier over bandwidth, m: so much later or earlier echoes seem to come.
-    ``beams`` (cosine, beam) are tabulated patterns; where there is none, ``exponent`` holds.
+    ``beams`` (cosine, lane) are tabulated patterns; where there is none, ``exponent`` holds.
     """
-    tabulated, steps = beams.shape[1], beams.shape[0] - 2
+    lanes, steps = beams.shape[1], beams.shape[0] - 2
     for a in prange(antennas.shape[0]):
         for i in range(points.shape[0]):
             dx, dy = points[i, 0] - antennas[a, 0], points[i, 1] - antennas[a, 1]
             dz = points[i, 2] - antennas[a, 2]
-            r = math.sqrt(dx * dx + dy * dy + dz * dz)
-            path = r + extra[i]
+            over = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
+            dx, dy, dz, path = dx * over, dy * over, dz * over, 1 / over + extra[i]
             turns = wavenumber * path
-            angle = -2 * math.pi * (turns - math.floor(turns))
-            distance[a, i] = path - (dx * drift[0] + dy * drift[1] + dz * drift[2]) / r
-            phasor[a, i] = complex(math.cos(angle), math.sin(angle))
-            if tabulated > 0:
-                cosine = (dx * boresight[0] + dy * boresight[1] + dz * boresight[2]) / r
-                place = min(max(cosine, 0.0), 1.0) * steps
+            place = (turns - math.floor(turns)) * _TURNS
+            cell = min(int(place), _TURNS - 1)
+            part = np.float32(place - cell)
+            distance[a, i] = path - (dx * drift[0] + dy * drift[1] + dz * drift[2])
+            phasor[a, i] = _CIRCLE[cell] + part * (_CIRCLE[cell + 1] - _CIRCLE[cell])
+            if lanes > 0:
+                place = min(max(dx * boresight[0] + dy * boresight[1] + dz * boresight[2], 0.0), 1.0) * steps
                 row = int(place)
-                for g in range(tabulated):
-                    gain[a, g, i] = (beams[row, g] + (place - row) * (beams[row + 1, g] - beams[row, g])) / r
+                part, size = np.float32(place - row), np.float32(over)
+                low, high, out = beams[row], beams[row + 1], gain[a, i]
+                for g in range(lanes):
+                    out[g] = (low[g] + part * (high[g] - low[g])) * size
             else:
-                hh, hv, vv = _antenna_gain(dx / r, dy / r, dz / r, boresight, horizontal, vertical, exponent)
-                gain[a, 0, i], gain[a, 1, i], gain[a, 2, i] = hh / r, hv / r, vv / r
+                hh, hv, vv = _antenna_gain(dx, dy, dz, boresight, horizontal, vertical, exponent)
+                gain[a, i, 0], gain[a, i, 1], gain[a, i, 2] = hh * over, hv * over, vv * over
 
 
-@njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-def _spread_chunk(
-    count: Any,
-    coefficient: Any,
-    ranks: Any,
-    mixed: Any,
-    beamed: Any,
-    distance: Any,
-    phasor: Any,
-    gain: Any,
-    tx: Any,
-    rx: Any,
-    per_metre: Any,
-    bins: Any,
-    table: Any,
-    profile: Any,
-) -> Any:
-    """Add ``count`` points to the profiles (pair, bin, 2·channel): real parts first, then imaginary parts.
+@cache
+def _spreading(lanes: int, dipoles: bool) -> Any:
+    """Compile the kernel for a number of lanes, which is known to the compiler, for it sums several at once.
 
-    ``coefficient`` (point, 3·rank) holds h, v and cross for each rank; channels are the same three for horns, and
-    HH, HV, VH, VV for dipoles. Where ``beamed``, every rank has a gain of its own.
+    It adds points to profiles (pair, bin, 2·lane): real parts first, then imaginary parts. ``coefficient``
+    (point, lane) holds h, v and cross, each for all ranks. For horns lanes are these, and every one has a gain of its
+    own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
     """
-    channels = (4 if mixed else 3) * ranks
-    taps = table.shape[1]
-    steps = table.shape[0] - 2
-    for q in prange(tx.shape[0]):
-        value = np.empty(2 * channels, np.float32)
-        a, b = tx[q], rx[q]
-        for i in range(count):
-            where = (distance[a, i] + distance[b, i]) * per_metre
-            base = math.floor(where)
-            place = (where - base) * steps
-            row = int(place)
-            part = np.float32(place - row)
-            carrier = phasor[a, i] * phasor[b, i]
-            if mixed:
-                for r in range(ranks):
-                    h, v, x = coefficient[i, 3 * r], coefficient[i, 3 * r + 1], coefficient[i, 3 * r + 2]
-                    ah, av, aw = gain[a, 0, i], gain[a, 1, i], gain[a, 2, i]
-                    bh, bv, bw = gain[b, 0, i], gain[b, 1, i], gain[b, 2, i]
-                    hh = (ah * bh * h + (ah * bv + av * bh) * x + av * bv * v) * carrier
-                    hv = (ah * bw * x + av * bw * v) * carrier
-                    vh = (aw * bh * x + aw * bv * v) * carrier
-                    vv = aw * bw * v * carrier
-                    o = 4 * r
-                    value[o], value[o + 1], value[o + 2], value[o + 3] = hh.real, hv.real, vh.real, vv.real
-                    o += channels
-                    value[o], value[o + 1], value[o + 2], value[o + 3] = hh.imag, hv.imag, vh.imag, vv.imag
-            elif beamed:
-                for r in range(ranks):
-                    seen = carrier * (gain[a, r, i] * gain[b, r, i])
-                    for c in range(3 * r, 3 * r + 3):
-                        z = coefficient[i, c] * seen
-                        value[c], value[channels + c] = z.real, z.imag
-            else:
-                carrier *= gain[a, 0, i] * gain[b, 0, i]
-                for c in range(channels):
-                    z = coefficient[i, c] * carrier
-                    value[c], value[channels + c] = z.real, z.imag
-            start = int(base) % bins
-            for t in range(taps):
-                weight = table[row, t] + part * (table[row + 1, t] - table[row, t])
-                for c in range(2 * channels):
-                    profile[q, start + t, c] += weight * value[c]
+
+    @njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+    def spread(
+        coefficient: Any,
+        ranks: Any,
+        distance: Any,
+        phasor: Any,
+        gain: Any,
+        tx: Any,
+        rx: Any,
+        per_metre: Any,
+        table: Any,
+        profile: Any,
+    ) -> None:
+        steps, bins = table.shape[0] - 2, profile.shape[1] - table.shape[1]
+        turns = 1.0 / bins
+        for q in prange(tx.shape[0]):
+            value = np.zeros(2 * lanes, np.float32)
+            a, b = tx[q], rx[q]
+            for i in range(coefficient.shape[0]):
+                where = (distance[a, i] + distance[b, i]) * per_metre
+                where -= bins * math.floor(where * turns)
+                start = min(int(where), bins - 1)
+                place = (where - start) * steps
+                row = int(place)
+                part = np.float32(place - row)
+                carrier = phasor[a, i] * phasor[b, i]
+                one, other, z = gain[a, i], gain[b, i], coefficient[i]
+                if dipoles:
+                    for r in range(ranks):
+                        h, v, x = z[r] * carrier, z[ranks + r] * carrier, z[2 * ranks + r] * carrier
+                        hh = one[0] * other[0] * h + (one[0] * other[1] + one[1] * other[0]) * x
+                        hh += one[1] * other[1] * v
+                        hv = one[0] * other[2] * x + one[1] * other[2] * v
+                        vh = one[2] * other[0] * x + one[2] * other[1] * v
+                        vv = one[2] * other[2] * v
+                        o, m = r, lanes + r
+                        value[o], value[ranks + o] = hh.real, hv.real
+                        value[2 * ranks + o], value[3 * ranks + o] = vh.real, vv.real
+                        value[m], value[ranks + m] = hh.imag, hv.imag
+                        value[2 * ranks + m], value[3 * ranks + m] = vh.imag, vv.imag
+                else:
+                    real, imag = carrier.real, carrier.imag
+                    for k in range(lanes):
+                        seen = one[k] * other[k]
+                        value[k] = seen * (z[k].real * real - z[k].imag * imag)
+                        value[lanes + k] = seen * (z[k].real * imag + z[k].imag * real)
+                low, high = table[row], table[row + 1]
+                w0, w1 = low[0] + part * (high[0] - low[0]), low[1] + part * (high[1] - low[1])
+                w2, w3 = low[2] + part * (high[2] - low[2]), low[3] + part * (high[3] - low[3])
+                near = profile[q, start : start + 4]
+                for k in range(2 * lanes):
+                    near[0, k] += w0 * value[k]
+                    near[1, k] += w1 * value[k]
+                    near[2, k] += w2 * value[k]
+                    near[3, k] += w3 * value[k]
+
+    return spread
 
 
 class Spreader:
@@ -213,29 +224,29 @@ class Spreader:
     def __call__(
         self,
         points: FloatArray,
-        coefficient: NDArray[np.complex64],
-        basis: NDArray[Any],
+        values: NDArray[np.complex64],
+        functions: NDArray[Any],
         array: ArrayState,
         extra: FloatArray | None = None,
         nodes: FloatArray | None = None,
     ) -> NDArray[np.complex64]:
-        """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r coefficient·basis_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
+        """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
 
         Parameters
         ----------
         points : (point, 3) ndarray
             Scatterers in the lane frame, m.
-        coefficient : (point, rank, 3) ndarray of complex64
-            Amplitudes HH, VV and cross of every scatterer for every spectral function.
-        basis : (rank, 3, frequency) ndarray
-            The spectral functions, real or complex.
+        values : (point, 3, rank) ndarray of complex64
+            Amplitudes HH, VV and cross of every scatterer for every function.
+        functions : (rank, frequency) ndarray
+            H_r, real or complex.
         array : ArrayState
             The antennas.
         extra : (point,) ndarray or None
             Electrical path beyond the straight line to each antenna, m; None is none.
         nodes : (rank,) ndarray or None
-            Frequencies at which the horns' beam is taken for every spectral function, Hz, where the functions
-            interpolate between values at these; None takes the beam of ``array.exponent`` for all.
+            Frequencies at which the horns' beam is taken for every function, Hz, where the functions interpolate
+            between values at these; None takes the beam of ``array.exponent`` for all.
 
         Returns
         -------
@@ -243,20 +254,23 @@ class Spreader:
             For horns the channels HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH and VV.
         """
         extra = np.zeros(len(points)) if extra is None else extra
-        if not array.drift.any():
-            return self._sum(points, coefficient, basis, array, extra, nodes)
-        # Echoes of an array in motion have a quadratic phase over the sweep that nearby ones have in common.
-        rate = _rates(points, array.position.mean(axis=0), array.drift)
-        turn = 2 * np.ptp(rate) * self.bandwidth / 4 / SPEED_OF_LIGHT if rate.size else 0.0
-        parts = max(1, math.ceil(turn / _TURN))
-        edges = np.linspace(rate.min(), rate.max(), parts + 1)[1:-1]
-        group = np.searchsorted(edges, rate)
+        exponents = np.full(len(functions), array.exponent) if nodes is None else array.exponents(nodes)
         total = np.zeros((4 if array.dipoles else 3, array.tx.size, self.count), np.complex64)
-        for g in range(len(edges) + 1):
-            some = group == g
-            part = self._sum(points[some], coefficient[some], basis, array, extra[some], nodes)
+        for some in self._alike(points, array):
+            part = self._sum(points, values, functions, array, extra, exponents, some)
             total += part * self._swept(points[some], array)
         return total
+
+    def _alike(self, points: FloatArray, array: ArrayState) -> Iterator[NDArray[np.intp]]:
+        """Give numbers of points whose echoes share the quadratic phase of a sweep in motion: all of them at rest."""
+        if not array.drift.any() or not len(points):
+            yield np.arange(len(points))
+            return
+        rate = _rates(points, array.position.mean(axis=0), array.drift)
+        turn = 2 * np.ptp(rate) * self.bandwidth / 4 / SPEED_OF_LIGHT
+        edges = np.linspace(rate.min(), rate.max(), max(1, math.ceil(turn / _TURN)) + 1)
+        for low, high in itertools.pairwise(edges):
+            yield np.flatnonzero((rate >= low) & ((rate < high) | (high == edges[-1])))
 
     @property
     def bandwidth(self) -> float:
@@ -269,7 +283,7 @@ class Spreader:
         The rate is the mean over points by the power that arrives of them, (R_t·R_r)⁻².
         """
         points = points[:: max(1, len(points) // 500)]
-        if not len(points):
+        if not array.drift.any() or not len(points):
             return np.ones((1, 1), np.complex64)
         weight = np.sum((points - array.position.mean(axis=0)) ** 2, axis=1) ** -2.0
         rate = np.array([np.average(_rates(points, a, array.drift), weights=weight) for a in array.position])
@@ -279,57 +293,59 @@ class Spreader:
     def _sum(
         self,
         points: FloatArray,
-        coefficient: NDArray[np.complex64],
-        basis: NDArray[Any],
+        values: NDArray[np.complex64],
+        functions: NDArray[Any],
         array: ArrayState,
         extra: FloatArray,
-        nodes: FloatArray | None,
+        exponents: FloatArray,
+        some: NDArray[np.intp],
     ) -> NDArray[np.complex64]:
-        ranks, mixed = basis.shape[0], array.dipoles
-        if mixed and not np.allclose(basis, basis[:, :1]):
-            # Dipoles mix the directions after spreading, so their basis must be common to all: use each one apart.
-            return sum(
-                (
-                    self._sum(
-                        points, _only(coefficient, c), np.repeat(basis[:, c : c + 1], 3, axis=1), array, extra, nodes
-                    )
-                    for c in range(3)
-                ),
-                start=np.zeros((4, array.tx.size, self.count), np.complex64),
-            )
-        kinds = 4 if mixed else 3
-        beamed = nodes is not None and array.growth > 0
-        beams = _beam_table(array.exponents(nodes)) if nodes is not None and beamed else np.empty((0, 0), np.float32)
-        profile = np.zeros((array.tx.size, self.bins + WIDTH, 2 * kinds * ranks), np.float32)
-        flat = np.ascontiguousarray(coefficient.reshape(len(points), 3 * ranks), dtype=np.complex64)
-        antennas = len(array.position)
-        shape = (antennas, min(_CHUNK, len(points)))
+        ranks, kinds = len(functions), 4 if array.dipoles else 3
+        lanes = -(-kinds * ranks // _LANES) * _LANES
+        spread = _spreading(lanes, array.dipoles)
+        beams = np.empty((0, 0), np.float32) if array.dipoles else _beam_table(exponents, lanes)
+        profile = np.zeros((array.tx.size, self.bins + WIDTH, 2 * lanes), np.float32)
+        flat, coefficient = values.reshape(len(points), 3 * ranks), np.zeros((_CHUNK, lanes), np.complex64)
+        shape = (len(array.position), _CHUNK)
         distance, phasor = np.empty(shape), np.empty(shape, np.complex64)
-        gain = np.empty((antennas, max(3, ranks), shape[1]), np.float32)
+        gain = np.empty((*shape, 3 if array.dipoles else lanes), np.float32)
         drift = array.drift * (self.wavenumber * SPEED_OF_LIGHT / self.bandwidth)
         look = (array.boresight, array.horizontal, array.vertical, array.exponent, beams, self.wavenumber)
-        for first in range(0, len(points), _CHUNK):
-            some, late = points[first : first + _CHUNK], extra[first : first + _CHUNK]
-            antenna_terms(some, array.position, *look, late, drift, distance, phasor, gain)
-            part = flat[first : first + _CHUNK]
-            where = (self.per_metre, self.bins, self._table, profile)
-            _spread_chunk(len(some), part, ranks, mixed, beamed, distance, phasor, gain, array.tx, array.rx, *where)
-        return self._to_tones(profile, ranks, kinds, basis)
+        for first in range(0, len(some), _CHUNK):
+            few = some[first : first + _CHUNK]
+            coefficient[: len(few), : 3 * ranks] = flat[few]
+            antenna_terms(points[few], array.position, *look, extra[few], drift, distance, phasor, gain)
+            rays = (distance, phasor, gain, array.tx, array.rx)
+            spread(coefficient[: len(few)], ranks, *rays, self.per_metre, self._table, profile)
+        return self._to_tones(profile, kinds, functions)
 
-    def _to_tones(
-        self, profile: NDArray[np.float32], ranks: int, kinds: int, basis: NDArray[Any]
-    ) -> NDArray[np.complex64]:
-        folded = profile[:, : self.bins]
-        folded[:, :WIDTH] += profile[:, self.bins :]
-        channels = ranks * kinds
-        tones = (np.arange(self.count) - self.centre) % self.bins
+    def _to_tones(self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]) -> NDArray[np.complex64]:
+        """Transform profiles (pair, bin, 2·lane) and give each rank's tones their function: (kind, pair, frequency)."""
+        spectra = np.empty((kinds * len(functions), len(profile), self.bins), np.complex64)
+        _fold(profile, WIDTH, spectra)
+        spectra = scipy.fft.fft(spectra, axis=-1, overwrite_x=True, workers=2)
+        tones = np.arange(self.count) - self.centre
+        shift = np.exp(2j * np.pi * tones * (WIDTH // 2 - 1) / self.bins) * self._correction
+        weight = (functions * shift).astype(np.complex64)
         out = np.zeros((kinds, len(profile), self.count), np.complex64)
-        for c in range(channels):
-            row = np.roll(folded[..., c] + 1j * folded[..., channels + c], 1 - WIDTH // 2, axis=-1)
-            spectrum = scipy.fft.fft(row, axis=-1, overwrite_x=True)[:, tones]
-            weight = self._correction * basis[c // kinds, c % kinds if kinds == 3 else 0]
-            out[c % kinds] += spectrum * weight.astype(np.complex64 if np.iscomplexobj(weight) else np.float32)
+        for c, spectrum in enumerate(spectra):
+            kind, rank = divmod(c, len(functions))
+            below = self.centre  # tones below the middle lie at the end
+            out[kind, :, :below] += spectrum[:, self.bins - below :] * weight[rank, :below]
+            out[kind, :, below:] += spectrum[:, : self.count - below] * weight[rank, below:]
         return out
+
+
+@njit(parallel=True, cache=True)
+def _fold(profile: Any, taps: Any, out: Any) -> None:
+    """Bring profiles (pair, bin + taps, 2·lane) to complex ones (lane, pair, bin), wrapped round at the end."""
+    lanes, bins = profile.shape[2] // 2, out.shape[2]
+    for q in prange(profile.shape[0]):
+        for k in range(taps):
+            profile[q, k] += profile[q, bins + k]
+        for c in range(out.shape[0]):
+            for k in range(bins):
+                out[c, q, k] = complex(profile[q, k, c], profile[q, k, lanes + c])
 
 
 def _rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatArray:
@@ -338,16 +354,10 @@ def _rates(points: FloatArray, antenna: FloatArray, drift: FloatArray) -> FloatA
     return np.asarray(-(ray @ drift) / np.linalg.norm(ray, axis=1))
 
 
-def _beam_table(exponents: FloatArray) -> NDArray[np.float32]:
-    """Amplitude cos^(n/2) over the cosine from 0 to 1 in ``_COSINES`` steps, and one more, for every n."""
+def _beam_table(exponents: FloatArray, lanes: int) -> NDArray[np.float32]:
+    """Amplitude cos^(n/2) over the cosine from 0 to 1 and one step more, the exponents again and again (step, lane)."""
     cosine = np.minimum(np.arange(_COSINES + 2) / _COSINES, 1.0)
-    return (cosine[:, None] ** (0.5 * exponents)).astype(np.float32)
-
-
-def _only(coefficient: NDArray[np.complex64], channel: int) -> NDArray[np.complex64]:
-    kept = np.zeros_like(coefficient)
-    kept[..., channel] = coefficient[..., channel]
-    return kept
+    return (cosine[:, None] ** (0.5 * np.resize(exponents, lanes))).astype(np.float32)
 
 
 def _window(bins: int, tone: NDArray[np.intp]) -> tuple[NDArray[np.float32], FloatArray]:

@@ -14,6 +14,7 @@ from flgpr.simulate import inclusions
 from flgpr.simulate.buried_spectra import BuriedSpectra
 from flgpr.simulate.draw import stream
 from flgpr.simulate.echoes import Ground
+from flgpr.simulate.field import cells_of, jittered
 from flgpr.simulate.grass import through_grass
 from flgpr.simulate.holes import Hole, cap_flash, wall_flash
 from flgpr.simulate.layers import Layer, PointEchoes, View
@@ -195,8 +196,8 @@ class SubsurfaceField:
     def heterogeneity(self, ix: int, iy: int) -> Buried:
         """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
         table, rng = self._scene.heterogeneity, stream(self._seed, "heterogeneity", ix, iy)
-        count = max(1, math.ceil(self._density * _TILE**2))
-        xy = _place(rng, count, ix, iy)
+        cells = cells_of(self._density * _TILE**2)
+        count, xy = math.prod(cells), (jittered(rng, cells) + [ix, iy]) * _TILE
         root = rng.random(count)
         depth = table.depth * root**2
         volume = _TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _WIDEST_GAP = 1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
-_LEAST_WEIGHT = 1e-4  # of a node that is summed
+_LEAST_WEIGHT = 1e-4  # of the nodes' weights, beside the greatest, that is summed
 _STEP, _SINE_STEP = 0.05, 0.005  # m and of the sine, for slopes
 _TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the generic bodies
 
@@ -51,7 +52,7 @@ def _profile(target: Target) -> bodies.Profile:
 
 
 def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
-    """Add one echo per node of the table, weighted in each pair by its incidence, bistatic angle and aspect."""
+    """Add a table's nodes, weighted in each pair by its incidence, bistatic angle and aspect."""
     layer = ground.medium(target.depth)
     aspects, basis, slope = _basis(target, ground, layer)
     point = np.tile([target.x, target.y, -target.depth], (array.tx.size, 1))
@@ -65,13 +66,26 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     entry = ground.entry_squared(mean, layer) * ground.dispersion(mean, target.depth)
     cross = [np.sqrt(entry[0] * entry[1]), (near[0] + near[1]) / 2]
     entry, near = (np.stack([*both, one, one]) for both, one in zip((entry, near), cross, strict=True))
-    spectra = ((basis + near * slope) * entry).reshape(-1, 4, ground.frequency.size)
+    spectra = (basis + near * slope) * entry
+    spectra = spectra.astype(np.complex64).reshape(-1, 4, ground.frequency.size)
     surface = np.array([target.x, target.y, 0.0])
-    for spectrum, one in zip(spectra, weight.reshape(-1, 2, array.tx.size), strict=True):
-        if np.abs(one).max() > _LEAST_WEIGHT:
-            turned = rotated(spectrum[:2], across)
-            turned[2] += spectrum[2]
-            echoes.add(sent.path + taken.path, surface, np.concatenate([turned, spectrum[3:]]), one)
+    path = sent.path + taken.path
+    for channels, kind in (([0, 1], 0), ([2], 1), ([3], 2)):
+        if kind == 1 and aspects.size == 1:
+            continue  # (HV + VH)/2 of round bodies is zero
+        for one, few in _few(weight[..., kind, :].reshape(len(spectra), -1), spectra[:, channels]):
+            spectrum = np.zeros((4, few.shape[-1]), np.complex64)
+            spectrum[channels] = few
+            if kind == 0:
+                spectrum[:3] = rotated(few, across)
+            echoes.add(path, surface, spectrum, np.stack([one, one]))
+
+
+def _few(weight: FloatArray, spectra: NDArray[np.complex64]) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
+    """Few weights (pair,) and spectra that sum to ``Σ_n weight[n]·spectra[n]`` in every pair."""
+    values, vectors = np.linalg.eigh(weight @ weight.T)
+    kept = vectors[:, values > _LEAST_WEIGHT**2 * values[-1]].astype(np.float32)
+    yield from zip(kept.T @ weight, np.tensordot(kept.T, spectra, 1), strict=True)
 
 
 def _taper(target: Target, sine: float, ground: Ground, layer: int, array: ArrayState) -> ComplexArray:
@@ -83,7 +97,7 @@ def _taper(target: Target, sine: float, ground: Ground, layer: int, array: Array
     away = -bisectors(target.x, target.y, array).mean(axis=0)
     steps = np.array([[-_STEP], [_STEP]]) * away / np.linalg.norm(away)
     places = np.concatenate([np.array([target.x, target.y]) + steps, np.zeros((2, 1))], axis=1)
-    gains = np.abs(antenna_gains(places, array))[:, [0, 2]]  # (antenna, H and V, place)
+    gains = np.abs(antenna_gains(places, array)).swapaxes(1, 2)[:, [0, 2]]  # (antenna, H and V, place)
     growth = np.log(gains[..., 1] / gains[..., 0]) / (2 * _STEP)
     slant = float(np.linalg.norm(array.position.mean(axis=0) - np.array([target.x, target.y, 0.0])))
     change = (1 - sine**2) / slant  # of the sine of incidence per metre
@@ -117,8 +131,8 @@ def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray
 def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, aspects: FloatArray) -> FloatArray:
     """Weights of a table's nodes for given directions.
 
-    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, straight lines
-    between aspects, which are folded into the quarter or eighth of a turn that a box's mirror planes leave.
+    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the
+    aspect cosines, or sines for what a box's mirror planes turn round: its (HV + VH)/2.
 
     Parameters
     ----------
@@ -131,17 +145,19 @@ def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, a
 
     Returns
     -------
-    (aspect, sine, separation, 2, pair) ndarray
-        For amplitudes that are even in the separation, HH, VV and (HV + VH)/2, and for the odd (HV - VH)/2.
+    (aspect, sine, separation, 3, pair) ndarray
+        For HH and VV, even in separation and aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in
+        the separation.
     """
     along = _lagrange(SINE, np.clip(sine, SINE[0] - 0.05, SINE[-1]))
-    apart = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)
-    even = _lagrange(SEPARATION**2, apart**2)
+    between = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)
+    even = _lagrange(SEPARATION**2, between**2)
     odd = np.zeros_like(even)
-    odd[1:] = _lagrange(SEPARATION[1:] ** 2, apart**2) * apart / SEPARATION[1:, None]
-    turned = _aspect_weights(aspect, aspects)
-    both = np.stack([even, odd], axis=1)  # (separation, 2, pair)
-    return np.asarray(turned[:, None, None, None] * along[:, None, None] * both)
+    odd[1:] = _lagrange(SEPARATION[1:] ** 2, between**2) * between / SEPARATION[1:, None]
+    cosines, sines = _aspect_weights(aspect, aspects)
+    turned = np.stack([cosines, sines, cosines], axis=1)[:, None, None]  # (aspect, 1, 1, 3, pair)
+    apart = np.stack([even, even, odd], axis=1)  # (separation, 3, pair)
+    return np.asarray(turned * along[:, None, None] * apart)
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
@@ -153,13 +169,16 @@ def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
     return out
 
 
-def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> FloatArray:
-    """Weights (aspect, pair) of straight lines between aspects, folded at the body's mirror planes."""
-    if aspects.size == 1:
-        return np.ones((1, aspect.size))
-    last = aspects[-1]
-    folded = np.abs((aspect + last) % (2 * last) - last)
-    return np.stack([np.interp(folded, aspects, one) for one in np.identity(aspects.size)])
+def _aspect_weights(aspect: FloatArray, aspects: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weights (aspect, pair) of cosines, and of sines, through all aspects from one mirror plane to the next."""
+    last = aspects.size - 1
+    if last == 0:
+        return np.ones((1, aspect.size)), np.ones((1, aspect.size))
+    order = np.arange(last + 1)
+    ends = np.where(order % last == 0, 0.5, 1.0)
+    node, turn = np.outer(order, order) * np.pi / last, np.outer(order, aspect) * np.pi / aspects[-1]
+    cosines = 2 / last * ends[:, None] * ((ends * np.cos(node)) @ np.cos(turn))
+    return cosines, 2 / last * np.sin(node) @ np.sin(turn)
 
 
 @lru_cache(maxsize=256)

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import Lane, heading_matrix
@@ -61,8 +61,7 @@ class Terrain:
         out[:, 0] = offset @ self._plane
         out[:, 1:] = self._plane
         if self.table.undulation > 0:
-            origin, step, nodes = self._undulation(xy)
-            _add_undulation(xy, origin, step, nodes, out)
+            _add_undulation(xy, *self._undulation(xy), out)
         if self.table.rut_depth > 0:
             start, pitch, line = self._rut_line(xy[:, 1])
             width, spacing = self.table.rut_width, self.table.rut_spacing
@@ -119,9 +118,9 @@ class Terrain:
         return lifted
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> None:
-    for i in prange(xy.shape[0]):
+    for i in range(xy.shape[0]):
         fx, fy = (xy[i, 0] - origin[0]) / step, (xy[i, 1] - origin[1]) / step
         cx, cy = int(fx), int(fy)
         fx, fy = fx - cx, fy - cy
@@ -131,10 +130,10 @@ def _add_undulation(xy: Any, origin: Any, step: Any, nodes: Any, out: Any) -> No
             out[i, k] += low * (1 - fy) + high * fy
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _add_ruts(xy: Any, origin: Any, step: Any, line: Any, depth: Any, width: Any, spacing: Any, out: Any) -> None:
     sharp = 4 * math.log(2.0) / width**2
-    for i in prange(xy.shape[0]):
+    for i in range(xy.shape[0]):
         part = (xy[i, 1] - origin) / step
         cell = int(part)
         part -= cell

@@ -19,9 +19,10 @@ from flgpr.simulate.signature.box import solve_box
 from flgpr.simulate.signature.solve import solve_round
 from flgpr.simulate.signature.table import SignatureTable
 
-_OPTICAL = 5e9  # frequency times refractive index from which the grid is coarser, Hz
-_BOX_CELLS = 20_000  # dipoles at most: of an M19 8 mm, coarse at the top of the band and in wet soil
-_HALF_TURN = 7  # aspects from 0 to 45 degrees
+_FINE = 60e9  # cells per wavelength times frequency times refractive index: a body's edges need as many at all tones
+_CELLS = (8, 40)  # per wavelength, at least and at most
+_BOX_CELLS = 40_000  # dipoles at most: of an M19 6.4 mm, coarse at the top of the band and in wet soil
+_HALF_TURN = 10  # aspects from 0 to 45 degrees
 
 
 class _Piece(NamedTuple):
@@ -49,7 +50,7 @@ def build_table(
     body : Body
         The body.
     work : Path
-        Folder that keeps what is done, a file per soil and tone; of another body it starts anew.
+        Folder that keeps what is done, a file per soil and tone; of another body or for other nodes it starts anew.
     workers : int
         Processes.
     progress : callable or None
@@ -67,7 +68,8 @@ def build_table(
     """
     if body.shape == "box" and body.metal:
         raise ValueError(f"body {body.name}: a box must be without metal; only round bodies may hold it")
-    folder = work / sha256(json.dumps(body.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:12]
+    asked = {"body": body.model_dump(mode="json"), "nodes": nodes.table_nodes()}
+    folder = work / sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:12]
     folder.mkdir(parents=True, exist_ok=True)
     shape = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size)
     pieces = [_Piece(*place) for place in np.ndindex(shape)]
@@ -116,6 +118,6 @@ def solve_piece(body: Body, soil: int, frequency: int) -> NDArray[np.complex64]:
         )
         found = np.stack([hh, vv, (hv + vh) / 2, (hv - vh) / 2], axis=-1)  # (sine, aspect, separation, 4)
         return np.moveaxis(found, 0, 1)[None].astype(np.complex64)
-    cells = float(np.clip(8 * _OPTICAL / (f * np.sqrt(eps.real)), 6, 8))
+    cells = float(np.clip(_FINE / (f * np.sqrt(eps.real)), *_CELLS))
     found = solve_round(body, f, eps, nodes.SINE, nodes.SEPARATION, nodes.DEPTH, cells)
     return found[:, None].astype(np.complex64)

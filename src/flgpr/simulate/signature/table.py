@@ -27,12 +27,14 @@ ComplexArray = NDArray[np.complex128]
 _LOSS_REACH = 0.06
 FORMAT = "flgpr-signature-1"
 FREQUENCY = 0.3e9 + 75e6 * np.arange(40)
-PERMITTIVITY = np.array([2.5, 3.1, 4.0, 5.3, 7.6, 12.0])
-LOSS = np.array([0.02, 0.02, 0.025, 0.05, 0.12, 0.15])  # tangent that soils of that permittivity tend to have
+PERMITTIVITY = np.array([2.5, 3.1, 3.5, 4.0, 4.6, 5.3, 6.3, 7.6, 12.0])
+LOSS = np.array(
+    [0.02, 0.02, 0.02, 0.025, 0.035, 0.05, 0.08, 0.12, 0.15]
+)  # tangent that soils of that permittivity tend to have
 SINE = np.sin(np.radians(63.5) + np.radians(18.5) * np.cos(np.pi * (5.5 - np.arange(6)) / 6))
 SEPARATION = np.radians([0.0, 15.0, 30.0])
 DEPTH = np.array([0.005, 0.015, 0.03, 0.045, 0.07, 0.1, 0.15, np.inf])
-ASPECT = np.radians(7.5 * np.arange(13))
+ASPECT = np.radians(5.0 * np.arange(19))
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class SignatureTable:
             the index, so that a loss other than the table's is a step aside in it, taken to first order and up to a
             loss tangent 0.06 away.
         depth : float
-            Soil over the top, m.
+            Soil over the top, m; infinity is soil without a surface.
 
         Returns
         -------
@@ -103,7 +105,7 @@ class SignatureTable:
         """
         way = 0.0 if self.body.metal else self.body.height
         deep = self.values[:, :, -1]
-        if self.values.shape[2] == 1:
+        if self.values.shape[2] == 1 or depth == np.inf:
             return [(deep, way)]
         nodes = DEPTH[:-1]
         place = np.interp(depth, nodes, np.arange(nodes.size))
@@ -145,7 +147,7 @@ def save_table(table: SignatureTable, path: Path) -> str:
     """
     scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
     parts = (table.values / scale).view(np.float32).astype(np.float16)
-    about = {"format": FORMAT, "body": table.body.model_dump(mode="json"), "nodes": _nodes()}
+    about = {"format": FORMAT, "body": table.body.model_dump(mode="json"), "nodes": table_nodes()}
     text = np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, about=text, values=parts, scale=scale.astype(np.float32))
@@ -153,7 +155,8 @@ def save_table(table: SignatureTable, path: Path) -> str:
     return sha256(buffer.getvalue()).hexdigest()
 
 
-def _nodes() -> dict[str, list[float]]:
+def table_nodes() -> dict[str, list[float]]:
+    """Where tables are computed."""
     return {
         "frequency_hz": FREQUENCY.tolist(),
         "permittivity": PERMITTIVITY.tolist(),
@@ -189,7 +192,7 @@ def load_table(path: Any) -> SignatureTable:
             values = data["values"].astype(np.float32).view(np.complex64) * data["scale"]
     except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
         raise ValueError(f"signature {path}: not a table of signatures: {error}") from None
-    if about.get("format") != FORMAT or about.get("nodes") != _nodes():
+    if about.get("format") != FORMAT or about.get("nodes") != table_nodes():
         raise ValueError(f"signature {path}: made for other nodes, make it again with flgpr simulate signature")
     return SignatureTable(Body.model_validate(about["body"]), values)
 

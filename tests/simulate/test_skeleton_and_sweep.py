@@ -7,10 +7,10 @@ import pytest
 
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
-from flgpr.simulate.beam import NarrowingBeam
 from flgpr.simulate.echoes import Echoes, sum_echoes
 from flgpr.simulate.layers import PointEchoes, View, sum_layers
 from flgpr.simulate.simulator import array_state, sweep_drift
+from flgpr.simulate.skeleton import Skeleton
 from flgpr.simulate.spread import Spreader
 from reference import slow_simulation
 from simulate.conftest import STILL
@@ -73,14 +73,18 @@ def test_layers_have_the_beam_of_every_tone_and_pair(quiet, site):
     simulator = Simulator(Scene(site=site, track=STILL, surface={"density": 3.0}), sensor, 1, errors=False)
     frequency, view = sensor.tones.axis(), View(sensor.footprint, POSE, state)
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    for layer in simulator._layers[:1]:
+    skeleton = Skeleton(simulator._layers, View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency)
+    assert skeleton.nodes.size <= 7
+    still = [dataclasses.replace(one, growth=0.0) for one in (state, array_state(sensor, POSE))]
+    plain = Skeleton(simulator._layers, View(sensor.footprint, POSE, still[1]), frequency)
+    for layer in simulator._layers[:2]:
         some = Strewn(layer, sensor)
-        narrowed = NarrowingBeam([layer], View(sensor.footprint, POSE, array_state(sensor, POSE)), frequency)
-        got = sum_layers([some], view, spreader, narrowed)
-        spectra = np.einsum("irc,rcf->icf", some.found.coefficient, some.found.basis)
+        got = sum_layers([some], view, spreader, skeleton)
+        delay = np.exp(-4j * np.pi * frequency * some.found.extra[:, None] / slow_simulation.C)
+        spectra = np.einsum("irc,rcf,if->icf", some.found.coefficient, some.found.basis, delay)
         want = slow(some.found.points, spectra, frequency, state)
         assert apart(got, want) < 0.02
-        assert apart(sum_layers([some], view, spreader), want) > 0.2
+        assert apart(sum_layers([some], View(sensor.footprint, POSE, still[0]), spreader, plain), want) > 0.2
 
 
 @pytest.mark.parametrize(("seconds", "most"), [(0.01, 0.03), (0.02, 0.04), (0.05, 0.06)])
@@ -89,13 +93,13 @@ def test_clutter_seen_in_motion_is_that_of_every_tones_place(quiet, seconds, mos
     state = dataclasses.replace(state, drift=np.array([0.0, 4.0, 0.0]) * seconds)
     frequency, rng = sensor.tones.axis(), np.random.default_rng(5)
     points = np.column_stack([rng.uniform(-5, 5, 200), rng.uniform(7, 26, 200), np.zeros(200)])
-    coefficient = (rng.normal(size=(200, 1, 3)) + 1j * rng.normal(size=(200, 1, 3))).astype(np.complex64)
-    basis = np.ones((1, 3, frequency.size))
+    values = (rng.normal(size=(200, 3, 1)) + 1j * rng.normal(size=(200, 3, 1))).astype(np.complex64)
+    functions = np.ones((1, frequency.size))
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    got = spreader(points, coefficient, basis, state)
-    want = slow(points, coefficient[:, 0, :, None] * np.ones(frequency.size), frequency, state)
+    got = spreader(points, values, functions, state)
+    want = slow(points, values * functions, frequency, state)
     assert apart(got, want) < most
-    stood = spreader(points, coefficient, basis, dataclasses.replace(state, drift=np.zeros(3)))
+    stood = spreader(points, values, functions, dataclasses.replace(state, drift=np.zeros(3)))
     assert apart(stood, want) > 10 * most
 
 
@@ -104,11 +108,11 @@ def test_motion_moves_the_peak_by_carrier_over_bandwidth(quiet):
     sensor, state = few(quiet, "constant", slice(0, 1))
     frequency = sensor.tones.axis()
     spreader = Spreader(sensor.tones.start, sensor.tones.step, sensor.tones.count)
-    point, one = np.array([[0.3, 16.0, 0.0]]), np.ones((1, 1, 3), np.complex64)
+    point, one = np.array([[0.3, 16.0, 0.0]]), np.ones((1, 3, 1), np.complex64)
     peaks = []
     for drift in (0.0, 0.04):
         moving = dataclasses.replace(state, drift=np.array([0.0, drift, 0.0]))
-        signal = spreader(point, one, np.ones((1, 3, frequency.size)), moving)[0, 0]
+        signal = spreader(point, one, np.ones((1, frequency.size)), moving)[0, 0]
         steps = 64 * frequency.size
         peaks.append(np.argmax(np.abs(np.fft.ifft(signal * np.hanning(frequency.size), steps))) / steps / 10e6)
     carrier, bandwidth = frequency[frequency.size // 2], frequency.size * 10e6
