@@ -118,7 +118,7 @@ class Surface(_Part):
     texture_length : float
         Correlation length of the local power, m.
     density : float or None
-        Scatterers per m²; None takes 10 per resolution cell of the sensor.
+        Scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m.
     level_db : float
         Added to σ⁰, dB: for sites whose level was measured.
     """

@@ -86,7 +86,7 @@ class Grass(Part):
     texture_shape, texture_length : float or None, float
         As of the surface.
     density : float or None
-        Scatterers per m²; None takes 0.4 of the surface's.
+        Scatterers per m²; None takes half of the surface's.
     """
 
     on: bool = True

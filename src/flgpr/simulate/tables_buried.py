@@ -118,7 +118,7 @@ class Heterogeneity(Part):
     depth : float
         Down to where it scatters, m.
     density : float or None
-        Scatterers per m²; None takes 0.1 of the surface's.
+        Scatterers per m²; None takes a quarter of the surface's.
     """
 
     on: bool = True
