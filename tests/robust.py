@@ -7,8 +7,8 @@ from pathlib import Path
 
 from flgpr.io import open_run
 from flgpr.pipeline.lane_work import make_job
+from flgpr.pipeline.passes import blocks_of
 from flgpr.pipeline.result import Result, read_result
-from flgpr.pipeline.wang2007 import blocks_of
 from small_lane import LANE
 
 

@@ -96,6 +96,6 @@ run.flgpr.plot.scan(0, "HH", ax=panels[1])
 assert np.allclose(run["signal"], known["signal"], rtol=1e-5)
 
 # %%
-# From here on it is a run like any other: ``flgpr detect lane.zarr --recipe demo -o result``. Poses may also come from
-# a survey, a CSV track or an NMEA log; `Their data in, our results out <../exchange.html>`_ has all entries, and the
-# calibrations for a clock that is off, unknown pair delays or a lever arm.
+# From here on it is a run like any other: ``flgpr detect lane.zarr -o result``. Poses may also come from a survey, a CSV
+# track or an NMEA log; `Their data in, our results out <../exchange.html>`_ has all entries, and the calibrations for a
+# clock that is off, unknown pair delays or a lever arm.

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from html import escape
 from importlib import import_module
 from pathlib import Path
 
-import flgpr
 from flgpr.io import write_whole
 from flgpr.pipeline.progress import Track, silent
-from flgpr_papers.kit.findings import OPEN, VERDICTS, read_findings
+from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 
 PAPERS = {
@@ -105,28 +103,4 @@ def overview_html(pages: Mapping[str, Path], found: Mapping[str, list[tuple[str,
 
     A paper without a page (relative to the overview) is still to be run.
     """
-    rows = []
-    for name, title in PAPERS.items():
-        cells = f"<td>{name}</td><td>{escape(title)}</td><td colspan=3>still to be run</td>"
-        if name in pages:
-            said = [verdict for _, _, verdict in found[name]]
-            cells = f'<td><a href="{escape(pages[name].as_posix())}">{name}</a></td><td>{escape(title)}</td>'
-            cells += "".join(f"<td class=n>{said.count(word)}</td>" for word in VERDICTS)
-        rows.append(f"<tr>{cells}</tr>")
-    head = "".join(f"<th>{word}</th>" for word in ("paper", "about", *VERDICTS))
-    note = "It shows that everything runs. Its verdicts say nothing about the papers."
-    parts = [
-        "<h1>The papers, run again on simulated lanes</h1>",
-        f"<p class=quick><b>Quick run.</b> {note}</p>" if quick else "",
-        f"<p>flgpr {escape(flgpr.__version__)}. Each statement of a paper is judged by the 95 % interval of ours and a "
-        "rule that its own page tells; <i>cannot say</i> means that the interval allows both.</p>",
-        f"<div class=scroll><table><tr>{head}</tr>{''.join(rows)}</table></div>",
-    ]
-    for name, verdicts in found.items():
-        body = "".join(
-            f"<tr><td>{escape(claim)}</td><td>{escape(ours)}</td><td class={verdict.split()[0]}>{verdict}</td></tr>"
-            for claim, ours, verdict in verdicts
-        )
-        head = "<tr><th>statement</th><th>here</th><th>verdict</th></tr>"
-        parts.append(f"<h2>{name}</h2><div class=scroll><table>{head}{body}</table></div>")
-    return study_html("flgpr: papers reproduced", parts)
+    return study_html("overview.html", papers=PAPERS, pages=pages, found=found, quick=quick)

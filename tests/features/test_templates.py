@@ -155,6 +155,5 @@ def test_fiducials_give_shift_and_residual(rng):
     np.testing.assert_allclose(found.shift, shift, atol=0.03)
     spread = noise - np.median(noise, axis=0)
     assert found.residual == pytest.approx(np.sqrt((spread**2).sum(axis=1).mean()), abs=0.02)
-    np.testing.assert_allclose(found.to_image(surveyed), surveyed + found.shift)
     with pytest.raises(ValueError, match="fiducial"):
         register_fiducials(image, grid, [[50.0, 50.0]])

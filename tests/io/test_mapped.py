@@ -302,15 +302,16 @@ def test_files_beside_the_mapping_are_found_too(arrays, tmp_path):
         import_mapped(mapping, tmp_path / "data" / "a.npz")
 
 
+@pytest.mark.parametrize(("name", "library"), [("a.h5", "HDF5"), ("a.mat", "MATLAB")])
 @pytest.mark.parametrize(
     ("code", "words"),
-    [("while True: pass", "did not come to an end"), ("import os; os.abort()", "the HDF5 library crashes")],
+    [("while True: pass", "did not come to an end"), ("import os; os.abort()", "the {} library crashes")],
 )
-def test_hdf5_files_that_hang_or_crash_the_library_are_refused(arrays, code, words, tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.io.arrays._LOOK", code)
+def test_files_that_hang_or_crash_a_library_are_refused(arrays, name, library, code, words, tmp_path, monkeypatch):
+    monkeypatch.setattr("flgpr.io.arrays._CHILD", put(code, tmp_path / "child.py"))
     monkeypatch.setattr("flgpr.io.arrays._PATIENCE", 0.5)
-    with pytest.raises(ValueError, match=words):
-        open_arrays(write(arrays, tmp_path / "a.h5"))
+    with pytest.raises(ValueError, match=words.format(library)):
+        open_arrays(write(arrays, tmp_path / name))
 
 
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):

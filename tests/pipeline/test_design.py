@@ -2,13 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from flgpr.cli import app
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 from flgpr.pipeline.design import PointSpread, Question, study
-from flgpr.pipeline.design_page import design_html, design_report
 
 
 def array(rx, tones, tx=((0.0, 0.0, 0.0),), **parts):
@@ -100,26 +97,8 @@ def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):
     assert np.median(deeper.ratio["metal", "HH"]) < np.median(found.ratio["metal", "HH"]) - 3
 
 
-def test_the_page_needs_nothing_beside_it(found):
-    page = design_html([found, found], Question())
-    assert page.count("data:image/png;base64") == 7
-    assert 'src="http' not in page
-    assert "href" not in page
-    for words in ("Point spread", "Resolution over the ground", "Lobes", "Expected signal to clutter", "leaves out"):
-        assert words in page
-    with pytest.raises(ValueError, match="one to four"):
-        design_html([], Question())
-
-
-def test_faults_are_told(small, tmp_path):
+def test_faults_are_told(small):
     with pytest.raises(ValueError, match="band must hold at least two tones"):
         study(small, Question(band=(5e9, 6e9)))
     with pytest.raises(ValueError, match="window must be one of"):
         PointSpread(small, window="square")
-    (tmp_path / "there.html").write_text("")
-    with pytest.raises(FileExistsError):
-        design_report(["sri-array"], tmp_path / "there.html")
-    told = CliRunner().invoke(app, ["design", "no-such-array", "-o", str(tmp_path / "a.html")])
-    assert told.exit_code == 2
-    assert "sensor must be" in told.stderr
-    assert not (tmp_path / "a.html").exists()

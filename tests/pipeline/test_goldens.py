@@ -12,13 +12,13 @@ import pytest
 from live_lane import LANE as LIVE_LANE
 from live_lane import make_lane_run
 from live_lane import small_recipe as live_recipe
-from small_lane import LANE, TARGETS, small_recipe, small_run
 
 from flgpr.io import Scan, describe_for_live, open_run, sample_lane
 from flgpr.pipeline.classifier import make_training_set, train
 from flgpr.pipeline.detect import detect
 from flgpr.pipeline.live_detector import LiveDetector
 from flgpr.pipeline.recipe import load_recipe, parse_recipe
+from small_lane import LANE, TARGETS, small_recipe, small_run
 
 FOLDER = Path(__file__).parent.parent / "data" / "goldens"
 DIGITS = 6

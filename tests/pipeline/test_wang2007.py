@@ -13,11 +13,11 @@ from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
 from flgpr.io import save_run, write_table
 from flgpr.pipeline.classifier import CLASSIFIER_A, load_classifier, make_training_set, save_classifier, train
-from flgpr.pipeline.detect import MAIN, detect
+from flgpr.pipeline.detect import detect
+from flgpr.pipeline.lane_chain import MAIN, CleanedRun, LaneChain
 from flgpr.pipeline.progress import silent
 from flgpr.pipeline.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.pipeline.result import read_result
-from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr.screen import prescreen, run_view, select
 from flgpr_papers.wang2007.examples import save_examples
 from flgpr_papers.wang2007.study import wide_view
@@ -176,7 +176,7 @@ def test_a_run_without_a_lane_is_searched_where_it_was_seen(run, recipe):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('self_signature = "mean"', 'self_signature = "median"', "self_signature"),
+        ('self_signature = "mean"', 'self_signature = "mode"', "self_signature"),
         ("[features]", "[unknown]", "unknown"),
         ("psi = ", "phi = ", "features.phi"),
         ("median_step = 3", "median_step = 0", "median_step"),
@@ -196,8 +196,14 @@ def test_training_needs_one_truth_per_run(tmp_path):
         tasks.train_runs([tmp_path], [tmp_path], "demo", tmp_path / "m")
 
 
+def cleaned_run(run, recipe) -> CleanedRun:
+    chain = LaneChain(run, recipe, LANE)
+    chain.go(names=("signature", "gain"))
+    return chain.cleaned
+
+
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):
-    cleaned = CleanedRun(run, recipe, silent)
+    cleaned = cleaned_run(run, recipe)
     view = wide_view(cleaned, run, recipe, LANE, silent)
     images = []
     for image, gain in zip(ScanImager(run, recipe.image.grid(), recipe.image.subbands), cleaned.gains, strict=True):
@@ -208,7 +214,7 @@ def test_the_full_range_view_is_that_of_whole_images(run, recipe):
 
 
 def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, found):
-    cleaned = CleanedRun(run, recipe, silent)
+    cleaned = cleaned_run(run, recipe)
     away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
     alarms = pd.concat([found.alarms, away], ignore_index=True)
     save_examples(tmp_path / "examples.npz", cleaned, run, recipe, truth, alarms)

@@ -1,5 +1,6 @@
 """Flip a bit of every file of a store, a result or a model in turn, cut it, delete it: always an error."""
 
+import json
 import shutil
 
 import numpy as np
@@ -9,7 +10,7 @@ from flgpr.detect import HistogramNormalizer
 from flgpr.detect.chip_detector import ChipDetector, load_detector
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
-from flgpr.io import open_run, save_run
+from flgpr.io import open_run, save_run, seal
 from flgpr.pipeline import result as result_module
 from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
 from flgpr.pipeline.result import ResultError, add_files, read_result
@@ -89,6 +90,18 @@ def test_every_damage_to_every_file_is_an_error(kind, small_run, tmp_path):
                 read(folder)
             path.write_bytes(whole)
     read(folder)
+
+
+@pytest.mark.parametrize("sealed", [True, False])
+@pytest.mark.parametrize(("kind", "name"), [("result", "manifest.json"), ("model", "model.json")])
+def test_other_versions_are_refused(kind, name, sealed, tmp_path):
+    make, read = CASES[kind]
+    folder = make(tmp_path / "it", None)
+    content = json.loads((folder / name).read_bytes()) | {"version": 1}
+    del content["sha256"]
+    (folder / name).write_bytes(seal(content) if sealed else json.dumps(content).encode())
+    with pytest.raises(ValueError, match="must be .* version 2" if sealed else "is altered"):
+        read(folder)
 
 
 def test_the_viewer_shows_nothing_that_was_altered(tmp_path):

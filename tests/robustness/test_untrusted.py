@@ -15,7 +15,7 @@ from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha25
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
 from flgpr.model import Lane
-from flgpr.pipeline.memory import check_memory, parse_size
+from flgpr.pipeline.memory import parse_size, plan_sections
 from flgpr.pipeline.recipe import load_recipe
 from flgpr.pipeline.result import ResultError, read_result
 
@@ -139,11 +139,11 @@ def test_a_run_larger_than_the_memory_is_refused(store):
 def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
     recipe, lane = load_recipe("demo"), Lane(-1.0, 1.0, 2.0, 6.2)
     sizes = {"polarization": 3, "pair": 14, "frequency": 106, "scan": 3}
-    check_memory(sizes, recipe, lane)
-    with pytest.raises(
-        ValueError, match=r"at least .* for 5000 scans and a lane of 4 m with the recipe 'demo', got 2 GB"
-    ):
-        check_memory(sizes | {"scan": 5000}, recipe, lane)
+    assert len(plan_sections(sizes, recipe, lane)) == 1
+    with pytest.raises(ValueError, match=r"at least .* for 5000 scans with the recipe 'demo', got 2 GB"):
+        plan_sections(sizes | {"scan": 5000}, recipe, lane)
+    with pytest.raises(ValueError, match="section needs a recipe without variants"):
+        plan_sections(sizes, recipe, lane, longest=1.0)
     with pytest.raises(ValueError, match="max-memory"):
         tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
     with pytest.raises(ValueError, match="max-memory"):

@@ -12,11 +12,11 @@ import pytest
 
 from flgpr import tasks
 from flgpr.imaging import ScanImager
-from flgpr.io import save_run
+from flgpr.io import sample_lane, save_run
 from flgpr.pipeline import checkpoint
-from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import WorkError, begin
 from flgpr.pipeline.executors import LostWorkersError, Processes
+from flgpr.pipeline.lane_chain import LaneChain
 from flgpr.pipeline.lane_run import detect_lane, features_of_lane
 from flgpr.pipeline.survey import executor_for
 from robust import content, digests, small_job
@@ -27,6 +27,27 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
     result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False)
     assert content(result.folder) == lane.content
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+
+
+def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_stop(tmp_path):
+    """The roadside subtracted, two more self-signatures, no features: three scans in a single block."""
+    run = sample_lane() / "run.zarr"
+    plain = tasks.detect_run(run, "demo", tmp_path / "plain", report=False)
+    both = tasks.detect_run(run, "demo", tmp_path / "both", report=False, workers=2)
+    assert content(both.folder) == content(plain.folder)
+    done = []
+
+    def stop(report):
+        done.append(report["stage"])
+        if len(done) == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=stop)
+    before = done.copy()
+    tasks.detect_run(run, "demo", tmp_path / "stopped", report=False, note=lambda report: done.append(report["stage"]))
+    assert content(tmp_path / "stopped") == content(plain.folder)
+    assert not set(done[len(before) :]) & set(before[:-1])
 
 
 def test_detection_in_memory_finds_the_same(lane):
@@ -175,14 +196,6 @@ class Stopper:
             raise KeyboardInterrupt
 
 
-def test_recipes_without_features_have_no_blocks(tmp_path):
-    from flgpr.io import sample_lane
-
-    with pytest.raises(ValueError, match="workers"):
-        tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", workers=2)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(lane, tmp_path, monkeypatch):
     truth = tmp_path / "truth.csv"
     truth.write_text("target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n")
@@ -204,7 +217,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
         tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1.work"]
     monkeypatch.undo()
-    monkeypatch.setattr(FeatureChain, "part", _only_of(tmp_path / "model-2.work", FeatureChain.part))
+    monkeypatch.setattr(LaneChain, "part", _only_of(tmp_path / "model-2.work", LaneChain.part))
     tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert digests(tmp_path / "model") == digests(tmp_path / "plain")
     assert [path.name for path in tmp_path.glob("model*")] == ["model"]

@@ -5,7 +5,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.model import Lane
-from flgpr.pipeline.detect import Detection
+from flgpr.pipeline.lane_chain import Detection
 from flgpr.pipeline.recipe import recipe_text
 from flgpr.pipeline.result import add_files, read_result, write_result
 from flgpr.pipeline.score import score

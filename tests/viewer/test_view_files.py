@@ -10,7 +10,7 @@ import xarray as xr
 from flgpr.features import PatchShape
 from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.pipeline.detect import Detection
+from flgpr.pipeline.lane_chain import Detection
 from flgpr.pipeline.result import read_result
 from flgpr.pipeline.view_evidence import (
     MOST_SCANS,
@@ -137,8 +137,8 @@ def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
         sums = EvidenceSums(alarms, patch, 20.0, poses=poses)
         for image in part:
             sums.add(image)
-        kept += sums.sums()["scan"].tolist()
-        together.take(sums.sums())
+        kept += sums.state()["scan"].tolist()
+        together.merge(sums.state())
     found = together.result()
     assert sorted(kept) == [0, 1, 4, 5, 6, 7]
     assert found.scans == expected.scans

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,12 +19,18 @@ Output = Annotated[Path, typer.Option("-o", "--output", help="What to write.")]
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Turn what the user can mend into one line and exit status 2."""
+    """Turn what the user can mend into one line and exit status 2, and warnings into one line each."""
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            yield
     except (ValueError, FileNotFoundError, FileExistsError, PermissionError, ModuleNotFoundError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
+
+
+def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
+    typer.echo(f"warning: {message}", err=True)
 
 
 @contextmanager

@@ -43,14 +43,14 @@ def demo(
 def detect(
     runs: Annotated[list[Path], typer.Argument(help="Run stores; several make a survey.")],
     output: Output,
-    recipe: Annotated[str, typer.Option(help="Packaged recipe or TOML file.")] = "demo",
+    recipe: Annotated[
+        str | None, typer.Option(help="Packaged recipe or TOML file; else one is made for the run.")
+    ] = None,
     lane: Annotated[
         list[Path] | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres; once per run.")
     ] = None,
     model: Annotated[Path | None, typer.Option(help="Trained classifier, for recipes with features.")] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes, for recipes with features; the result is the same.", min=1)
-    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
     ] = None,
@@ -61,7 +61,7 @@ def detect(
         str, typer.Option(help="Memory of each process; a lane that would take more is taken in sections.")
     ] = "2GB",
     section: Annotated[
-        float | None, typer.Option(help="Longest section of a lane in metres, for recipes with features.")
+        float | None, typer.Option(help="Longest section of a lane in metres, for recipes without variants.")
     ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -71,6 +71,8 @@ def detect(
     One run gives the result folder OUTPUT, several give OUTPUT/NAME each and OUTPUT/survey.json. A lane in sections
     has a result folder for each of them, section-01 and so on, and a table of all alarms.
     """
+    if recipe is None and not (quiet or as_json):
+        typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
     with plain_errors(), progress(quiet or as_json) as track:
         options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
         options |= {"max_memory": tasks.parse_size(max_memory), "section": section}

@@ -13,7 +13,7 @@ from flgpr.cli.common import Output, Quiet, plain_errors, progress
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
-recipe_app = typer.Typer(help="Show and check recipes.", no_args_is_help=True)
+recipe_app = typer.Typer(help="Make, show and check recipes.", no_args_is_help=True)
 bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
 plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
 
@@ -41,6 +41,23 @@ def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOM
     """Print a recipe."""
     with plain_errors():
         typer.echo(tasks.recipe_text(name), nl=False)
+
+
+@recipe_app.command("for")
+def recipe_for(
+    run: Annotated[Path, typer.Argument(help="Run store.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="TOML file to write; else it is printed.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make a recipe for a run's band, polarizations and array; comments say where each figure comes from."""
+    with plain_errors():
+        text = tasks.recipe_for(run, output)
+    if output is None:
+        typer.echo(text, nl=False)
+    elif not quiet:
+        typer.echo(f"wrote {output}")
 
 
 @recipe_app.command("check")

@@ -19,6 +19,7 @@ from flgpr.clutter.masks import (
     fundamental_mask,
     intersect,
     mixed_mask,
+    roadside_mask,
     subregions,
 )
 from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain
@@ -53,6 +54,7 @@ __all__ = [
     "measured_coherence",
     "mixed_mask",
     "remove_background",
+    "roadside_mask",
     "scan_gain",
     "self_signature",
     "shared_gain",

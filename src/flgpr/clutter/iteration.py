@@ -55,11 +55,6 @@ class Iterated:
         """Number of iterations kept."""
         return len(self.data) - 1
 
-    @property
-    def diverged(self) -> bool:
-        """Whether the iteration was stopped because the residual rose."""
-        return self.rise is not None
-
     def told(self) -> str:
         """Say in words how the iteration ended."""
         if self.rise is None:

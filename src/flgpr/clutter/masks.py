@@ -40,6 +40,39 @@ class Thresholds:
     second: FloatArray | None = None
 
 
+def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0) -> BoolArray:
+    """Find the ground beside a lane that outshines everything in it.
+
+    Parameters
+    ----------
+    level : (y, x) ndarray
+        Run-view of magnitudes; NaN where nothing was seen.
+    inside : (y, x) ndarray of bool
+        Pixels of the lane.
+    grow : int
+        Pixels by which the mask is grown, never into the lane.
+
+    Returns
+    -------
+    (y, x) ndarray of bool
+        The mask; empty where nothing beside the lane outshines it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.clutter import roadside_mask
+    >>> level = np.array([[1.0, 9.0, 1.0, 5.0, 1.0], [1.0, 1.0, 4.0, 1.0, np.nan]])
+    >>> roadside_mask(level, np.array([[False, False, True, True, True]] * 2)).astype(int)
+    array([[0, 1, 0, 0, 0],
+           [0, 0, 0, 0, 0]])
+    """
+    seen = np.isfinite(level)
+    mask = ~inside & seen & (np.where(seen, level, 0) > level[inside & seen].max(initial=0.0))
+    if grow and mask.any():
+        mask = ndimage.binary_dilation(mask, iterations=grow) & ~inside
+    return np.asarray(mask)
+
+
 def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     """Divide pixels into sub-regions in range (Fuse et al. 2018, Sec. 2.2, which takes four).
 

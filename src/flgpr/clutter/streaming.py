@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter.background import ComplexArray
+from flgpr.clutter.background import ComplexArray, SelfSignature
 from flgpr.kernels.background import (
     add_clipped,
     gain_and_limit,
@@ -155,22 +155,31 @@ class BackgroundEstimator:
     step : int
         The median is taken at every ``step``-th pixel both ways, and the mean over those: the gain background is smooth
         over the mean's window, so that little is lost (see the tests for how little) and most of the time is saved.
+    method : {"mean", "median", "none"}
+        Self-signature, as :func:`flgpr.clutter.self_signature` has it; the median keeps all images.
 
     Raises
     ------
     ValueError
-        If a window is not odd or the step is not between 1 and half the mean's window.
+        If a window is not odd, the step is not between 1 and half the mean's window, or the method is unknown.
     """
 
     def __init__(
-        self, median_size: tuple[int, int] = (21, 21), mean_size: tuple[int, int] = (51, 51), step: int = 1
+        self,
+        median_size: tuple[int, int] = (21, 21),
+        mean_size: tuple[int, int] = (51, 51),
+        step: int = 1,
+        method: SelfSignature = "mean",
     ) -> None:
         for name, size in (("median_size", median_size), ("mean_size", mean_size)):
             if any(n < 1 or n % 2 == 0 for n in size):
                 raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
         if not 1 <= step <= max(1, min(mean_size) // 2):
             raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
-        self.median_size, self.mean_size, self.step = median_size, mean_size, step
+        if method not in ("none", "mean", "median"):
+            raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
+        self.median_size, self.mean_size, self.step, self.method = median_size, mean_size, step, method
+        self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
         self._shape: tuple[int, ...] | None = None
         self._signature: ComplexArray | None = None
@@ -197,13 +206,14 @@ class BackgroundEstimator:
             If the image has no gain or another shape than those before.
         """
         if self._shape is None:
-            self._shape = image.shape
-            pixels = (image.shape[0] * image.shape[1], image.shape[2] * image.shape[3])
-            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
+            self._begin(image.shape)
         gain, limit = self._measure(image)
-        common = np.broadcast_to(shared_gain(gain), gain.shape)
-        weight = 1 / gain.ravel(), np.ascontiguousarray(1 / common).ravel()
-        add_clipped(_flat(image), limit.ravel(), *weight, self._own_total, self._shared_total)
+        if self.method == "mean":
+            common = np.broadcast_to(shared_gain(gain), gain.shape)
+            weight = 1 / gain.ravel(), np.ascontiguousarray(1 / common).ravel()
+            add_clipped(_flat(image), limit.ravel(), *weight, self._own_total, self._shared_total)
+        elif self.method == "median":
+            self._scaled.append((image / gain[..., None, None]).astype(np.complex64))
         self.gains.append(gain)
         return gain
 
@@ -243,10 +253,19 @@ class BackgroundEstimator:
             If there are less than two scans: it would be all of the image.
         """
         if self._signature is None:
-            if len(self.gains) < 2 or self._shape is None:
-                raise ValueError(f"self-signature needs at least two scans, got {len(self.gains)}")
-            self._signature = (self._own_total / len(self.gains)).astype(np.complex64).reshape(self._shape)
-            self._shared = (self._shared_total / len(self.gains)).astype(np.complex64).reshape(self._shape)
+            least = 1 if self.method == "none" else 2
+            if len(self.gains) < least or self._shape is None:
+                wanted = "one scan" if least == 1 else "two scans"
+                raise ValueError(f"self-signature needs at least {wanted}, got {len(self.gains)}")
+            if self.method == "mean":
+                totals = self._own_total / len(self.gains), self._shared_total / len(self.gains)
+                self._signature, self._shared = (one.astype(np.complex64).reshape(self._shape) for one in totals)
+            elif self.method == "median":
+                gains, scaled = np.stack(self.gains), np.stack(self._scaled)
+                shared = scaled * (gains / shared_gain(gains))[..., None, None].astype(np.float32)
+                self._signature, self._shared = _complex_median(scaled), _complex_median(shared)
+            else:
+                self._signature = self._shared = np.zeros(self._shape, np.complex64)
         return self._signature
 
     def result(self) -> Background:
@@ -280,7 +299,8 @@ class BackgroundEstimator:
         Returns
         -------
         dict
-            ``gains`` (scan, polarization, subband) and the totals ``own`` and ``shared`` (polarization, subband, y, x).
+            ``gains`` (scan, polarization, subband) and ``shape`` of the images; for the mean the totals ``own`` and
+            ``shared`` (polarization, subband, y, x), for the median the images over their gains, ``scaled``.
 
         Raises
         ------
@@ -289,9 +309,12 @@ class BackgroundEstimator:
         """
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
+        found = {"gains": np.stack(self.gains), "shape": np.array(self._shape)}
+        if self.method == "median":
+            return found | {"scaled": np.stack(self._scaled)}
         kind = np.complex128 if exact else np.complex64
-        own, shared = (total.astype(kind).reshape(self._shape) for total in (self._own_total, self._shared_total))
-        return {"gains": np.stack(self.gains), "own": own, "shared": shared}
+        totals = {"own": self._own_total, "shared": self._shared_total} if self.method == "mean" else {}
+        return found | {name: total.astype(kind).reshape(self._shape) for name, total in totals.items()}
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
         """Take in what another estimator gathered in its first pass over the scans that follow.
@@ -306,14 +329,16 @@ class BackgroundEstimator:
         ValueError
             If its images have another shape.
         """
+        shape = tuple(int(n) for n in sums["shape"])
         if self._shape is None:
-            self._shape = sums["own"].shape
-            pixels = (self._shape[0] * self._shape[1], self._shape[2] * self._shape[3])
-            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
-        if sums["own"].shape != self._shape:
-            raise ValueError(f"image must have the shape {self._shape} of those before, got {sums['own'].shape}")
-        self._own_total += _flat(sums["own"])
-        self._shared_total += _flat(sums["shared"])
+            self._begin(shape)
+        if shape != self._shape:
+            raise ValueError(f"image must have the shape {self._shape} of those before, got {shape}")
+        if self.method == "mean":
+            self._own_total += _flat(sums["own"])
+            self._shared_total += _flat(sums["shared"])
+        elif self.method == "median":
+            self._scaled += list(sums["scaled"])
         self.gains += list(sums["gains"])
         self._signature = None
 
@@ -376,6 +401,12 @@ class BackgroundEstimator:
         self._median = sums["median"] if self._median is None else self._median + sums["median"]
         self._smoothed += int(sums["count"])
 
+    def _begin(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        if self.method == "mean":
+            pixels = (shape[0] * shape[1], shape[2] * shape[3])
+            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
+
     def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
         if image.shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
@@ -403,6 +434,10 @@ class BackgroundEstimator:
         if not (level > 0).all():
             raise ValueError("gain background must be positive everywhere, got zero: images equal their self-signature")
         return level.reshape(self._shape)
+
+
+def _complex_median(stack: ComplexArray) -> ComplexArray:
+    return np.asarray(np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64)
 
 
 def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import validate_data
 
 
-def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 1) -> NDArray[Any]:
+def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
     """Check samples that may be complex and note their number of features on the estimator.
 
     Parameters
@@ -21,8 +21,6 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 
         Real or complex samples.
     reset : bool
         Whether this is a fit.
-    minimum : int
-        Smallest number of samples.
 
     Returns
     -------
@@ -36,8 +34,8 @@ def check_samples(estimator: BaseEstimator, X: Any, reset: bool, minimum: int = 
         finite.
     """
     if not np.iscomplexobj(np.asarray(X)):
-        return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64, ensure_min_samples=minimum))
+        return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))
     values = np.asarray(X, dtype=np.complex128)
-    real = validate_data(estimator, values.real, reset=reset, dtype=np.float64, ensure_min_samples=minimum)
+    real = validate_data(estimator, values.real, reset=reset, dtype=np.float64)
     imaginary = validate_data(estimator, values.imag, reset=False, dtype=np.float64)
     return np.asarray(real + 1j * imaginary)

@@ -131,7 +131,7 @@ class FeatureSums:
         self._add_coherent(seen, values[:, self._hh, :, PEAK], coherent, row, column)
         self._scans[seen] += 1
 
-    def sums(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another.
 
         Returns
@@ -146,22 +146,22 @@ class FeatureSums:
         named |= {"turn": self._turn, "scans": self._scans}
         return {"row": row} | {name: value[row] for name, value in named.items()}
 
-    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+    def merge(self, state: dict[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans for the same alarms.
 
         Parameters
         ----------
-        sums : dict
-            From :meth:`sums`.
+        state : dict
+            From :meth:`state`.
         """
-        row = sums["row"]
+        row = state["row"]
         for name, value in self._peak.items():
-            value[row] = np.maximum(value[row], sums[f"peak.{name}"])
+            value[row] = np.maximum(value[row], state[f"peak.{name}"])
         for kind, group in (("sum", self._sum), ("angle", self._angle)):
             for name, value in group.items():
-                value[row] += sums[f"{kind}.{name}"]
-        self._turn[row] += sums["turn"]
-        self._scans[row] += sums["scans"]
+                value[row] += state[f"{kind}.{name}"]
+        self._turn[row] += state["turn"]
+        self._scans[row] += state["scans"]
 
     def table(self) -> pd.DataFrame:
         """Compute the features from the sums.

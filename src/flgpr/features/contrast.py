@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -62,6 +63,28 @@ class ContrastSums:
         self._weighted[seen] += peak * (peak - mean) / spread
         self._weight[seen] += peak
         self._scans[seen] += 1
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Give what was gathered, to be taken in by another.
+
+        Returns
+        -------
+        dict
+            ``row``, the numbers of the alarms that were seen, and the sums of those alarms.
+        """
+        row = np.flatnonzero(self._scans)
+        return {"row": row, "weighted": self._weighted[row], "weight": self._weight[row], "scans": self._scans[row]}
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans for the same alarms.
+
+        Parameters
+        ----------
+        state : mapping
+            From :meth:`state`.
+        """
+        for name, value in (("weighted", self._weighted), ("weight", self._weight), ("scans", self._scans)):
+            value[state["row"]] += state[name]
 
     def table(self) -> pd.DataFrame:
         """Compute the contrast from the sums.

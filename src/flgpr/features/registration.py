@@ -30,10 +30,6 @@ class Registration:
     residual: float
     used: int
 
-    def to_image(self, places: ArrayLike) -> FloatArray:
-        """Take surveyed places (n, 2) to the image, m."""
-        return np.asarray(places, dtype=np.float64) + np.asarray(self.shift)
-
 
 def register_fiducials(image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach: float = 0.6) -> Registration:
     """Find the fiducials in an image and the shift that brings the survey onto them.

@@ -1,10 +1,12 @@
-"""Named arrays in other people's files: HDF5, MATLAB v5 and v7.3, NPZ, NPY, CSV and Touchstone behind one interface."""
+"""Named arrays in other people's files: HDF5, MATLAB, NPZ, NPY, CSV and Touchstone behind one interface."""
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
+import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,14 +19,15 @@ from numpy.typing import NDArray
 
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.matfile import read_mat
 from flgpr.io.textarrays import read_text_table
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""
 _MOST_EXPANSION, _SMALL = 200, 64 * 2**20
 """Arrays above the second number of bytes may take this many times their room in the file, not more."""
+_CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
+_SPARE = 2**29  # bytes that a child may take beside what it reads
 
 
 @dataclass(frozen=True)
@@ -180,36 +183,22 @@ def _opener(path: Path) -> Callable[[Path], _Opened]:
     )
 
 
-_LOOK = """
-import contextlib, sys, h5py
-def notes(item):
-    for name in item.attrs:
-        with contextlib.suppress(Exception):
-            item.attrs[name]
-def look(name, item):
-    notes(item)
-    if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
-        item[()]
-with h5py.File(sys.argv[1], "r") as file:
-    notes(file)
-    file.visititems(look)
-"""
-
-
-def _look_first(path: Path) -> None:
-    """Read a file in a child process: damaged ones can crash the HDF5 library or make it loop for ever."""
-    command = [sys.executable, "-P", "-c", _LOOK, str(path)]
+def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL) -> None:
+    """Have ``child.py`` read a file: damaged ones can crash the libraries or make them loop for ever."""
+    command = [sys.executable, "-P", str(_CHILD), library.lower(), *map(str, arguments)]
+    # Every thread of the linear algebra takes address space, which is bounded.
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     try:
-        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)  # noqa: S603
+        done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, env=alone, timeout=_PATIENCE, check=False)  # noqa: S603
     except subprocess.TimeoutExpired:
-        raise ValueError(f"the HDF5 library did not come to an end with it in {_PATIENCE:g} s") from None
+        raise ValueError(f"the {library} library did not come to an end with it in {_PATIENCE:g} s") from None
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(said[-1] if said and done.returncode > 0 else "the HDF5 library crashes on it")
+        raise ValueError(said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it")
 
 
 def _open_hdf5(path: Path) -> _Opened:
-    _look_first(path)
+    _in_child("HDF5", path)
     infos: list[ArrayInfo] = []
 
     def visit(name: str, item: Any) -> None:
@@ -235,8 +224,15 @@ def _open_hdf5(path: Path) -> _Opened:
 
 
 def _open_mat(path: Path, limit: int = LIMIT) -> _Opened:
-    arrays = read_mat(path, limit)
-    return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
+    arrays: dict[str, NDArray[Any]] = {}
+    with tempfile.TemporaryFile() as file:
+        _in_child("MATLAB", path, limit, _SPARE, stdout=file)
+        end = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        while file.tell() < end:
+            name = str(np.load(file, allow_pickle=False))
+            arrays[name] = np.load(file, allow_pickle=False)
+    return _held(arrays)
 
 
 def _open_npz(path: Path) -> _Opened:
@@ -291,7 +287,10 @@ def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
 
 
 def _open_text(path: Path) -> _Opened:
-    arrays = read_text_table(path)
+    return _held(read_text_table(path))
+
+
+def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
 

@@ -112,10 +112,6 @@ def _layout(name: str, told: dict[str, Any], rank: int) -> tuple[tuple[int, ...]
     return tuple(shape), tuple(chunks)  # type: ignore[arg-type]
 
 
-def _is_length(value: Any) -> bool:
-    return type(value) is int and 0 < value < 2**53
-
-
 def _check_chunks(
     name: str, shape: tuple[int, ...], chunks: tuple[int, ...], width: int, files: Mapping[str, Mapping[str, Any]]
 ) -> None:

@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.io import canonical_json, sha256, write_whole
-from flgpr.pipeline.wang2007 import Arrays
+from flgpr.pipeline.passes import Arrays, Gathered
 
 SUFFIX = ".arrays"
 _JOB, _LOCK, _PARTIAL = "job.json", "lock", ".partial"
@@ -292,17 +292,15 @@ class Kept:
         self.work, self.name = work, f"{part}-kept"
         self.every = KEEP_EVERY if every is None else every
 
-    def __call__(self, block: range, take: Callable[[Arrays], None], sums: Callable[[], Arrays]) -> Iterator[int]:
+    def __call__(self, block: range, gathered: Gathered) -> Iterator[int]:
         """Go through a block, from where it was left.
 
         Parameters
         ----------
         block : range
             The block.
-        take : callable
-            Takes in what was gathered before.
-        sums : callable
-            Gives what was gathered.
+        gathered : Gathered
+            Takes in what was kept before, and gives what to keep.
 
         Yields
         ------
@@ -313,12 +311,12 @@ class Kept:
         if self.name in self.work:
             kept = dict(self.work[self.name])
             begun = int(kept.pop("next"))
-            take(kept)
+            gathered.merge(kept)
         last = time.monotonic()
         for place in range(begun, block.stop):
             yield place
             if place + 1 < block.stop and time.monotonic() - last >= self.every:
-                self.work[self.name] = {**sums(), "next": np.array(place + 1)}
+                self.work[self.name] = {**gathered.state(True), "next": np.array(place + 1)}
                 last = time.monotonic()
 
     def drop(self) -> None:

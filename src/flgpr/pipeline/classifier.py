@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -339,12 +338,10 @@ def load_classifier(folder: str | Path) -> Classifier:
 def _read_model(folder: Path) -> dict[str, Any]:
     data = read_limited(folder / "model.json")
     try:
-        model = json.loads(data)
-        if model["format"] != FORMAT or model["version"] not in (1, VERSION):
+        model = unseal(data)
+        if (model["format"], model["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        if model["version"] == 1 and "sha256" not in model:  # had no digest of its own
-            return dict(model)
-        return unseal(data)
+        return model
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"model {folder}: model.json is altered: {error}") from None
 

@@ -6,17 +6,13 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.io import MAX_MEMORY, open_run, read_lane
-from flgpr.pipeline.classifier import load_classifier
-from flgpr.pipeline.detect import detect
+from flgpr.io import MAX_MEMORY, read_lane
+from flgpr.pipeline.fitting import recipe_for
 from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, unnoted
 from flgpr.pipeline.lane_work import make_job
-from flgpr.pipeline.memory import check_memory, sizes_of
 from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import lane_of, parse_recipe, recipe_text
-from flgpr.pipeline.report import report_html
-from flgpr.pipeline.result import Result, add_files, check_free, read_result, write_result
-from flgpr.pipeline.run_info import describe_run
+from flgpr.pipeline.recipe import parse_recipe, recipe_text
+from flgpr.pipeline.result import Result, read_result
 from flgpr.pipeline.survey import area_of, detect_survey, executor_for, lane_names
 
 PathLike = str | Path
@@ -24,7 +20,7 @@ PathLike = str | Path
 
 def detect_run(
     run: PathLike,
-    recipe: PathLike,
+    recipe: PathLike | None,
     output: PathLike,
     lane: PathLike | None = None,
     track: Track = silent,
@@ -37,15 +33,15 @@ def detect_run(
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
 
-    With a recipe that has features this works block by block and can be stopped and gone on with, see
-    :func:`flgpr.pipeline.lane_run.detect_lane`.
+    This works block by block and can be stopped and gone on with, see :func:`flgpr.pipeline.lane_run.detect_lane`.
 
     Parameters
     ----------
     run : path
         Run store.
-    recipe : str or path
-        Name of a packaged recipe, or a TOML file.
+    recipe : str or path or None
+        Name of a packaged recipe, or a TOML file; None makes one for the run, see
+        :func:`flgpr.pipeline.fitting.fit_recipe`.
     output : path
         Result folder to make.
     lane : path, optional
@@ -57,7 +53,7 @@ def detect_run(
     model : path, optional
         Folder of a trained classifier, for recipes with features.
     workers : int, optional
-        Number of processes, for recipes with features; default this one. The result is the same, bit for bit.
+        Number of processes; default this one. The result is the same, bit for bit.
     scheduler : str, optional
         Address of a Dask scheduler in place of workers.
     note : callable
@@ -82,7 +78,7 @@ def detect_run(
 
 def detect_long(
     run: PathLike,
-    recipe: PathLike,
+    recipe: PathLike | None,
     output: PathLike,
     lane: PathLike | None = None,
     track: Track = silent,
@@ -99,8 +95,8 @@ def detect_long(
     Parameters
     ----------
     run, recipe, output, lane, track, report, model, workers, scheduler, note, max_memory
-        As for :func:`detect_run`. With a recipe that has features a lane that would take more memory is taken in
-        sections: ``output`` then holds a result folder per section and a table of all alarms, see
+        As for :func:`detect_run`. A lane that would take more memory is taken in sections, unless the recipe has
+        variants: ``output`` then holds a result folder per section and a table of all alarms, see
         :mod:`flgpr.pipeline.lane_run`.
     section : float, optional
         Longest section that is wanted, m; default as long as the memory allows; infinity for one piece or not at all.
@@ -115,33 +111,17 @@ def detect_long(
     ValueError, FileNotFoundError, FileExistsError
         If an input is not valid or the output would overwrite something else; nothing is written then.
     """
-    text = recipe_text(recipe)
+    text = _text_of(recipe, run, model, max_memory)
     parsed = parse_recipe(text, str(recipe))
-    if parsed.features is not None:
-        area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
-        job = make_job(run, text, area, output, report, model, max_memory)
-        with executor_for(workers, scheduler) as executor:
-            return detect_lane(job, executor, track, note, section)
-    if section is not None and section != math.inf:
-        raise ValueError(f"section needs a recipe with the table features, got {recipe}")
-    if workers is not None or scheduler is not None:
-        raise ValueError(f"workers and scheduler need a recipe with the table features, got {recipe}")
-    check_free(output)
-    dataset = open_run(run, max_memory)
-    area = read_lane(lane) if lane is not None else lane_of(dataset, parsed)
-    check_memory(sizes_of(dataset), parsed, area, max_memory)
-    classifier = load_classifier(model) if model is not None else None
-    detections = detect(dataset, parsed, area, track, classifier)
-    folder = write_result(output, detections, text, area, describe_run(dataset, run))
-    if report:
-        for page in track(["report.html"], "drawing the report", 1):
-            add_files(folder, {page: report_html(read_result(folder))})
-    return [folder]
+    area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
+    job = make_job(run, text, area, output, report, model, max_memory)
+    with executor_for(workers, scheduler) as executor:
+        return detect_lane(job, executor, track, note, section)
 
 
 def detect_runs(
     runs: Sequence[PathLike],
-    recipe: PathLike,
+    recipe: PathLike | None,
     output: PathLike,
     lanes: Sequence[PathLike] | None = None,
     track: Track = silent,
@@ -160,8 +140,8 @@ def detect_runs(
     ----------
     runs : sequence of path
         Run stores with different names.
-    recipe : str or path
-        Name of a packaged recipe, or a TOML file.
+    recipe : str or path or None
+        Name of a packaged recipe, or a TOML file. None makes one for the first run, which the others must fit.
     output : path
         Folder that takes a result folder per run, named like it, and ``survey.json``.
     lanes : sequence of path, optional
@@ -181,21 +161,25 @@ def detect_runs(
     ValueError, FileNotFoundError, FileExistsError
         If an input is not valid or the output would overwrite something else.
     """
-    text = recipe_text(recipe)
-    if parse_recipe(text, str(recipe)).features is None:
-        names = lane_names(runs)
-        areas = [None] * len(runs) if lanes is None else list(lanes)
-        if len(areas) != len(runs):
-            raise ValueError(f"lanes must be one per run, got {len(areas)} for {len(runs)} runs")
-        found: list[Path] = []
-        for run, name, area in zip(runs, names, areas, strict=True):
-            home = Path(output) / name
-            found += detect_long(
-                run, recipe, home, area, track, report, model, workers, scheduler, note, max_memory, section
-            )
-        return found
+    if not runs:
+        raise ValueError("runs must hold at least one run, got none")
+    lane_names(runs)  # refuses runs of one name
+    text = _text_of(recipe, runs[0], model, max_memory)
+    if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
+        raise ValueError(
+            f"lanes must be given or a recipe: {runs[0]} is so short that the recipe made for it has its lane"
+        )
     who = executor_for(workers, scheduler)
     folders = detect_survey(
         runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note, section
     )
     return [home for folder in folders for home in homes_at(folder)]
+
+
+def _text_of(recipe: PathLike | None, run: PathLike, model: PathLike | None, max_memory: int) -> str:
+    """Text of a recipe, or of the one made for a run."""
+    if recipe is not None:
+        return recipe_text(recipe)
+    if model is not None:
+        raise ValueError("recipe must be given with a model: the one it was trained with, got none")
+    return recipe_for(run, max_memory=max_memory)

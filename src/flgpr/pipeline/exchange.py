@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import xarray as xr
 
-from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table, write_whole
+from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.explain import Explanation
-from flgpr.io.explain import explain_file as explain
 from flgpr.io.georeferenced import (
     georeference,
     write_earth_csv,
@@ -29,58 +26,6 @@ from flgpr.pipeline.result import read_result
 PathLike = str | Path
 TABLE_FORMATS = {"geojson": ".geojson", "gpkg": ".gpkg", "kml": ".kml", "csv": ".csv"}
 FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
-
-
-def explain_file(path: PathLike) -> Explanation:
-    """Tell what a file that is no run holds, and draft the mapping that imports it.
-
-    Parameters
-    ----------
-    path : path
-        HDF5, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
-
-    Returns
-    -------
-    Explanation
-        ``kind``, ``lines`` in words and ``mapping``, a draft in TOML (empty where none is needed).
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the file cannot be read.
-    """
-    return explain(path)
-
-
-def propose_mapping(path: PathLike, output: PathLike | None = None) -> str:
-    """Draft the mapping that imports a file.
-
-    Parameters
-    ----------
-    path : path
-        A file of named arrays.
-    output : path, optional
-        TOML file to write.
-
-    Returns
-    -------
-    str
-        The draft; guesses end in a question mark.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If the file cannot be read, needs no mapping, or the output exists.
-    """
-    text = explain(path).mapping
-    if not text:
-        raise ValueError(
-            f"{path}: no mapping can be drafted: it is read without one, or no array in it looks like data"
-        )
-    if output is not None:
-        _fresh(Path(output))
-        write_whole(Path(output), text)
-    return text
 
 
 def import_with_mapping(
@@ -283,38 +228,6 @@ def export_result(
         write_geotiff(chosen[0].view, target, tie, identity)
         return target
     return _write_points(chosen[0].alarms, target, to, tie, "alarms", identity, time)
-
-
-def anchor_report(anchor: PathLike) -> dict[str, Any]:
-    """Tell how an anchor fits its points.
-
-    Parameters
-    ----------
-    anchor : path
-        TOML that ties the lane to the Earth.
-
-    Returns
-    -------
-    dict
-        Longitude, latitude and azimuth (degrees), misfits and standard deviation (m), and the reference system.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the anchor is not valid.
-    """
-    tie = read_anchor(anchor)
-    place = tie.to_geodetic([0.0, 0.0, 0.0])
-    return {
-        "longitude": float(place[0]),
-        "latitude": float(place[1]),
-        "azimuth_deg": float(tie.azimuth * 57.29577951308232),
-        "residuals_m": list(tie.residuals),
-        "sigma_m": tie.sigma,
-        "crs": tie.crs,
-        "crs_accuracy_m": None if tie.crs_accuracy != tie.crs_accuracy else tie.crs_accuracy,
-        "heights_known": tie.heights_known,
-    }
 
 
 def _write_points(

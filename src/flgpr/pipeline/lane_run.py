@@ -32,11 +32,12 @@ from flgpr.io import (
     write_whole,
 )
 from flgpr.model import Lane
-from flgpr.pipeline.blocks import STAGES, FeatureChain, array_table
 from flgpr.pipeline.checkpoint import Checkpoint, begin, finish
 from flgpr.pipeline.executors import Executor, Report
+from flgpr.pipeline.lane_chain import LaneChain, array_table
 from flgpr.pipeline.lane_work import LaneJob, do_finish, do_fold, do_part
 from flgpr.pipeline.memory import plan_sections, sizes_of
+from flgpr.pipeline.passes import Pass, group_of
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe
 from flgpr.pipeline.result import (
@@ -50,7 +51,7 @@ from flgpr.pipeline.sections import Section, lane_threshold
 
 FORMAT, VERSION = "flgpr-sections", 1
 Note = Callable[[Report], None]
-_OWN = ("view", "features", "evidence")
+Plan = dict[str, tuple[str, list[int]]]  # title and blocks of each pass
 
 
 def unnoted(report: Report) -> None:
@@ -66,7 +67,7 @@ def unnoted(report: Report) -> None:
 def detect_lane(
     job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, longest: float | None = None
 ) -> list[Path]:
-    """Run a recipe with features on a stored lane, block by block, and write its result folder.
+    """Run a recipe on a stored lane, block by block, and write its result folder.
 
     The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same call
     goes on there, and the result has the same bits. It is deleted when the result is written.
@@ -101,16 +102,15 @@ def detect_lane(
     run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
     sections = plan_sections(sizes_of(run), recipe, lane, job.max_memory, longest)
 
-    def numbers(stages: Sequence[str], section: Section | None = None) -> dict[str, list[int]]:
-        chain = FeatureChain(run, recipe, lane, section=section)  # not kept: it holds memory
-        return {stage: chain.numbers(stage) for stage in stages}
+    def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
+        return _planned(LaneChain(run, recipe, lane, section=section), wanted)  # not kept: it holds memory
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     drive = _Drive(executor, track, note)
     if len(sections) > 1:
-        return _in_sections(job, sections, numbers, drive)
+        return _in_sections(job, sections, plan, drive)
     with begin(job.work, job.identity()) as work:
-        drive.stages(job, work, numbers(tuple(STAGES)))
+        drive.passes(job, work, plan(lambda _: True))
         drive.finish(job)
         finish(job.work)
     return [folder]
@@ -145,10 +145,15 @@ def features_of_lane(
     run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
     plan_sections(sizes_of(run), recipe, lane, job.max_memory, math.inf)
     with begin(job.work, job.identity()) as work:
-        chain = FeatureChain(run, recipe, lane, known=work)
-        needed = [stage for stage in STAGES if stage != "evidence"]
-        _Drive(executor, track, note).stages(job, work, {stage: chain.numbers(stage) for stage in needed})
-        return chain.found().ranked()
+        chain = LaneChain(run, recipe, lane, known=work)
+        _Drive(executor, track, note).passes(
+            job, work, _planned(chain, lambda one: not one.name.startswith("evidence"))
+        )
+        return chain.found()
+
+
+def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
+    return {one.name: (one.title, chain.numbers(one.name)) for one in chain.passes.values() if wanted(one)}
 
 
 class _Drive:
@@ -157,12 +162,12 @@ class _Drive:
     def __init__(self, executor: Executor, track: Track, note: Note) -> None:
         self.executor, self.track, self.note = executor, track, note
 
-    def stages(self, job: LaneJob, work: Checkpoint, numbers: dict[str, list[int]], name: str = "") -> None:
-        for stage, every in numbers.items():
+    def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
+        for stage, (title, every) in plan.items():
             if stage not in work:
                 missing = [number for number in every if work.part(stage, number) not in work]
                 parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
-                for report in self.track(parts, name + STAGES[stage], len(missing)):
+                for report in self.track(parts, name + title, len(missing)):
                     self.note(report)
                 for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
                     self.note(report)
@@ -173,9 +178,7 @@ class _Drive:
             self.note(report)
 
 
-def _in_sections(
-    job: LaneJob, sections: Sequence[Section], numbers: Callable[..., dict[str, list[int]]], drive: _Drive
-) -> list[Path]:
+def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
     home = Path(job.output).with_name(Path(job.output).name + ".sections")
     width = max(2, len(str(len(sections))))
@@ -187,7 +190,7 @@ def _in_sections(
             finish(job.work)  # it was stopped after its last step but this
             return folders
         _prepare(home, names if len(shared) else ())
-        drive.stages(job, shared, numbers([stage for stage in STAGES if stage not in _OWN]))
+        drive.passes(job, shared, plan(lambda one: one.whole))
         jobs = [
             replace(job, output=str(home / name), section=section, shared=str(job.work))
             for name, section in zip(names, sections, strict=True)
@@ -195,7 +198,7 @@ def _in_sections(
         if "threshold" not in shared:
             for name, one in zip(names, jobs, strict=True):
                 with _work_of(one) as work:
-                    drive.stages(one, work, numbers(["view"], one.section), f"{name}: ")
+                    drive.passes(one, work, plan(lambda p: p.name == "view", one.section), f"{name}: ")
             shared["threshold"] = {"threshold": np.array(_threshold(job, jobs))}
         threshold = float(shared["threshold"]["threshold"])
         jobs = [
@@ -205,7 +208,7 @@ def _in_sections(
         for name, one in zip(names, jobs, strict=True):
             if not is_done(one):
                 with _work_of(one) as work:
-                    drive.stages(one, work, numbers(_OWN, one.section), f"{name}: ")
+                    drive.passes(one, work, plan(lambda p: not p.whole, one.section), f"{name}: ")
                     drive.finish(one, f"{name}: ")
                     finish(one.work)
         _bring_together(job, home, names)
@@ -227,7 +230,7 @@ def _prepare(home: Path, names: Sequence[str]) -> None:
 
 def _threshold(job: LaneJob, jobs: Sequence[LaneJob]) -> float:
     found = [Checkpoint(one.work)["view"] for one in jobs]
-    maxima = pd.concat([array_table(one, "maximum.") for one in found], ignore_index=True)
+    maxima = pd.concat([array_table(group_of(one, "maximum")) for one in found], ignore_index=True)
     return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in found))
 
 

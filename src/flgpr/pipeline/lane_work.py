@@ -21,17 +21,16 @@ import llvmlite.binding  # type: ignore[import-untyped]
 import flgpr
 from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, sha256
 from flgpr.model import Lane
-from flgpr.pipeline.blocks import FeatureChain
 from flgpr.pipeline.checkpoint import ArrayFile, Checkpoint, Kept
 from flgpr.pipeline.classifier import load_classifier
-from flgpr.pipeline.detect import detection_with_features
 from flgpr.pipeline.executors import Report
+from flgpr.pipeline.lane_chain import LaneChain
+from flgpr.pipeline.passes import BLOCK, Arrays
 from flgpr.pipeline.recipe import parse_recipe
-from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import add_files, read_result, write_result
 from flgpr.pipeline.run_info import describe_run
 from flgpr.pipeline.sections import Section, section_lane, section_note
-from flgpr.pipeline.wang2007 import BLOCK, Arrays
+from flgpr.report import report_html
 
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 _ONE_AT_A_TIME = threading.Lock()
@@ -142,6 +141,8 @@ def make_job(
     ValueError, FileNotFoundError
         If the run or the model is not valid.
     """
+    if model is not None and parse_recipe(recipe).features is None:
+        raise ValueError("model needs a recipe with the table features, got one without")
     return LaneJob(
         str(Path(run).resolve()),
         recipe,
@@ -280,15 +281,14 @@ def do_finish(job: LaneJob) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
-        detection = detection_with_features(chain)
-        described = describe_run(chain.run, job.run)
+        detections, described = chain.detections(), describe_run(chain.run, job.run)
         lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None
         told = None if cut is None else section_note(chain.lane, cut)
-        folder = write_result(job.output, [detection], job.recipe, lane, described, chain.classifier, told)
+        folder = write_result(job.output, detections, job.recipe, lane, described, chain.classifier, told)
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # lets the run-views go
-        return _report(job, "finish", -1, begun, 0) | {"alarms": len(detection.alarms)}
+        return _report(job, "finish", -1, begun, 0) | {"alarms": len(detections[0].alarms)}
 
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
@@ -296,7 +296,7 @@ def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arr
         yield dict(ArrayFile(work.path(work.part(stage, number))))
 
 
-def _open(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
+def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
     if job.code != code_versions():
         theirs, ours = dict(job.code), dict(code_versions())
         differ = ", ".join(f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n])
@@ -307,7 +307,7 @@ def _open(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
 
 
 @lru_cache(maxsize=2)
-def _opened(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
+def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
     run = open_run(job.run, job.max_memory)
     if read_manifest(job.run)["sha256"] != job.store_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the run of the driver, got another at {job.run}")
@@ -316,7 +316,7 @@ def _opened(job: LaneJob) -> tuple[FeatureChain, Checkpoint]:
         raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
     work = Checkpoint(job.work)
     known = ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work
-    return FeatureChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, known, job.section), work
+    return LaneChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, known, job.section), work
 
 
 def _now() -> tuple[float, float]:

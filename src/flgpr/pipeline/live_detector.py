@@ -25,6 +25,7 @@ from flgpr.imaging import ScanImager
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
 from flgpr.pipeline.classifier import Classifier
+from flgpr.pipeline.fitting import check_channels
 from flgpr.pipeline.recipe import FeaturesTable, Recipe
 from flgpr.screen import RunViewSums, local_maxima, view_array
 
@@ -467,10 +468,7 @@ def _check(description: RunDescription, recipe: Recipe) -> None:
             'recipe must have background.self_signature = "mean" to run live, whose estimate grows scan by scan; '
             f'got "{recipe.background.self_signature}"'
         )
-    for table, wanted in (("prescreen", recipe.prescreen.polarization), ("contrast", recipe.contrast.polarization)):
-        if wanted not in description.polarization:
-            known = ", ".join(description.polarization)
-            raise ValueError(f"{table}.polarization must be one the run has ({known}), got {wanted!r}")
+    check_channels(recipe, description.polarization, description.frequency)
 
 
 def _differ(one: LiveAlarm, other: LiveAlarm) -> bool:

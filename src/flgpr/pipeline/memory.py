@@ -24,6 +24,7 @@ _PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel
 _PER_SAMPLE = 60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
 _PER_COMPLEX = 8.0  # an image's pixel, bytes
 _PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
+_MEDIAN = 5.0  # copies of all images while their median is taken
 _PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
 
 
@@ -75,9 +76,10 @@ def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
 
 
 def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
-    """Estimate from above the memory of a process that works on a lane with a recipe with features.
+    """Estimate from above the memory of a process that works on a lane.
 
-    It does not grow with the number of scans; what grows with the length of the lane are its run-views and alarms.
+    It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
+    grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run.
 
     Parameters
     ----------
@@ -99,41 +101,13 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     channels = sizes["polarization"] * bands
     pixels = view.nx * (view.ny if rows is None else rows)
     alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
-    return _at_work(sizes, recipe) + _PER_VIEW_PIXEL * channels * pixels + _PER_ALARM * bands * alarms
-
-
-def check_memory(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY) -> None:
-    """Refuse a detection with a recipe without features that would take more memory than there is.
-
-    Such recipes are for short runs: those that subtract the roadside keep the images of all scans.
-
-    Parameters
-    ----------
-    sizes, recipe, lane
-        As for :func:`memory_needed`.
-    limit : int
-        Memory of the process, bytes.
-
-    Raises
-    ------
-    ValueError
-        If it takes more.
-    """
-    image, view = recipe.image.grid(), recipe.run_view.grid(lane)
-    channels = sizes["polarization"] * len(recipe.image.subbands)
+    several = 1 + len(recipe.variants)
+    image = recipe.image.grid()
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
-    keeps = recipe.suppression is not None and any(variant.suppress_roadside for variant in recipe.variants)
-    needed = (
-        _at_work(sizes, recipe)
-        + (2 * images if keeps else min(images, CACHE))
-        + _PER_VIEW_PIXEL * channels * view.nx * view.ny * (2 + len(recipe.variants))
-    )
-    if needed > limit:
-        raise ValueError(
-            f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans and a lane of "
-            f"{lane.y_max - lane.y_min:.0f} m with the recipe {recipe.name!r}, got {limit / 1e9:.3g} GB: recipes with "
-            "the table features, such as wang2007, hold a few scans only"
-        )
+    medians = "median" in [recipe.background.self_signature, *(v.self_signature for v in recipe.variants)]
+    kept = (2 * min(images, CACHE) if recipe.variants else 0) + (_MEDIAN * images if medians else 0)
+    run_views = _PER_VIEW_PIXEL * channels * pixels + _PER_ALARM * bands * alarms
+    return _at_work(sizes, recipe) + kept + several * run_views
 
 
 def plan_sections(
@@ -165,7 +139,7 @@ def plan_sections(
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
     grid, needed = recipe.run_view.grid(lane), memory_needed(sizes, recipe, lane)
-    if longest == math.inf and needed > limit:
+    if longest == math.inf and needed > limit and not recipe.variants:
         raise ValueError(
             f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
             f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
@@ -173,6 +147,13 @@ def plan_sections(
     wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
     if wanted >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
+    if recipe.variants:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans with the recipe "
+            f"{recipe.name!r}, got {limit / 1e9:.3g} GB: a recipe with variants takes a lane in one piece"
+            if needed > limit
+            else f"section needs a recipe without variants, got {recipe.name!r}"
+        )
     beyond, shortest = 2 * margin(recipe), min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
     if least > limit:

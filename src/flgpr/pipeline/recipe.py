@@ -215,18 +215,7 @@ class Recipe(Table):
         if len(set(names)) != len(names):
             raise ValueError(f"variants must have different names, got {names}")
         self.contrast.patch()
-        if self.features is None and (self.lane is None or self.run_view.y is None):
-            raise ValueError("lane and run_view.y must be given unless the recipe has the table features")
-        if self.features is not None:
-            self._check_features()
         return self
-
-    def _check_features(self) -> None:
-        if self.background.self_signature != "mean" or self.variants or self.suppression is not None:
-            raise ValueError(
-                'a recipe with the table features needs background.self_signature = "mean" and has neither variants '
-                "nor suppression"
-            )
 
 
 def recipe_names() -> list[str]:
@@ -298,7 +287,7 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     -------
     Lane
         Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
-        first scan to the farthest that counts at the last.
+        first scan to its nearest at the last, so that all of it was looked at from near.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import platform
 import shutil
 from collections.abc import Mapping
@@ -33,7 +32,7 @@ from flgpr.io import (
 )
 from flgpr.model import Lane
 from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
-from flgpr.pipeline.detect import MAIN, Detection
+from flgpr.pipeline.lane_chain import MAIN, Detection
 from flgpr.pipeline.recipe import Recipe, parse_recipe
 from flgpr.pipeline.view_files import plain_json, write_view
 
@@ -211,15 +210,13 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     data = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name in data:
         (folder / name).parent.mkdir(exist_ok=True)
-    if manifest["version"] > 1:
-        content = {name: value for name, value in manifest.items() if name not in ("identity", "added", "sha256")}
-        added: dict[str, list[str | None]] = dict(manifest["added"])
-        both = {name: [*added.get(name, [None]), sha256(body)] for name, body in data.items()}
-        write_whole(folder / "manifest.json", _manifest(content, added | both))
+    content = {name: value for name, value in manifest.items() if name not in ("identity", "added", "sha256")}
+    added: dict[str, list[str | None]] = dict(manifest["added"])
+    both = {name: [*added.get(name, [None]), sha256(body)] for name, body in data.items()}
+    write_whole(folder / "manifest.json", _manifest(content, added | both))
     for name, body in data.items():
         write_whole(folder / name, body)
-    if manifest["version"] > 1:
-        write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
+    write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
 
 
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
@@ -233,8 +230,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        The manifest. ``identity`` stays the same when files are added. Results of version 1 had no digest of their
-        manifest and none of added files.
+        The manifest. ``identity`` stays the same when files are added.
 
     Raises
     ------
@@ -243,15 +239,10 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """
     folder = Path(folder)
     try:
-        data = read_limited(folder / "manifest.json")
-        manifest = json.loads(data)
-        if manifest["format"] != FORMAT or manifest["version"] not in (1, VERSION):
+        manifest = unseal(read_limited(folder / "manifest.json"))
+        if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        if manifest["version"] == 1:
-            if "sha256" in manifest:
-                raise ValueError("it differs from what was written")
-            return {**manifest, "identity": sha256(data), "added": {}}
-        return unseal(data)
+        return manifest
     except OSError as error:
         raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
     except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:

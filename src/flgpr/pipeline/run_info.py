@@ -102,7 +102,7 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
     counted = count_looks(pose[complete], grid, around.points())
     looks = xr.DataArray(counted, dims=("y", "x"), coords={"y": around.y, "x": around.x})
     if plot is not None:
-        from flgpr.pipeline.figures import geometry_figure  # loads what draws, which words can do without
+        from flgpr.report import geometry_figure  # loads what draws, which words can do without
 
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
         figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.model import check_truth
-from flgpr.pipeline.detect import Detection
+from flgpr.pipeline.lane_chain import Detection
 from flgpr.pipeline.result import Result
 from flgpr.scoring import assign, label_alarms, match, pd_mean, refraction_shift, roc_of
 

@@ -13,6 +13,7 @@ from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.model import Lane
 from flgpr.pipeline.cluster import Cluster
 from flgpr.pipeline.executors import Executor, Here, Processes
+from flgpr.pipeline.fitting import check_fit
 from flgpr.pipeline.lane_run import Note, detect_lane, homes_at, is_done, unnoted
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
@@ -63,7 +64,7 @@ def detect_survey(
     note: Note = unnoted,
     section: float | None = None,
 ) -> list[Path]:
-    """Run a recipe with features on many stored lanes.
+    """Run a recipe on many stored lanes.
 
     Lanes whose result is there already are left out, so that a survey that was stopped goes on.
 
@@ -163,7 +164,7 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
 
 
 def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = MAX_MEMORY) -> Lane:
-    """Choose the lane: the one given, the recipe's, or the ground that the scans cover.
+    """Check that a recipe fits a run and choose the lane: the one given, the recipe's, or the ground the scans cover.
 
     Parameters
     ----------
@@ -180,8 +181,15 @@ def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = 
     -------
     Lane
         The lane.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, see :func:`flgpr.pipeline.fitting.check_fit`.
     """
-    return lane if lane is not None else lane_of(open_run(run, max_memory), recipe)
+    dataset = open_run(run, max_memory)
+    check_fit(dataset, recipe)
+    return lane if lane is not None else lane_of(dataset, recipe)
 
 
 def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:

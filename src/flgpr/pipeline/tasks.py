@@ -36,13 +36,13 @@ from flgpr.pipeline.lane_run import features_of_lane
 from flgpr.pipeline.lane_work import make_job
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import parse_recipe, recipe_text
-from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import Result, add_files, read_result, write_result
 from flgpr.pipeline.run_info import describe_run
 from flgpr.pipeline.score import Score, roc_json, score
 from flgpr.pipeline.sections import noted_section
 from flgpr.pipeline.survey import area_of, executor_for
 from flgpr.pipeline.view_score import VIEW_SCORE, view_score
+from flgpr.report import report_html
 
 PathLike = str | Path
 

@@ -180,7 +180,7 @@ class EvidenceSums:
                 found[number].append((_distance(local[number]), scan))
         return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in found]
 
-    def sums(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another.
 
         Returns
@@ -204,21 +204,21 @@ class EvidenceSums:
             "subband": np.array(subband, dtype=np.str_),
         }
 
-    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+    def merge(self, state: dict[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans for the same alarms.
 
         Parameters
         ----------
-        sums : dict
-            From :meth:`sums`.
+        state : dict
+            From :meth:`state`.
         """
-        if sums["polarization"].size:
-            self._channels = ([str(n) for n in sums["polarization"]], [str(n) for n in sums["subband"]])
-        rows = zip(sums["alarm"], sums["scan"], sums["distance"], sums["values"], strict=True)
+        if state["polarization"].size:
+            self._channels = ([str(n) for n in state["polarization"]], [str(n) for n in state["subband"]])
+        rows = zip(state["alarm"], state["scan"], state["distance"], state["values"], strict=True)
         for number, scan, distance, values in rows:
             self._look(int(number), _Look(int(scan), float(distance), values))
-        self._seen[sums["seen"]] = True
-        self._coherency[sums["seen"]] += sums["coherency"]
+        self._seen[state["seen"]] = True
+        self._coherency[state["seen"]] += state["coherency"]
 
     def result(self) -> Evidence:
         """Assemble the evidence.

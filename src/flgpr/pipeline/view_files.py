@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flgpr.io import write_whole
 from flgpr.model import Lane
-from flgpr.pipeline.detect import MAIN, Detection
+from flgpr.pipeline.lane_chain import MAIN, Detection
 from flgpr.pipeline.view_evidence import Evidence, decibels
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1

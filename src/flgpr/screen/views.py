@@ -106,7 +106,7 @@ class RunViewSums:
         view = np.where(self._looks > 1, self._second, self._first)
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
-    def sums(self) -> dict[str, NDArray[Any]]:
+    def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another.
 
         Returns
@@ -125,23 +125,23 @@ class RunViewSums:
         row = np.array(self._window.start)
         return {"first": self._first, "second": self._second, "looks": self._looks, "row": row}
 
-    def take(self, sums: dict[str, NDArray[Any]]) -> None:
+    def merge(self, state: dict[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans of the same lane, as far as it lies in the rows kept here.
 
         Parameters
         ----------
-        sums : dict
-            From :meth:`sums`.
+        state : dict
+            From :meth:`state`.
         """
         if self._first is None or self._second is None:
-            shape = (*sums["first"].shape[:-2], *self._looks.shape)
+            shape = (*state["first"].shape[:-2], *self._looks.shape)
             self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
-        start = int(sums["row"]) - self._window.start
-        rows = slice(max(start, 0), max(start + len(sums["looks"]), 0))
+        start = int(state["row"]) - self._window.start
+        rows = slice(max(start, 0), max(start + len(state["looks"]), 0))
         theirs = slice(rows.start - start, rows.start - start + len(self._looks[rows]))
-        self._looks[rows] += sums["looks"][theirs]
+        self._looks[rows] += state["looks"][theirs]
         first, second = self._first[..., rows, :], self._second[..., rows, :]
-        one, two = sums["first"][..., theirs, :], sums["second"][..., theirs, :]
+        one, two = state["first"][..., theirs, :], state["second"][..., theirs, :]
         np.maximum(second, two, out=second)
         np.maximum(second, np.minimum(first, one), out=second)
         np.maximum(first, one, out=first)

@@ -38,7 +38,7 @@ class Echoes:
     weight: list[FloatArray] = field(default_factory=list)
 
     def add(
-        self, path: FloatArray, place: FloatArray, spectrum: ComplexArray, weight: FloatArray | None = None
+        self, path: FloatArray, place: FloatArray, spectrum: NDArray[Any], weight: FloatArray | None = None
     ) -> None:
         """Add an echo.
 
@@ -131,7 +131,7 @@ def bisectors(x: float, y: float, array: ArrayState) -> FloatArray:
     return np.asarray(both / np.linalg.norm(both, axis=1, keepdims=True))
 
 
-def rotated(copolar: ComplexArray, angle: float) -> ComplexArray:
+def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
     """HH, VV and cross of an echo whose edge is turned about the ray by ``angle`` (rad)."""
     h, v = copolar
     c, s = math.cos(angle), math.sin(angle)

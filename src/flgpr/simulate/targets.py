@@ -66,8 +66,8 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
     entry = ground.entry_squared(mean, layer) * ground.dispersion(mean, target.depth)
     cross = [np.sqrt(entry[0] * entry[1]), (near[0] + near[1]) / 2]
     entry, near = (np.stack([*both, one, one]) for both, one in zip((entry, near), cross, strict=True))
-    spectra = (basis + near * slope) * entry
-    spectra = spectra.astype(np.complex64).reshape(-1, 4, ground.frequency.size)
+    whole = (basis + near * slope) * entry
+    spectra = whole.astype(np.complex64).reshape(-1, 4, ground.frequency.size)
     surface = np.array([target.x, target.y, 0.0])
     path = sent.path + taken.path
     for channels, kind in (([0, 1], 0), ([2], 1), ([3], 2)):

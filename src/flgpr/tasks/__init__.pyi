@@ -1,18 +1,18 @@
+from flgpr.io.explain import explain_file
 from flgpr.pipeline.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
 from flgpr.pipeline.bench import bench_imaging, format_bench
 from flgpr.pipeline.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
 from flgpr.pipeline.classifier import CLASSIFIER_B
 from flgpr.pipeline.design import Question
-from flgpr.pipeline.design_page import design_report
 from flgpr.pipeline.detect_tasks import detect_long, detect_run, detect_runs
 from flgpr.pipeline.exchange import (
-    explain_file,
     export_result,
     export_run,
     export_table,
     import_cphd,
     import_with_mapping,
 )
+from flgpr.pipeline.fitting import recipe_for
 from flgpr.pipeline.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.pipeline.live import LiveOptions, LiveReport, LiveRun
 from flgpr.pipeline.live_detector import LiveSettings
@@ -40,6 +40,7 @@ from flgpr.pipeline.scoring_tasks import (
     seal,
 )
 from flgpr.pipeline.tasks import demo, outcome_table, replay, score_result, train_runs
+from flgpr.report import design_report
 
 __all__ = [
     "CLASSIFIER_B",
@@ -82,6 +83,7 @@ __all__ = [
     "plan_lane",
     "plan_mines",
     "read_result",
+    "recipe_for",
     "recipe_names",
     "recipe_text",
     "replay",

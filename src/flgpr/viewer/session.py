@@ -39,15 +39,11 @@ class ResultFiles:
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
         try:
-            data = read_limited(self.folder / "manifest.json")
-            manifest = json.loads(data)
-            manifest = {"identity": sha256(data), **manifest} if manifest["version"] == 1 else unseal(data)
+            manifest = unseal(read_limited(self.folder / "manifest.json"))
             self._identity: str = manifest["identity"]
             self._digests: dict[str, str] = manifest["files"]
         except (OSError, ValueError, KeyError, TypeError):
             raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
-        if "view/index.json" not in self._digests:
-            raise ViewError(f"{folder}: made by a version that wrote no view; run flgpr detect again")
         self._checked: dict[str, tuple[int, int]] = {}
         self.index: dict[str, Any] = json.loads(self._read("index.json"))
         if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:

@@ -73,7 +73,7 @@ def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:
     return PointResponse(away, away, image[0] / image[0].max(), image[1] / image[1].max())
 
 
-def signature_cuts(recipe: StudyRecipe, depth: float = 0.1) -> tuple[FloatArray, NDArray[np.complex64]]:
+def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex64]]:
     """Range cut through one mine in dry sand without clutter and errors, as the paper's Fig. 3.
 
     Gives the distance behind the mine's centre (m) and the image along the cut of each polarization.
@@ -83,7 +83,7 @@ def signature_cuts(recipe: StudyRecipe, depth: float = 0.1) -> tuple[FloatArray,
         {
             "site": recipe.sites["sand"].scene,
             "length": 2 * ahead,
-            "targets": [{"kind": "metal", "x": 0.0, "y": ahead, "depth": depth}],
+            "targets": [{"kind": "metal", "x": 0.0, "y": ahead, "depth": 0.1}],
             "surface": {"echo": False, "phase_screen": False},
             "clutter": {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0},
             "track": {"positions": [0.0]},

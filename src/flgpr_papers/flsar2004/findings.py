@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.features import max_correlation, mean_template, principal_templates
-from flgpr.scoring import clopper_pearson, example_roc, pd_at
+from flgpr.scoring import clopper_pearson, example_roc
 from flgpr_papers.flsar2004.examples import HeldOut
 from flgpr_papers.kit.findings import Interval
 
@@ -132,13 +132,3 @@ def likeness_interval(a: NDArray[Any], b: NDArray[Any], count: int) -> Interval:
     ]
     low, high = np.quantile(draws, (0.025, 0.975))
     return likeness(a, b), float(low), float(high)
-
-
-def peak_pd(curve: pd.DataFrame) -> float:
-    """Pd at the lowest threshold: what the prescreener let through."""
-    return float(curve["pd"].iloc[-1])
-
-
-def pd_span(curve: pd.DataFrame, far: tuple[float, float]) -> float:
-    """Mean of Pd at the two ends of a range of FAR."""
-    return float(np.mean(pd_at(curve, np.asarray(far))))

@@ -239,11 +239,11 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
 def _own_findings(
     lanes: Sequence[LaneResult], loose: LaneResult, boxes: pd.DataFrame, recipe: FuseRecipe
 ) -> list[Finding]:
-    def against(claim: str, better: str, worse: str, note: str = "") -> list[Finding]:
+    def against(claim: str, better: str, worse: str) -> list[Finding]:
         gap = _gap(boxes, power_db(boxes, worse) - power_db(boxes, better), recipe)
         change, cluster = mine_changes(lanes, better)
         peaks = clustered(change, cluster, recipe.boxes.draws)
-        words = f"mine peaks change by {_in_words(peaks)}. {note}".strip()
+        words = f"mine peaks change by {_in_words(peaks)}."
         return [Finding(claim, "not tried", _in_words(gap), larger(*gap[1:]), words)]
 
     found = against("least squares removes more clutter than the iteration at equal cost", "least squares", "iteration")

@@ -103,9 +103,7 @@ def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, quick: bool, trac
     return read_frames(name, runs, world.truth(), world.objects_table())
 
 
-def read_frames(
-    name: str, runs: dict[str, xr.Dataset], truth: pd.DataFrame, objects: pd.DataFrame, signature: bool = True
-) -> Frames:
+def read_frames(name: str, runs: dict[str, xr.Dataset], truth: pd.DataFrame, objects: pd.DataFrame) -> Frames:
     """Read a lane's runs into memory: the frames that are complete in all bands."""
     check_shared_poses(runs)
     good = np.logical_and.reduce([complete_scans(check_run(run)) for run in runs.values()])
@@ -118,7 +116,7 @@ def read_frames(
         if missing:
             raise ValueError(f"run {name} must have the polarizations {', '.join(wanted)}, {missing[0]} is missing")
         signal = np.asarray(run["signal"].sel(polarization=wanted).values[good], dtype=np.complex64)
-        data[band] = without_signature(signal) if signature else signal
+        data[band] = without_signature(signal)
         frequency[band] = np.asarray(run["frequency"].values, dtype=np.float64)
         tx[band], rx[band] = run["tx_position"].values, run["rx_position"].values
         pose[band] = np.asarray(run["pose"].values, dtype=np.float64)[good]

@@ -210,9 +210,9 @@ def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame
     return pd.DataFrame({method: pool.singles(columns, method) for method in METHODS}, index=list(FEATURES)).T
 
 
-def table_two(pool: Pool, subband: str = "F1") -> dict[str, list[SearchStep]]:
-    """Forward searches over the ten features by the methods A-D."""
-    columns = [f"{name}_{subband}" for name in FEATURES]
+def table_two(pool: Pool) -> dict[str, list[SearchStep]]:
+    """Forward searches over the ten features of the whole band by the methods A-D."""
+    columns = [f"{name}_F1" for name in FEATURES]
     return {method: pool.search(columns, method) for method in METHODS}
 
 

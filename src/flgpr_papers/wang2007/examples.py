@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import lane_to_scan
+from flgpr.pipeline.lane_chain import CleanedRun
 from flgpr.pipeline.recipe import Recipe
-from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr_papers.kit.cache import write_arrays
 
 _AHEAD = 11.0  # m before the array at which an example target is shown

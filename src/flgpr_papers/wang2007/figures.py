@@ -187,16 +187,14 @@ def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64])
     return figure
 
 
-def classifier_figure(
-    panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any], far_max: float = 0.1
-) -> Figure:
+def classifier_figure(panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any]) -> Figure:
     """Fig. 13 and 14: ROC of classifiers, one panel per data set, for metal and plastic mines."""
     figure, axes = _figure(5 * len(panels), 3.8, 1, len(panels))
     for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=True):
         for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
                 _step(axis, roc_of(one, subset), f"{name}, {kind}", colour, dash)
-        _roc_axes(axis, title, far_max)
+        _roc_axes(axis, title, 0.1)
     return figure
 
 

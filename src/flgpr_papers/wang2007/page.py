@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from html import escape
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-import flgpr
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.model import Sensor
@@ -20,7 +18,7 @@ from flgpr.pipeline.recipe import Recipe
 from flgpr.scoring import Match
 from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import Finding
-from flgpr_papers.kit.page import draw, figure_html, findings_table, quick_note, study_html, wide_table
+from flgpr_papers.kit.page import draw, study_html
 from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import (
     BURIED_METAL,
@@ -44,6 +42,8 @@ from flgpr_papers.wang2007.findings import (
 )
 from flgpr_papers.wang2007.lanes import SITE
 
+Row = tuple[Any, ...]
+
 PAPER_ONE = {
     "A": (0.75, 0.82, 0.71, 0.69, 0.93, 0.77, 0.66, 0.19, 0.76, 0.30),
     "B": (0.75, 0.80, 0.68, 0.69, 0.90, 0.77, 0.65, 0.14, 0.76, 0.11),
@@ -58,13 +58,6 @@ PAPER_TWO = {
 }
 PAPER_THREE = {"F1": ("5, 8, 1", 0.94), "F2": ("2, 7, 10", 0.72), "F3": ("5, 1, 6", 0.74), "F4": ("1, 2, 3", 0.64)}
 PAPER_FOUR = ((5, 8, 29, 31, 18), (0.93, 0.93, 0.94, 0.94, 0.94))
-
-_RULES = (
-    "Intervals are 95 %: exact binomial for a Pd, resampled over targets, lanes and stretches of lane for PD_mean and "
-    "its differences. A claim that something is larger agrees if the interval of the difference lies above zero, "
-    "disagrees if below, and is undecided otherwise; a figure agrees if it lies in our interval. The simulated world "
-    "was not adjusted to agree."
-)
 
 
 def page_html(
@@ -88,21 +81,32 @@ def page_html(
     findings += feature_findings(pool, by_band["F1"], searches, draws)
     findings += band_findings(pool, by_band, sets, draws)
     findings += curve_findings(pool.match_of(pool.confidence(["C_HH_F1"], "A")), blind_matches)
-    nested = pool.nested(all_forty()[:10], 5)
-    parts = [
-        "<h1>Wang, Keller, Gader &amp; Sjahputera 2007 on simulated lanes</h1>",
-        quick_note(quick, "A few targets on short lanes with thinned surface clutter"),
-        _lanes_text(calibration, blind, radar),
-        "<h2>Findings</h2>",
-        findings_table(findings, _RULES),
-        "<h2>Tables</h2>",
-        *_tables(pool, by_band, searches, sets, nested, draws),
-        "<h2>Figures</h2>",
-    ]
+    score, confidence, chosen = pool.nested(all_forty()[:10], 5)
+    low, high = pool.interval(confidence, draws)
+    pictures = []
     drawn = all_figures(folder, calibration, pool, recipe, radar, blind_matches)
     for (number, text), figure in track(zip(figures.captions(), drawn, strict=True), "drawing the page", 14):
-        parts.append(figure_html(draw(figure, quick, 100), f"Fig. {number}. {text}", f"Fig. {number}"))
-    return study_html("Wang et al. 2007, reproduced", parts), findings
+        pictures.append((draw(figure, quick, 100), number, text))
+    html = study_html(
+        "wang2007.html",
+        quick=quick,
+        radar=radar,
+        site=SITE,
+        blind=blind,
+        lanes=[_lane_row(one) for one in (*calibration, *blind)],
+        found=findings,
+        features=list(FEATURES),
+        numbered=[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
+        singles=_single_rows(by_band["F1"]),
+        variants=_variant_rows(pool),
+        bands=[(band, *_two_digits(table.loc["A"])) for band, table in by_band.items()],
+        searches=_search_rows(searches),
+        nested={"score": score, "low": low, "high": high, "chosen": "; ".join(map(", ".join, chosen))},
+        sets=_set_rows(sets),
+        all_forty=[("paper", *_steps(*PAPER_FOUR)), ("here", *_found_steps(sets["all"]))],
+        pictures=pictures,
+    )
+    return html, findings
 
 
 def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
@@ -152,86 +156,54 @@ def all_figures(
     yield figures.classifier_figure(panels | ({"blind": blind} if blind else {}), subsets)
 
 
-def _lanes_text(calibration: Sequence[LaneResult], blind: Sequence[LaneResult], radar: Sensor) -> str:
-    rows = []
-    for one in (*calibration, *blind):
-        depth = one.truth["depth"]
-        count = {kind: int((one.truth["kind"] == kind).sum()) for kind in ("metal", "plastic", "simulant")}
-        rows.append(
-            [one.name, f"{one.lane.y_max - one.lane.y_min:.0f} m", count["metal"], count["plastic"], count["simulant"],
-             int((depth < 0).sum()), len(one.alarms), f"{len(one.alarms) / 6 / (one.lane.y_max - one.lane.y_min):.2f}"]
-        )  # fmt: skip
-    head = [
-        "lane",
-        "length",
-        "metal",
-        "plastic",
-        "simulants",
-        "of these on the surface",
-        "alarms",
-        "per m² of run-view",
-    ]
-    later = "" if blind else "<p><b>The blind lanes are still to be run; what they show is missing below.</b></p>"
-    return (
-        f"<p>flgpr {escape(flgpr.__version__)}; sensor {escape(radar.name)} ({escape(radar.source)}); recipe wang2007. "
-        f"The paper does not describe soil, clutter or the mines' types and places; here the site is "
-        f"<code>{SITE}</code>, targets are spread evenly with jitter, and the blind lanes hold as many mines, "
-        "all at 7.5 cm, as the table says. All this was fixed before anything was scored. FAR areas are lane less the "
-        "exact union of halos; halo radius 1 m; no correction of refraction. Classifier C of the paper "
-        "(time-frequency features of another group) is not reproduced.</p>" + later + wide_table(head, rows)
-    )
+def _lane_row(one: LaneResult) -> Row:
+    length = one.lane.y_max - one.lane.y_min
+    count = ((one.truth["kind"] == kind).sum() for kind in ("metal", "plastic", "simulant"))
+    surface, alarms = (one.truth["depth"] < 0).sum(), len(one.alarms)
+    return one.name, f"{length:.0f} m", *count, surface, alarms, f"{alarms / 6 / length:.2f}"
 
 
-def _tables(
-    pool: Pool,
-    by_band: dict[str, pd.DataFrame],
-    searches: dict[str, list[SearchStep]],
-    sets: dict[str, list[SearchStep]],
-    nested: tuple[float, Any, list[list[str]]],
-    draws: int,
-) -> Iterator[str]:
-    head = ["method", "", *[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)]]
-    rows = []
+def _two_digits(values: Any) -> list[str]:
+    return [f"{value:.2f}" for value in values]
+
+
+def _steps(order: Iterable[int], score: Iterable[float]) -> list[str]:
+    """Write the steps of a search as Table II does: the feature's number and the score with it."""
+    return [f"({feature}) {value:.2f}" for feature, value in zip(order, score, strict=True)]
+
+
+def _found_steps(search: Sequence[SearchStep]) -> list[str]:
+    return _steps([step.feature + 1 for step in search], [step.score for step in search])
+
+
+def _single_rows(table: pd.DataFrame) -> list[Row]:
+    rows: list[Row] = []
+    for method, meaning in METHODS.items():
+        rows.append((f"({method}) {meaning}", "paper", *_two_digits(PAPER_ONE[method])))
+        rows.append(("", "here", *_two_digits(table.loc[method])))
+    return rows
+
+
+def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
+    rows: list[Row] = []
     for method in METHODS:
-        rows.append([f"({method}) {METHODS[method]}", "paper", *[f"{v:.2f}" for v in PAPER_ONE[method]]])
-        rows.append(["", "here", *[f"{v:.2f}" for v in by_band["F1"].loc[method]]])
-    yield "<h3>Table I. PD_mean of single features of F1</h3>" + wide_table(head, rows)
-    yield "<p>The same with cross-track and down-track exchanged in all regions, and the polarimetric ones as the "
-    yield "paper normalises and averages them (method A):</p>" + wide_table(["variant", *FEATURES], _variant_rows(pool))
-    yield "<p>Method A for every sub-band, the wide one included:</p>" + wide_table(
-        ["sub-band", *FEATURES], [[band, *[f"{v:.2f}" for v in table.loc["A"]]] for band, table in by_band.items()]
-    )
-    rows = []
-    for method in METHODS:
-        order, score = PAPER_TWO[method]
-        rows.append([f"({method})", "paper", *[f"({f}) {s:.2f}" for f, s in zip(order, score, strict=True)]])
-        rows.append(["", "here", *[f"({step.feature + 1}) {step.score:.2f}" for step in searches[method]]])
-    yield "<h3>Table II. Sequential forward search in F1</h3>" + wide_table(
-        ["method", "", *map(str, range(1, 11))], rows
-    )
-    low, high = pool.interval(nested[1], draws)
-    chosen = "; ".join(", ".join(names) for names in nested[2])
-    yield (
-        f"<p>Nested cross-validation (features chosen by a search that has not seen the lane, at most five): PD_mean "
-        f"{nested[0]:.2f} ({low:.2f} to {high:.2f}); chosen: {escape(chosen)}. The searches above are scored on what "
-        "chose the features and are too favourable.</p>"
-    )
+        rows.append((f"({method})", "paper", *_steps(*PAPER_TWO[method])))
+        rows.append(("", "here", *_found_steps(searches[method])))
+    return rows
+
+
+def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
     rows = []
     for band in SUBBANDS:
-        here = ", ".join(str(step.feature + 1) for step in sets[band])
-        rows.append([band, PAPER_THREE[band][0], f"{PAPER_THREE[band][1]:.2f}", here, f"{sets[band][-1].score:.2f}"])
-    yield "<h3>Table III. Three features per sub-band</h3>" + wide_table(
-        ["sub-band", "paper's features", "PD_mean", "ours", "PD_mean"], rows
-    )
-    rows = [
-        ["paper", *[f"({f}) {s:.2f}" for f, s in zip(*PAPER_FOUR, strict=True)]],
-        ["here", *[f"({step.feature + 1}) {step.score:.2f}" for step in sets["all"]]],
+        paper, score = PAPER_THREE[band]
+        ours = ", ".join(str(step.feature + 1) for step in sets[band])
+        rows.append((band, paper, f"{score:.2f}", ours, f"{sets[band][-1].score:.2f}"))
+    return rows
+
+
+def _variant_rows(pool: Pool) -> list[Row]:
+    own = pool.singles([f"paper.{name}_F1" for name in FEATURES[6:]], "A")
+    return [
+        ("regions exchanged", *_two_digits(table_one(pool, "F1", "swapped.").loc["A"])),
+        ("own gain per polarization, linear mean of psi", *[""] * 6, *_two_digits(own)),
     ]
-    yield "<h3>Table IV. Search over all 40 features</h3>" + wide_table(["", *map(str, range(1, 6))], rows)
-
-
-def _variant_rows(pool: Pool) -> list[list[str]]:
-    rows = [["regions exchanged", *[f"{v:.2f}" for v in table_one(pool, "F1", "swapped.").loc["A"]]]]
-    columns = [f"paper.{name}_F1" for name in FEATURES[6:]]
-    values = [f"{v:.2f}" for v in pool.singles(columns, "A")]
-    return [*rows, ["own gain per polarization, linear mean of psi", *[""] * 6, *values]]

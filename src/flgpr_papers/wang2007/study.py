@@ -13,13 +13,11 @@ from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.model import Lane
-from flgpr.pipeline.blocks import FeatureChain
-from flgpr.pipeline.detect import detection_of
+from flgpr.pipeline.lane_chain import CleanedRun, LaneChain
 from flgpr.pipeline.progress import Track, silent
 from flgpr.pipeline.recipe import Recipe, parse_recipe
 from flgpr.pipeline.result import ResultError, read_result, write_result
 from flgpr.pipeline.run_info import describe_run
-from flgpr.pipeline.wang2007 import CleanedRun
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
@@ -85,15 +83,15 @@ def lane_result(
     pictures = folder / "results" / "examples.npz"
     if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
         run = open_run(store)
-        chain = FeatureChain(run, recipe, lane)
+        chain = LaneChain(run, recipe, lane)
         chain.go(track, ("signature", "gain", "view", "features"))
-        cleaned, found = chain.cleaned, chain.found()
+        cleaned, found = chain.cleaned, chain.detection()
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
         wide = wide_view(cleaned, run, recipe, lane, track)
         write_arrays(extras, {"view": wide.values, "looks": wide["looks"].values}, compress=False)
-        write_result(home, [detection_of(found, recipe)], text, lane, describe_run(run, store))
+        write_result(home, [found], text, lane, describe_run(run, store))
     result = read_result(home)
     main = result.detections[0]
     features = main.features if main.features is not None else pd.DataFrame()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from hashlib import sha256
@@ -19,7 +20,7 @@ from flgpr.simulate.signature.box import solve_box
 from flgpr.simulate.signature.solve import solve_round
 from flgpr.simulate.signature.table import SignatureTable
 
-_FINE = 60e9  # cells per wavelength times frequency times refractive index: a body's edges need as many at all tones
+_FINE = 60e9  # cells per wavelength times frequency times refractive index
 _CELLS = (8, 40)  # per wavelength, at least and at most
 _BOX_CELLS = 40_000  # dipoles at most: of an M19 6.4 mm, coarse at the top of the band and in wet soil
 _HALF_TURN = 10  # aspects from 0 to 45 degrees
@@ -118,6 +119,10 @@ def solve_piece(body: Body, soil: int, frequency: int) -> NDArray[np.complex64]:
         )
         found = np.stack([hh, vv, (hv + vh) / 2, (hv - vh) / 2], axis=-1)  # (sine, aspect, separation, 4)
         return np.moveaxis(found, 0, 1)[None].astype(np.complex64)
-    cells = float(np.clip(_FINE / (f * np.sqrt(eps.real)), *_CELLS))
-    found = solve_round(body, f, eps, nodes.SINE, nodes.SEPARATION, nodes.DEPTH, cells)
+    found = solve_round(body, f, eps, nodes.SINE, nodes.SEPARATION, nodes.DEPTH, cells_for(f, eps.real))
     return found[:, None].astype(np.complex64)
+
+
+def cells_for(frequency: float, permittivity: float) -> float:
+    """Cells per wavelength for a tone (Hz) in a soil: edges need as many in all at low tones as at high ones."""
+    return float(np.clip(_FINE / (frequency * math.sqrt(permittivity)), *_CELLS))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import Any
 
 import numpy as np
@@ -27,45 +25,10 @@ _POSES = 200  # so many stops of the array are drawn
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
-def data_url(figure: Figure, dpi: int = 110) -> str:
-    """Render a figure as a data URL.
-
-    Parameters
-    ----------
-    figure : Figure
-        A figure.
-    dpi : int
-        Resolution.
-
-    Returns
-    -------
-    str
-        PNG as base64 with its header.
-    """
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
 def run_view_figure(
     result: Result, names: list[str], truth: pd.DataFrame | None = None, objects: pd.DataFrame | None = None
 ) -> Figure:
-    """Draw run-views side by side with alarms, lane and, if known, truth and objects.
-
-    Parameters
-    ----------
-    result : Result
-        A result.
-    names : list of str
-        Detections to draw.
-    truth, objects : DataFrame, optional
-        Tables.
-
-    Returns
-    -------
-    Figure
-        One panel per detection, dB re the strongest pixel of the lane.
-    """
+    """Draw run-views of some detections with alarms, lane and what stands there; dB re the lane's strongest pixel."""
     screen = result.recipe.prescreen
     chosen = [one for one in result.detections if one.name in names]
     width = 4.6
@@ -84,18 +47,7 @@ def run_view_figure(
 
 
 def channel_figure(result: Result) -> Figure:
-    """Draw the main run-view of every polarization and sub-band.
-
-    Parameters
-    ----------
-    result : Result
-        A result.
-
-    Returns
-    -------
-    Figure
-        Polarizations down, sub-bands across, each in dB re the strongest pixel of the lane in that panel.
-    """
+    """Draw the main run-view, polarizations down, sub-bands across; each in dB re its strongest pixel in the lane."""
     view = result.detections[0].view
     rows, columns = view.sizes["polarization"], view.sizes["subband"]
     figure = Figure(figsize=(2.6 * columns + 0.6, 2.6 * _ratio(view) * rows * 0.92 + 0.6), layout="constrained")
@@ -109,18 +61,7 @@ def channel_figure(result: Result) -> Figure:
 
 
 def roc_figure(scored: list[Score]) -> Figure:
-    """Draw the ROC of every detection with its exact intervals.
-
-    Parameters
-    ----------
-    scored : list of Score
-        Scores.
-
-    Returns
-    -------
-    Figure
-        Pd against FAR; the band is the exact 95 % interval of the main curve's Pd, pointwise.
-    """
+    """Draw every detection's Pd against FAR; the band is the exact 95 % interval of the main curve, point by point."""
     figure = Figure(figsize=(7.4, 4.4), layout="constrained")
     axes = figure.subplots()
     for i, one in enumerate(scored):
@@ -145,7 +86,7 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     Parameters
     ----------
     run : dict
-        Description of a run, see :func:`flgpr.pipeline.run_info.describe_run`.
+        Description of a run as a result's manifest holds it.
     lane : Lane
         The lane.
     looks : xarray.DataArray or None

@@ -6,7 +6,8 @@ import pytest
 
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
-from flgpr.pipeline.wang2007 import BLOCK, blocks_of
+from flgpr.pipeline.lane_chain import array_table, table_arrays
+from flgpr.pipeline.passes import BLOCK, Chain, Gathered, Pass, blocks_of, bundled, group_of
 from flgpr.screen import RunViewSums
 
 
@@ -45,7 +46,7 @@ def test_a_background_of_blocks_is_that_of_all_scans():
         np.testing.assert_allclose(getattr(folded.result(), name), value, rtol=2e-6)
     np.testing.assert_array_equal(np.stack(plain.gains), first["gains"])
     with pytest.raises(ValueError, match="shape"):
-        folded.take_first({"own": images[0, :1], "shared": images[0, :1], "gains": np.ones((1, 1, 2))})
+        folded.take_first({"shape": np.array([1, 2, 31, 29]), "gains": np.ones((1, 1, 2))})
 
 
 def test_a_run_view_of_parts_in_any_order_is_exactly_that_of_all_scans():
@@ -63,7 +64,7 @@ def test_a_run_view_of_parts_in_any_order_is_exactly_that_of_all_scans():
         part = RunViewSums(lane, 2.5, rows)
         for k in block:
             part.add(values[k], image, poses[k])
-        folded.take(part.sums())
+        folded.merge(part.state())
     for got, want in zip(folded.result(), plain.result(), strict=True):
         np.testing.assert_array_equal(got, want)
 
@@ -74,11 +75,56 @@ def test_sums_without_a_scan_are_refused():
     with pytest.raises(ValueError, match="at least one"):
         BackgroundEstimator().second_sums()
     with pytest.raises(ValueError, match="at least one"):
-        RunViewSums(Grid.spanning((0, 1), (0, 1), 0.1), 1).sums()
+        RunViewSums(Grid.spanning((0, 1), (0, 1), 0.1), 1).state()
 
 
 def test_tables_go_through_arrays_unchanged():
-    from flgpr.pipeline.blocks import array_table, table_arrays
-
     table = pd.DataFrame({"x": [1.5, np.nan], "scans": [3, 4]})
-    assert array_table({**table_arrays(table, "a."), "other": np.zeros(3)}, "a.").equals(table)
+    both = bundled({"a": table_arrays(table), "ab": {"x": np.zeros(3)}}) | {"x": np.ones(2)}
+    assert array_table(group_of(both, "a")).equals(table)
+
+
+class Counted:
+    """A chain of two passes: the sum of the scans' numbers, then how many lie above their mean."""
+
+    def __init__(self, scans):
+        self.added, self.known = [], {}
+        passes = (Pass("sum", "adding", self._sum), Pass("above", "comparing", self._above))
+        self.chain = Chain(passes, scans, self.known)
+
+    def _gathered(self, count):
+        state = {"n": np.array(0.0), "scans": np.array(0)}
+
+        def add(place):
+            self.added.append(place)
+            state["n"], state["scans"] = state["n"] + count(place), state["scans"] + 1
+
+        def merge(other):
+            state.update({name: state[name] + other[name] for name in state})
+
+        return Gathered(add, lambda exact: dict(state), merge, lambda: dict(state))
+
+    def _sum(self, block):
+        return self._gathered(float)
+
+    def _above(self, block):
+        total = self.known["sum"]
+        return self._gathered(lambda place: place > total["n"] / total["scans"])
+
+
+def test_a_chain_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_kept():
+    one = Counted(40)
+    one.chain.go()
+    assert (one.known["sum"]["n"], one.known["above"]["n"]) == (780, 20)
+    assert one.added == 2 * list(range(40))
+    one.chain.go()
+    assert len(one.added) == 80  # what is known is not done again
+    other = Counted(40)
+    parts = [other.chain.part("sum", number) for number in other.chain.numbers("sum")]
+
+    def resumed(block, gathered):
+        gathered.merge({"n": np.array(float(block.start)), "scans": np.array(1)})
+        yield from range(block.start + 1, block.stop)
+
+    parts[1] = other.chain.part("sum", 1, resumed)
+    assert other.chain.fold("sum", parts)["n"] == 780

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from flgpr.model import Grid, Lane
-from flgpr.pipeline.detect import Detection
-from flgpr.pipeline.figures import geometry_figure, run_view_figure
+from flgpr.pipeline.lane_chain import Detection
 from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.report import report_html
 from flgpr.pipeline.result import Result
+from flgpr.report import geometry_figure, report_html
+from flgpr.report.figures import run_view_figure
 from flgpr.screen import view_array
 
 RUN = {
@@ -65,7 +65,21 @@ def test_only_the_first_ranks_are_written_and_listed(tmp_path):
     page = report_html(result)
     assert "The first 500 of 620; alarms.csv has them all." in page
     assert page.count("<tr>") >= 500
-    assert "alarms.csv has them all" not in report_html(result_of(20.0, 5, tmp_path))
+    few = report_html(result_of(20.0, 5, tmp_path))
+    assert "alarms.csv has them all" not in few
+    assert "Not scored: no truth was given." in few
+    assert "<td>a4</td>" in few
+    assert few.count("data:image/png;base64,") == 3
+    assert "No alarms." in report_html(result_of(20.0, 0, tmp_path))
+
+
+def test_names_from_files_are_shown_and_not_run(tmp_path):
+    result = result_of(20.0, 1, tmp_path)
+    result.manifest["run"] = RUN | {"title": "<script>alert(1)</script>", "source": '"><img src=x>'}
+    page = report_html(result)
+    assert "&lt;script&gt;alert(1)" in page
+    assert "<script" not in page
+    assert "<img src=x" not in page
 
 
 def test_stops_of_a_long_run_are_thinned_out():

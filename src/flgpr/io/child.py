@@ -1,0 +1,86 @@
+"""What ``arrays.py`` has a child process do: damaged HDF5 and MATLAB files can crash C libraries or keep them busy.
+
+Run as a script, ``hdf5 FILE`` or ``matlab FILE LIMIT SPARE``. It imports nothing of flgpr, so that it starts quickly.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def look(path: str) -> None:
+    """Read all attributes and all but the largest arrays of an HDF5 file."""
+    import h5py
+
+    def notes(item: Any) -> None:
+        for name in item.attrs:
+            with contextlib.suppress(Exception):
+                item.attrs[name]
+
+    def visit(_: str, item: Any) -> None:
+        notes(item)
+        if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
+            item[()]
+
+    with h5py.File(path, "r") as file:
+        notes(file)
+        file.visititems(visit)
+
+
+def unpack(path: str, limit: int, spare: int) -> None:
+    """Write the arrays of a MATLAB file to standard output as ``.npy``, each after its name."""
+    # SciPy holds a complex array, its parts and their product at once; the spare bytes are the interpreter's.
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    most = 2**62 if hard == resource.RLIM_INFINITY else hard
+    resource.setrlimit(resource.RLIMIT_AS, (min(3 * limit + spare, most), hard))
+    from scipy.io import loadmat
+
+    warnings.simplefilter("ignore")
+    # MATLAB keeps whole numbers in fewer bytes: only mat_dtype tells their class, but it drops imaginary parts.
+    kinds = {name: value.dtype for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True))}
+    arrays = dict(_members("", loadmat(path, appendmat=False)))
+    if sum(value.nbytes for value in arrays.values()) > limit:
+        raise MemoryError
+    with open(1, "wb", closefd=False) as out:
+        for name, value in arrays.items():
+            kind = np.result_type(kinds[name], np.complex64) if np.iscomplexobj(value) else kinds[name]
+            np.save(out, np.array(name), allow_pickle=False)
+            np.save(out, value.astype("u1" if kind == np.dtype(bool) else kind, copy=False), allow_pickle=False)
+
+
+def _members(label: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Go into structures and cells in MATLAB's order; objects, functions and sparse arrays are passed over."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            if isinstance(one, str) and name != "__version__":
+                raise ValueError(f"{name}: {one}")  # SciPy goes on beyond variables that it cannot read
+            if not name.startswith("__"):
+                yield from _members(name, one)
+    elif type(value) is np.ndarray and value.dtype.hasobject:
+        for k, one in enumerate(value.ravel(order="F")):
+            place = label if value.dtype.names and value.size == 1 else f"{label}[{k}]"
+            for name in value.dtype.names or ():
+                yield from _members(f"{place}.{name}", one[name])
+            if not value.dtype.names:
+                yield from _members(place, one)
+    elif type(value) is np.ndarray:
+        yield label, value.reshape(()) if value.dtype.kind == "U" and value.size == 1 else value
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "hdf5":
+        look(sys.argv[2])
+    else:
+        most = int(sys.argv[3])
+        try:
+            unpack(sys.argv[2], most, int(sys.argv[4]))
+        except MemoryError:
+            sys.exit(f"it unpacks to more than {most / 2**30:.3g} GiB")

@@ -1,0 +1,84 @@
+"""What all pages share: templates that are filled in, and figures that are put into them."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from functools import cache
+from io import BytesIO
+from typing import Any
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+import flgpr
+
+_HOME = "flgpr.report"
+
+
+def render(template: str, package: str = _HOME, **values: Any) -> str:
+    """Write a page that needs nothing beside it.
+
+    Templates know two filters beside Jinja's own: ``fmt``, which is Python's ``format``, and ``data_url``, which
+    turns a figure or its PNG into what an ``img`` shows.
+
+    Parameters
+    ----------
+    template : str
+        File among the package's templates; it may extend and import those of this package.
+    package : str
+        Package whose folder ``templates`` holds it.
+    **values
+        What the template asks for; text is escaped. ``version`` is given to all.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    jinja2.TemplateNotFound
+        If there is no such template.
+    jinja2.UndefinedError
+        If the template asks for what is not given.
+    """
+    return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
+
+
+@cache
+def _environment(package: str) -> Environment:
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(name) for name in dict.fromkeys((package, _HOME))]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"fmt": format, "data_url": _data_url}
+    return environment
+
+
+def figure_png(figure: Figure, dpi: float = 110) -> bytes:
+    """Render a figure.
+
+    Parameters
+    ----------
+    figure : Figure
+        A figure.
+    dpi : float
+        Resolution, dots per inch.
+
+    Returns
+    -------
+    bytes
+        PNG, the same for equal figures.
+    """
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})  # else the library's version is in it
+    return stream.getvalue()
+
+
+def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:
+    png = figure_png(picture, dpi) if isinstance(picture, Figure) else picture
+    return "data:image/png;base64," + b64encode(png).decode()

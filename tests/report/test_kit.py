@@ -1,0 +1,51 @@
+"""The kit of pages: what is put in is escaped, what is missing is an error, pictures have the size asked for."""
+
+import io
+from pathlib import Path
+
+import jinja2
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+import flgpr
+import flgpr_papers
+from flgpr.report import figure_png, render
+
+TEMPLATES = [
+    one for package in (flgpr, flgpr_papers) for one in Path(package.__file__).parent.rglob("templates/*.html")
+]
+OVERVIEW = {"papers": {"a2000": "A & B"}, "pages": {}, "found": {}, "quick": False, "verdicts": ("agrees", "disagrees")}
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)
+def test_pages_take_nothing_from_elsewhere(path):
+    text = path.read_text(encoding="utf-8")
+    assert "://" not in text
+    assert "|safe" not in text
+    assert path.name in ("page.html", "parts.html", "study.html") or text.startswith('{% extends "page.html" %}')
+
+
+def test_a_page_of_another_package_stands_on_the_kit():
+    found = {"a2000": [("x < y", "<b>1</b>", "agrees")]}
+    page = render("overview.html", "flgpr_papers", **OVERVIEW | {"found": found})
+    assert page.startswith("<!doctype html>")
+    assert "A &amp; B" in page
+    assert "x &lt; y" in page
+    assert "&lt;b&gt;1" in page
+    assert f"flgpr {flgpr.__version__}." in page
+
+
+def test_what_is_missing_is_an_error():
+    with pytest.raises(jinja2.UndefinedError, match="quick"):
+        render("overview.html", "flgpr_papers", **{k: v for k, v in OVERVIEW.items() if k != "quick"})
+    with pytest.raises(jinja2.TemplateNotFound):
+        render("overview.html")
+
+
+def test_pictures_have_the_size_asked_for():
+    figure = Figure(figsize=(2, 1))
+    figure.add_subplot().plot([0, 1])
+    assert Image.open(io.BytesIO(figure_png(figure, 50))).size == (100, 50)
+    assert Image.open(io.BytesIO(figure_png(figure, 120))).size == (240, 120)
+    assert figure_png(figure) == figure_png(figure)
