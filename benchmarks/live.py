@@ -27,13 +27,13 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
+from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
+from flgpr.chain.detect import detect
+from flgpr.chain.recipe import load_recipe
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.io import open_run, read_table
+from flgpr.live.feeding import feed
 from flgpr.model import Lane
-from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
-from flgpr.pipeline.detect import detect
-from flgpr.pipeline.live_feed import feed
-from flgpr.pipeline.recipe import load_recipe
 from flgpr.tasks import simulate_lane
 
 SCENE = """

@@ -23,10 +23,10 @@ import numpy as np
 import pandas as pd
 
 from flgpr import tasks
+from flgpr.chain.memory import memory_needed, plan_sections
+from flgpr.chain.recipe import load_recipe
 from flgpr.model import Lane
-from flgpr.pipeline.memory import memory_needed, plan_sections
-from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.result import read_result
+from flgpr.results.result import read_result
 from wang2007 import write_noise_run
 
 SIZES = {"polarization": 3, "pair": 36, "frequency": 1024}

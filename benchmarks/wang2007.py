@@ -25,10 +25,10 @@ import numba
 import numpy as np
 import pandas as pd
 
+from flgpr.chain.detect import detect
+from flgpr.chain.recipe import load_recipe
 from flgpr.io import RunWriter, open_run
 from flgpr.model import Lane, load_sensor
-from flgpr.pipeline.detect import detect
-from flgpr.pipeline.recipe import load_recipe
 from flgpr.scoring import pd_mean, roc
 
 STEP = 1000 / 600  # m between scans

@@ -30,9 +30,9 @@ import numba
 import numpy as np
 
 from flgpr import tasks
-from flgpr.pipeline.cluster import Cluster
-from flgpr.pipeline.lane_work import LaneJob, code_versions, do_part
-from flgpr.pipeline.recipe import recipe_text
+from flgpr.chain.recipe import recipe_text
+from flgpr.execution.cluster import Cluster
+from flgpr.execution.lane_work import LaneJob, code_versions, do_part
 from wang2007 import STEP, write_noise_run
 
 

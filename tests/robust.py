@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from flgpr.chain.passes import blocks_of
+from flgpr.execution.lane_work import make_job
 from flgpr.io import open_run
-from flgpr.pipeline.lane_work import make_job
-from flgpr.pipeline.passes import blocks_of
-from flgpr.pipeline.result import Result, read_result
+from flgpr.results.result import Result, read_result
 from small_lane import LANE
 
 

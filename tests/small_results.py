@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from flgpr.chain.lane_chain import Detection
+from flgpr.chain.recipe import recipe_text
 from flgpr.model import Lane
-from flgpr.pipeline.lane_chain import Detection
-from flgpr.pipeline.recipe import recipe_text
-from flgpr.pipeline.result import write_result
+from flgpr.results.result import write_result
 
 LANE = Lane(-1.0, 1.0, 2.0, 4.0)
 

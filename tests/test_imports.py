@@ -22,13 +22,18 @@ ALLOWED = {
     **{stage: {"model", "kernels"} for stage in STAGES},
     "scoring": {"model"},
     "io": {"model"},
-    "pipeline": BELOW | {"report"},
-    "report": {"model", "io", "screen", "scoring", "pipeline"},
-    "tasks": {"io", "pipeline", "report"},
+    "chain": {"model", "kernels", "io"} | STAGES,
+    "results": {"model", "io", "scoring", "chain"},
+    "design": {"model", "kernels", "imaging", "simulate", "chain"},
+    "report": {"model", "io", "screen", "scoring", "chain", "results", "design"},
+    "execution": {"model", "io", "chain", "results", "report"},
+    "live": {"model", "io", "chain"} | STAGES,
+    "tasks": BELOW | {"chain", "results", "report", "design", "execution", "live"},
+    "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
     "viewer": {"model", "io"},
-    "cli": {"tasks", "pipeline", "viewer"},
+    "cli": {"tasks", "chain", "viewer"},
     "__main__": {"cli"},
-    "__init__": {"pipeline"} | BELOW,
+    "__init__": {"chain", "results", "tasks"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi"))
 HEAVY = {"numba", "scipy", "matplotlib", "sklearn", "skimage", "h5py", "pyproj", "starlette", "uvicorn", "jinja2"}
@@ -72,9 +77,9 @@ def test_a_study_uses_its_own_paper_and_the_kit(path):
     assert rooms <= ({"overview"} if room == "__init__" else {room, "kit"})
 
 
-def test_only_the_pipeline_imports_dask():
+def test_only_execution_imports_dask():
     users = {p for p in modules() if {"dask", "distributed"} & {name.split(".")[0] for name in imported(p)}}
-    assert {p.relative_to(ROOT).parts[0] for p in users} <= {"pipeline"}
+    assert {p.relative_to(ROOT).parts[0] for p in users} <= {"execution"}
 
 
 def test_nothing_pickles():
@@ -131,7 +136,7 @@ def test_importing_the_package_loads_nothing_else():
 def test_two_packages_are_verbs(monkeypatch):
     """`flgpr.detect` holds the detectors, and called it detects; the same for `flgpr.simulate`."""
     asked = []
-    monkeypatch.setattr("flgpr.pipeline.detect_tasks.detect_run", lambda *a, **k: asked.append((a, k)))
+    monkeypatch.setattr("flgpr.tasks.detection.detect_run", lambda *a, **k: asked.append((a, k)))
     monkeypatch.setattr("flgpr.simulate.simulate", lambda *a, **k: asked.append((a, k)))
     flgpr.detect("run.zarr", "demo", "out", report=False)
     flgpr.simulate("scene", seed=3)

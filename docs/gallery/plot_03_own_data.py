@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import flgpr.pipeline.accessor  # gives every run `run.flgpr`
+import flgpr.accessor  # gives every run `run.flgpr`
 from flgpr.io import explain_file, import_mapped, open_run, sample_lane, save_run
 
 home = Path(tempfile.mkdtemp())

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from flgpr.pipeline import scoring_tasks
+from flgpr.tasks import scoring as scoring_tasks
 
 home = Path(tempfile.mkdtemp())
 

@@ -19,9 +19,9 @@ import pandas as pd
 
 from flgpr import tasks
 from flgpr.io import read_table
-from flgpr.pipeline.live import LiveOptions, LiveRun
-from flgpr.pipeline.live_feed import feed
-from flgpr.pipeline.live_vehicle import Vehicle
+from flgpr.live.feeding import feed
+from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.vehicle import Vehicle
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from flgpr import tasks
-from flgpr.pipeline.result import read_result
+from flgpr.results.result import read_result
 
 home = Path(tempfile.mkdtemp())
 (home / "scene.toml").write_text(

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from flgpr.chain.recipe import load_recipe
 from flgpr.clutter import gain_background, remove_background, scan_gain, self_signature
 from flgpr.detect import (
     DeflectionDetector,
@@ -18,7 +19,6 @@ from flgpr.features import entropy_alpha
 from flgpr.features.polarimetry import entropy_alpha_of
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, load_sensor
-from flgpr.pipeline.recipe import load_recipe
 from flgpr.scoring import clopper_pearson, roc
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.bodies import cylinder, rim_amplitude, visible_rims

@@ -1,3 +1,4 @@
+from flgpr.chain.recipe import Recipe, load_recipe
 from flgpr.imaging.operator import ImagingOperator
 from flgpr.imaging.scan import ScanImager
 from flgpr.io.run_store import open_run, save_run
@@ -7,15 +8,14 @@ from flgpr.model.frames import Grid
 from flgpr.model.lane import Lane
 from flgpr.model.run import make_run
 from flgpr.model.sensor import Sensor, load_sensor
-from flgpr.pipeline.detect_tasks import detect_run as detect
-from flgpr.pipeline.recipe import Recipe, load_recipe
-from flgpr.pipeline.result import Result, read_result
-from flgpr.pipeline.tasks import replay
-from flgpr.pipeline.tasks import score_result as score
-from flgpr.pipeline.tasks import train_runs as train
+from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
+from flgpr.tasks.detection import detect_run as detect
+from flgpr.tasks.results import replay
+from flgpr.tasks.results import score_result as score
+from flgpr.tasks.results import train_runs as train
 
 __version__: str
 

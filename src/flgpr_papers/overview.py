@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 
+from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
-from flgpr.pipeline.progress import Track, silent
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 

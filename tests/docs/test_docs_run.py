@@ -111,7 +111,7 @@ NOT_HERE = (
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
-    "flgpr reproduce",  # minutes; tests/pipeline has the papers
+    "flgpr reproduce",  # minutes; tests/papers has the studies
 )
 
 

@@ -8,7 +8,7 @@ from numba import cuda
 
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
-from flgpr.pipeline import bench
+from flgpr.tasks import bench
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])

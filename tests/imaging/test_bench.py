@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import Grid
-from flgpr.pipeline import bench, bench_peers
+from flgpr.tasks import bench, bench_peers
 
 
 @pytest.fixture

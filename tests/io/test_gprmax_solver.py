@@ -10,8 +10,8 @@ import pytest
 
 from flgpr.io import GprmaxRun
 from flgpr.model import Sensor
-from flgpr.pipeline.fullwave import write_gprmax_decks
 from flgpr.simulate import Scene
+from flgpr.tasks.fullwave import write_gprmax_decks
 from io_gprmax import dipole_field
 
 PYTHON = os.environ.get("FLGPR_GPRMAX_PYTHON") or (sys.executable if importlib.util.find_spec("gprMax") else None)

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from flgpr.chain.progress import silent
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
-from flgpr.pipeline.progress import silent
 from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import results as fuse2018_results

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from flgpr.chain.classifier import CLASSIFIER_A
+from flgpr.chain.progress import silent
+from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.model import Lane
-from flgpr.pipeline.classifier import CLASSIFIER_A
-from flgpr.pipeline.progress import silent
-from flgpr.pipeline.recipe import load_recipe, parse_recipe
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane

@@ -5,8 +5,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
+from flgpr.design.array import Design, Question
 from flgpr.model import load_sensor
-from flgpr.pipeline.design import Design, Question
 from flgpr.report import design_report
 from flgpr.report.design_page import design_html
 

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from flgpr.chain.lane_chain import Detection
+from flgpr.chain.recipe import load_recipe
 from flgpr.model import Grid, Lane
-from flgpr.pipeline.lane_chain import Detection
-from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.result import Result
 from flgpr.report import geometry_figure, report_html
 from flgpr.report.figures import run_view_figure
+from flgpr.results.result import Result
 from flgpr.screen import view_array
 
 RUN = {

@@ -6,14 +6,14 @@ import shutil
 import numpy as np
 import pytest
 
+from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
 from flgpr.detect import HistogramNormalizer
 from flgpr.detect.chip_detector import ChipDetector, load_detector
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
 from flgpr.io import open_run, save_run, seal
-from flgpr.pipeline import result as result_module
-from flgpr.pipeline.classifier import Classifier, load_classifier, save_classifier
-from flgpr.pipeline.result import ResultError, add_files, read_result
+from flgpr.results import result as result_module
+from flgpr.results.result import ResultError, add_files, read_result
 from flgpr.viewer.session import open_source
 from robust import digests
 from small_results import small_result

@@ -16,21 +16,21 @@ from hypothesis import strategies as st
 from test_flips import small_classifier, small_detector
 
 from damage import CASES, FUZZ, damaged, refusal
+from flgpr.chain.classifier import load_classifier, save_classifier
+from flgpr.chain.recipe import load_recipe, recipe_text
 from flgpr.detect.chip_detector import load_detector
+from flgpr.execution.checkpoint import ArrayFile, write_arrays
 from flgpr.io import RunWriter, open_run, read_lane, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.files import canonical_json
 from flgpr.io.fullwave import import_fullwave
 from flgpr.io.journal import JOURNAL, Journal, WrittenScan
 from flgpr.io.run_store import _digests
+from flgpr.live.state import read_snapshot, write_snapshot
 from flgpr.model import load_sensor, make_run
-from flgpr.pipeline.checkpoint import ArrayFile, write_arrays
-from flgpr.pipeline.classifier import load_classifier, save_classifier
-from flgpr.pipeline.live_state import read_snapshot, write_snapshot
-from flgpr.pipeline.recipe import load_recipe, recipe_text
-from flgpr.pipeline.result import read_result
-from flgpr.pipeline.scoring_tasks import read_lanes
+from flgpr.results.result import read_result
 from flgpr.scoring.ledger import read_register, register
 from flgpr.simulate import load_scene
+from flgpr.tasks.scoring import read_lanes
 from small_lane import LANE_TOML
 from small_results import small_result
 

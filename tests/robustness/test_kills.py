@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from flgpr import tasks
+from flgpr.execution import checkpoint
+from flgpr.execution.lane_run import homes_at
 from flgpr.io import open_run
-from flgpr.pipeline import checkpoint
-from flgpr.pipeline.lane_run import homes_at
-from flgpr.pipeline.result import ResultError, read_result
+from flgpr.results.result import ResultError, read_result
 from robust import content, digests
 
 KILLS = int(os.environ.get("FLGPR_KILLS", "10"))
@@ -47,7 +47,7 @@ class Killer:
     def __init__(self, seed, home, work):
         self.rng, self.home, self.work = np.random.default_rng(seed), home, work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.pipeline.lane_work", "robust"])
+        self.context.set_forkserver_preload(["flgpr.execution.lane_work", "robust"])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")

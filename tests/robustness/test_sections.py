@@ -12,17 +12,17 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
+from flgpr.chain.memory import memory_needed, plan_sections
+from flgpr.chain.recipe import load_recipe
+from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.cli import app
+from flgpr.execution import lane_run
+from flgpr.execution.checkpoint import finish
+from flgpr.execution.lane_run import detect_lane, homes_at
+from flgpr.execution.survey import executor_for
 from flgpr.model import Lane
-from flgpr.pipeline import lane_run
-from flgpr.pipeline.checkpoint import finish
-from flgpr.pipeline.lane_run import detect_lane, homes_at
-from flgpr.pipeline.memory import memory_needed, plan_sections
-from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.result import ResultError, read_result
-from flgpr.pipeline.scoring_tasks import score_alarms
-from flgpr.pipeline.sections import Section, divide, section_lane
-from flgpr.pipeline.survey import executor_for
+from flgpr.results.result import ResultError, read_result
+from flgpr.tasks.scoring import score_alarms
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
 

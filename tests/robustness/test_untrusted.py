@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from flgpr import tasks
+from flgpr.chain.memory import parse_size, plan_sections
+from flgpr.chain.recipe import load_recipe
 from flgpr.io import RunStoreError, open_run, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.arrays import open_arrays
 from flgpr.io.files import canonical_json
 from flgpr.model import Lane
-from flgpr.pipeline.memory import parse_size, plan_sections
-from flgpr.pipeline.recipe import load_recipe
-from flgpr.pipeline.result import ResultError, read_result
+from flgpr.results.result import ResultError, read_result
 
 
 def forge(store, change):

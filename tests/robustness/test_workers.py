@@ -11,14 +11,14 @@ import pandas as pd
 import pytest
 
 from flgpr import tasks
+from flgpr.chain.lane_chain import LaneChain
+from flgpr.execution import checkpoint
+from flgpr.execution.checkpoint import WorkError, begin
+from flgpr.execution.executors import LostWorkersError, Processes
+from flgpr.execution.lane_run import detect_lane, features_of_lane
+from flgpr.execution.survey import executor_for
 from flgpr.imaging import ScanImager
 from flgpr.io import sample_lane, save_run
-from flgpr.pipeline import checkpoint
-from flgpr.pipeline.checkpoint import WorkError, begin
-from flgpr.pipeline.executors import LostWorkersError, Processes
-from flgpr.pipeline.lane_chain import LaneChain
-from flgpr.pipeline.lane_run import detect_lane, features_of_lane
-from flgpr.pipeline.survey import executor_for
 from robust import content, digests, small_job
 
 
@@ -51,9 +51,9 @@ def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_sto
 
 
 def test_detection_in_memory_finds_the_same(lane):
+    from flgpr.chain.detect import detect
+    from flgpr.chain.recipe import load_recipe
     from flgpr.io import open_run
-    from flgpr.pipeline.detect import detect
-    from flgpr.pipeline.recipe import load_recipe
 
     found = detect(open_run(lane.run), load_recipe(lane.recipe), lane.lane)[0]
     pd.testing.assert_frame_equal(found.alarms, lane.result.detections[0].alarms, check_dtype=False, rtol=1e-12)
@@ -212,7 +212,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
             raise KeyboardInterrupt
         return features_of_lane(job, *rest)
 
-    monkeypatch.setattr("flgpr.pipeline.tasks.features_of_lane", stopped)
+    monkeypatch.setattr("flgpr.tasks.results.features_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
         tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert [path.name for path in tmp_path.glob("model*")] == ["model-1.work"]

@@ -5,8 +5,8 @@ import pytest
 
 from flgpr.io import read_table
 from flgpr.model import Lane
-from flgpr.pipeline.scoring_tasks import plan_lane, plan_mines, read_lanes, score_alarms, score_sealed, seal
 from flgpr.scoring import content_hash, pd_mean, read_register, register, roc
+from flgpr.tasks.scoring import plan_lane, plan_mines, read_lanes, score_alarms, score_sealed, seal
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
 PHRASE = "correct horse battery"

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from flgpr.chain.lane_chain import Detection
+from flgpr.chain.recipe import recipe_text
 from flgpr.model import Lane
-from flgpr.pipeline.lane_chain import Detection
-from flgpr.pipeline.recipe import recipe_text
-from flgpr.pipeline.result import add_files, read_result, write_result
-from flgpr.pipeline.score import score
-from flgpr.pipeline.view_score import VIEW_SCORE, view_score
+from flgpr.results.result import add_files, read_result, write_result
+from flgpr.results.score import score
+from flgpr.results.view_score import VIEW_SCORE, view_score
 
 POLARIZATIONS, SUBBANDS = ["HH", "VV"], ["0.4-1.1", "1.1-1.7"]
 

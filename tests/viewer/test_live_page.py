@@ -11,12 +11,12 @@ import pytest
 from watching import viridis
 
 from flgpr.io import read_table, save_run
-from flgpr.pipeline.live import LiveOptions, LiveRun
-from flgpr.pipeline.live_detector import LiveAlarm
-from flgpr.pipeline.live_events import alarm_event, as_line, view_event
-from flgpr.pipeline.live_feed import feed
-from flgpr.pipeline.live_vehicle import Vehicle
-from pipeline.live_lane import LANE, SCANS, make_lane_run, small_recipe
+from flgpr.live.detector import LiveAlarm
+from flgpr.live.events import alarm_event, as_line, view_event
+from flgpr.live.feeding import feed
+from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.vehicle import Vehicle
+from live_lane import LANE, SCANS, make_lane_run, small_recipe
 
 VEHICLE = Vehicle(speed=15 / 3.6, front=1.0)
 GRID = {"x": -2.95, "y": 0.05, "nx": 60, "dx": 0.1, "dy": 0.1}

@@ -7,12 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.features import PatchShape
-from flgpr.io import open_run, sample_lane
-from flgpr.model import SPEED_OF_LIGHT
-from flgpr.pipeline.lane_chain import Detection
-from flgpr.pipeline.result import read_result
-from flgpr.pipeline.view_evidence import (
+from flgpr.chain.evidence import (
     MOST_SCANS,
     EvidenceSums,
     collect_evidence,
@@ -21,8 +16,13 @@ from flgpr.pipeline.view_evidence import (
     focused_trace,
     range_kernel,
 )
-from flgpr.pipeline.view_files import TILE_ROWS, plain_json, pyramid
-from flgpr.pipeline.view_score import depth_classes, depth_labels
+from flgpr.chain.lane_chain import Detection
+from flgpr.features import PatchShape
+from flgpr.io import open_run, sample_lane
+from flgpr.model import SPEED_OF_LIGHT
+from flgpr.results.result import read_result
+from flgpr.results.view_files import TILE_ROWS, plain_json, pyramid
+from flgpr.results.view_score import depth_classes, depth_labels
 
 
 def slow_trace(signal, frequency, tx, rx, point, offset):
@@ -251,7 +251,7 @@ def test_plain_json_leaves_nothing_that_json_lacks():
 
 
 def test_run_views_of_another_grid_are_refused(demo, tmp_path):
-    from flgpr.pipeline.view_files import write_view
+    from flgpr.results.view_files import write_view
 
     main = demo[0].detections[0]
     other = Detection("other", "other", main.alarms, main.view.isel(y=slice(0, 50)))

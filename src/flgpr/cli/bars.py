@@ -14,7 +14,7 @@ T = TypeVar("T")
 class Bars:
     """Progress bars on a terminal, one per piece of work; they appear on the error stream.
 
-    Use as a context manager and call it like any :class:`flgpr.pipeline.progress.Track`.
+    Use as a context manager and call it like any :class:`flgpr.chain.progress.Track`.
     """
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from flgpr.pipeline.progress import Track, silent
+from flgpr.chain.progress import Track, silent
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")]

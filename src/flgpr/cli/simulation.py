@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from flgpr import tasks
+from flgpr.chain.progress import Track
 from flgpr.cli.common import Output, Quiet, plain_errors, progress
-from flgpr.pipeline.progress import Track
 
 ENGINES = ("flgpr", "gprmax")
 

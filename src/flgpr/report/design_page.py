@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from flgpr.chain.progress import Track, silent
+from flgpr.design.array import KINDS, Design, Question, study
 from flgpr.io import write_whole
 from flgpr.model import load_sensor
-from flgpr.pipeline.design import KINDS, Design, Question, study
-from flgpr.pipeline.progress import Track, silent
 from flgpr.report.kit import render
 
 _BLUE, _RED = "#1b5e9b", "#c1440e"

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
 from flgpr.model import Lane
-from flgpr.pipeline.result import Result
-from flgpr.pipeline.score import Score
+from flgpr.results.result import Result
+from flgpr.results.score import Score
 from flgpr.screen import select
 
 DYNAMIC_RANGE = 30.0  # dB

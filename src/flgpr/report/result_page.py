@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.pipeline.result import Result
-from flgpr.pipeline.score import Score
 from flgpr.report.figures import channel_figure, geometry_figure, roc_figure, run_view_figure
 from flgpr.report.kit import render
+from flgpr.results.result import Result
+from flgpr.results.score import Score
 from flgpr.scoring import pd_mean
 
 _MOST_ALARMS = 500

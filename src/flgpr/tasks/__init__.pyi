@@ -1,36 +1,31 @@
+from flgpr.chain.classifier import CLASSIFIER_B
+from flgpr.chain.fitting import recipe_for
+from flgpr.chain.memory import parse_size
+from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
+from flgpr.design.array import Question
 from flgpr.io.explain import explain_file
-from flgpr.pipeline.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
-from flgpr.pipeline.bench import bench_imaging, format_bench
-from flgpr.pipeline.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
-from flgpr.pipeline.classifier import CLASSIFIER_B
-from flgpr.pipeline.design import Question
-from flgpr.pipeline.detect_tasks import detect_long, detect_run, detect_runs
-from flgpr.pipeline.exchange import (
+from flgpr.live.detector import LiveSettings
+from flgpr.live.feeding import feed
+from flgpr.live.intake import COUNTS
+from flgpr.live.session import LiveOptions, LiveReport, LiveRun
+from flgpr.live.vehicle import Vehicle
+from flgpr.report import design_report
+from flgpr.results.result import SECTIONS, Result, read_result
+from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
+from flgpr.tasks.bench import bench_imaging, format_bench
+from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
+from flgpr.tasks.detection import detect_long, detect_run, detect_runs
+from flgpr.tasks.exchange import (
     export_result,
     export_run,
     export_table,
     import_cphd,
     import_with_mapping,
 )
-from flgpr.pipeline.fitting import recipe_for
-from flgpr.pipeline.fullwave import import_gprmax_models, import_gprmax_results
-from flgpr.pipeline.live import LiveOptions, LiveReport, LiveRun
-from flgpr.pipeline.live_detector import LiveSettings
-from flgpr.pipeline.live_feed import feed
-from flgpr.pipeline.live_intake import COUNTS
-from flgpr.pipeline.live_vehicle import Vehicle
-from flgpr.pipeline.memory import parse_size
-from flgpr.pipeline.recipe import load_recipe, recipe_names, recipe_text
-from flgpr.pipeline.result import SECTIONS, Result, read_result
-from flgpr.pipeline.run_info import run_info
-from flgpr.pipeline.run_tasks import (
-    import_fullwave_lane,
-    list_bodies,
-    make_signature,
-    simulate_lane,
-    write_gprmax_lane,
-)
-from flgpr.pipeline.scoring_tasks import (
+from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
+from flgpr.tasks.information import run_info
+from flgpr.tasks.results import demo, outcome_table, replay, score_result, train_runs
+from flgpr.tasks.scoring import (
     plan_lane,
     plan_mines,
     require_seal,
@@ -39,8 +34,13 @@ from flgpr.pipeline.scoring_tasks import (
     score_sections,
     seal,
 )
-from flgpr.pipeline.tasks import demo, outcome_table, replay, score_result, train_runs
-from flgpr.report import design_report
+from flgpr.tasks.stores import (
+    import_fullwave_lane,
+    list_bodies,
+    make_signature,
+    simulate_lane,
+    write_gprmax_lane,
+)
 
 __all__ = [
     "CLASSIFIER_B",

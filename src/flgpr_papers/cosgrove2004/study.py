@@ -16,8 +16,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
-from flgpr.pipeline.progress import Track, silent
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
     detectors,

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.chain.progress import Track, silent
 from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
-from flgpr.pipeline.progress import Track, silent
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import Clutter, Surface, Target, TargetDraw, Thing
 from flgpr.simulate.scene import Track as Drive

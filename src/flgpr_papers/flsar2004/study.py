@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 import flgpr
+from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
-from flgpr.pipeline.progress import Track, silent
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
 from flgpr_papers.flsar2004.experiment import PARTS, Material, Results, prepare

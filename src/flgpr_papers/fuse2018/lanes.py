@@ -11,11 +11,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.progress import Track
 from flgpr.clutter import FrameStack, subregions
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run
 from flgpr.model import Grid, Sensor, check_run, complete_scans, load_sensor, vehicle_to_lane
-from flgpr.pipeline.progress import Track
 from flgpr.simulate import Scene, draw_world
 from flgpr_papers.fuse2018.recipe import FuseRecipe, Image
 from flgpr_papers.kit.cache import store_lane

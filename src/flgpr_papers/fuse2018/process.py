@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.progress import Track
 from flgpr.clutter import (
     TABLE_II,
     Iterated,
@@ -26,7 +27,6 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.model import Lane
-from flgpr.pipeline.progress import Track
 from flgpr.screen import prescreen
 from flgpr_papers.fuse2018.lanes import Aperture, Frames, aperture
 from flgpr_papers.fuse2018.recipe import FuseRecipe

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
-from flgpr.pipeline.progress import Track, silent
 from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
 from flgpr_papers.fuse2018.lanes import Frames, simulate_lane

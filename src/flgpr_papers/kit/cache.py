@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.chain.progress import Track
 from flgpr.io import canonical_json, read_manifest, sha256, write_whole
 from flgpr.model import Lane
-from flgpr.pipeline.progress import Track
-from flgpr.pipeline.simulation import simulate_to_store
 from flgpr.simulate import Scene, Sensor, draw_world
+from flgpr.tasks.simulation import simulate_to_store
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -11,10 +11,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.classifier import duplication, label_lanes
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
 from flgpr.model import Lane
-from flgpr.pipeline.classifier import duplication, label_lanes
 from flgpr.scoring import Match, far_area, match, pd_mean_interval
 from flgpr.screen import prescreen
 

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from flgpr.chain.recipe import Recipe
 from flgpr.detect import HistogramNormalizer
 from flgpr.model import Sensor
-from flgpr.pipeline.recipe import Recipe
 from flgpr.scoring import Match, roc_of
 from flgpr_papers.wang2007.analysis import LaneResult
 

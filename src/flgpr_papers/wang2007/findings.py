@@ -16,9 +16,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import mannwhitneyu
 
+from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
-from flgpr.pipeline.recipe import Recipe
 from flgpr.scoring import Match, clopper_pearson, compare, operating_row, roc_of
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, larger, within
 from flgpr_papers.wang2007.analysis import (

@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
+from flgpr.chain.progress import Track
+from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.model import Sensor
-from flgpr.pipeline.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
-from flgpr.pipeline.progress import Track
-from flgpr.pipeline.recipe import Recipe
 from flgpr.scoring import Match
 from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import Finding

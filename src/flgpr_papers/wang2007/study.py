@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from flgpr.chain.lane_chain import CleanedRun, LaneChain
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.model import Lane
-from flgpr.pipeline.lane_chain import CleanedRun, LaneChain
-from flgpr.pipeline.progress import Track, silent
-from flgpr.pipeline.recipe import Recipe, parse_recipe
-from flgpr.pipeline.result import ResultError, read_result, write_result
-from flgpr.pipeline.run_info import describe_run
+from flgpr.results.description import describe_run
+from flgpr.results.result import ResultError, read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays

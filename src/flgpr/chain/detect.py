@@ -1,0 +1,54 @@
+"""Detection: a run and a recipe in, alarms out. Truth is not among what it takes."""
+
+from __future__ import annotations
+
+import xarray as xr
+
+from flgpr.chain.classifier import Classifier
+from flgpr.chain.fitting import check_fit
+from flgpr.chain.lane_chain import Detection, LaneChain
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import Recipe, lane_of
+from flgpr.chain.sections import Section
+from flgpr.model import Lane
+
+
+def detect(
+    run: xr.Dataset,
+    recipe: Recipe,
+    lane: Lane | None = None,
+    track: Track = silent,
+    classifier: Classifier | None = None,
+    section: Section | None = None,
+) -> list[Detection]:
+    """Run a recipe on a run, in memory.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+    lane : Lane, optional
+        Lane in place of the recipe's.
+    track : Track
+        Shows progress.
+    classifier : Classifier, optional
+        Trained classifier whose score is the confidence, for recipes with features; default: the local contrast.
+    section : Section, optional
+        Part of the lane, for recipes without variants; default all of it.
+
+    Returns
+    -------
+    list of Detection
+        The recipe's own result first, then its variants.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
+    """
+    check_fit(run, recipe)
+    chain = LaneChain(run, recipe, lane or lane_of(run, recipe), classifier, section=section)
+    chain.go(track)
+    return chain.detections()

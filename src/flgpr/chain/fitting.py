@@ -1,0 +1,395 @@
+"""Recipes and runs: a recipe made from a run, and whether a recipe fits one."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.io import MAX_MEMORY, open_run, write_whole
+from flgpr.model import SPEED_OF_LIGHT, complete_scans, vehicle_to_scan
+
+FloatArray = NDArray[np.float64]
+Band = tuple[float, float]
+
+_HINT = "`flgpr recipe for RUN` writes one that fits"
+# Lengths that belong to a mine and what surrounds it, whatever the array: Wang et al. 2007, m.
+_RADIUS, _DENSITY, _HALO = 0.75, 0.75, 1.0
+_PATCH, _INNER, _GUARD, _COHERENT = 2.5, (0.5, 0.3), (0.9, 0.7), (0.25, 0.15)
+_MEDIAN, _MEAN, _MEDIAN_STEP = 1.05, 2.55, 0.15
+_WIDTH, _OVERLAP = 0.6e9, 1 / 6  # band whose range cell, 25 cm, is about a mine; part of it that the next band has too
+_LANE, _VIEW = 1.5, 3.0  # half widths of the lane that a run has where none is given, and of the run-view, m
+_NEAR, _FAR = 1.2, 4.0  # antenna heights ahead: incidence of 50 and 76 degrees
+_SCANS, _APART = 5, 0.5  # scans, and m between them on average, from which on their mean holds little of a target
+_SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
+_PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
+_GAP = 20  # usual steps without a tone that divide two bands
+_OUTSIDE = 0.1  # part of a sub-band that may lie outside the run's band
+_HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What a recipe depends on: polarizations, tones (Hz), antennas in the scan frame (m), poses of complete scans."""
+
+    polarizations: list[str]
+    tones: FloatArray
+    tx: FloatArray
+    rx: FloatArray
+    poses: FloatArray
+
+    @property
+    def height(self) -> float:
+        return float((self.tx + self.rx)[:, 2].mean() / 2)
+
+    @property
+    def ahead(self) -> float:
+        """How far the middle of the antennas lies ahead of the vehicle's reference point."""
+        return float((self.tx + self.rx)[:, 1].mean() / 2)
+
+    @property
+    def step(self) -> float:
+        return float(np.median(np.diff(self.tones))) if self.tones.size > 1 else 0.0
+
+    @property
+    def drives(self) -> bool:
+        """Whether the mean scan is the self-signature rather than a blend of targets."""
+        travelled = float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+        return len(self.poses) >= _SCANS and travelled >= _APART * (_SCANS - 1)
+
+    def cross(self, frequency: float, distance: float) -> float:
+        """Cross-range resolution λR/(D_t + D_r) at a distance ahead of the antennas."""
+        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
+        return SPEED_OF_LIGHT / frequency * math.hypot(distance, self.height) / aperture
+
+    def reach(self, band: Band) -> float:
+        """Distance ahead of the antennas up to which a band's cross-range cell is no wider than an alarm's radius."""
+        slant = _RADIUS / self.cross(sum(band) / 2, 0.0) * self.height
+        return math.sqrt(max(slant**2 - self.height**2, 0.0))
+
+    def longest_path(self, x: Band, y: Band) -> float:
+        """Longest path by way of an image: to one of its corners, for paths are convex."""
+        corners = np.array([(a, b, 0.0) for a in x for b in y])[:, None]
+        return float(sum(np.linalg.norm(corners - ends, axis=-1) for ends in (self.tx, self.rx)).max())
+
+
+def _setup_of(run: xr.Dataset) -> _Setup:
+    poses = run["pose"].values[complete_scans(run)]
+    if not len(poses):
+        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
+    tx, rx = (vehicle_to_scan(run[f"{end}_position"].values, np.median(poses, axis=0)) for end in ("tx", "rx"))
+    labels = [str(label) for label in run["polarization"].values]
+    return _Setup(labels, run["frequency"].values, tx, rx, poses)
+
+
+def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
+    """Refuse a recipe that does not fit a run; warn where its image was meant for an array of another height.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Raises
+    ------
+    ValueError
+        If a polarization is missing, more than a tenth of a sub-band lies outside the run's band, or the image reaches
+        beyond the unambiguous path of the tones' steps. The message names every entry at fault and what to do.
+
+    Warns
+    -----
+    UserWarning
+        If the image begins less than 0.5 or more than 3.5 antenna heights ahead.
+    """
+    setup, image = _setup_of(run), recipe.image
+    faults = _channel_faults(recipe, setup.polarizations, setup.tones)
+    longest = setup.longest_path(image.x, image.y)
+    if longest * setup.step >= SPEED_OF_LIGHT:
+        faults.append(
+            f"image.y must end where paths are shorter than {SPEED_OF_LIGHT / setup.step:.4g} m, which tones "
+            f"{setup.step / 1e6:.4g} MHz apart tell from nearer ones, got {image.y[1]:g} m with one of {longest:.4g} m"
+        )
+    _raise(faults)
+    heights = (image.y[0] - setup.ahead) / setup.height if setup.height > 0 else math.inf
+    if not _HEIGHTS[0] <= heights <= _HEIGHTS[1]:
+        warnings.warn(
+            f"image.y should begin {_HEIGHTS[0]} to {_HEIGHTS[1]} antenna heights ahead of the antennas, got "
+            f"{image.y[0]:g} m for antennas {setup.height:.3g} m high; {_HINT}",
+            stacklevel=2,
+        )
+
+
+def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> None:
+    """Refuse a recipe that asks for polarizations or frequencies that are not measured; see :func:`check_fit`.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    polarizations : sequence of str
+        Those of the run.
+    tones : (frequency,) ndarray
+        Those of the run, Hz.
+
+    Raises
+    ------
+    ValueError
+        Names every entry at fault and what to do.
+    """
+    _raise(_channel_faults(recipe, polarizations, tones))
+
+
+def _raise(faults: list[str]) -> None:
+    if faults:
+        raise ValueError("; ".join([*faults, _HINT]))
+
+
+def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
+    known, faults = ", ".join(polarizations), []
+    for name, wanted in (("prescreen", recipe.prescreen.polarization), ("contrast", recipe.contrast.polarization)):
+        if wanted not in polarizations:
+            faults.append(f"{name}.polarization must be one the run has ({known}), got {wanted!r}")
+    if recipe.features is not None and not _allow_features(polarizations):
+        faults.append(f"features must be left out unless the run has HH, VV and HV or VH, got {known}")
+    for name, (low, high) in recipe.image.subbands.items():
+        outside = max(tones[0] - low, 0.0) + max(high - tones[-1], 0.0)
+        if outside > _OUTSIDE * (high - low) or not ((tones >= low) & (tones <= high)).any():
+            faults.append(
+                f"image.subbands.{name} must lie in the run's band, {tones[0] / 1e9:.4g} to {tones[-1] / 1e9:.4g} GHz, "
+                f"got {low / 1e9:.4g} to {high / 1e9:.4g} GHz"
+            )
+    return faults
+
+
+def _allow_features(polarizations: Sequence[str]) -> bool:
+    return {"HH", "VV"} <= set(polarizations) and bool({"HV", "VH"} & set(polarizations))
+
+
+def recipe_for(run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY) -> str:
+    """Make a recipe for a stored run, see :func:`fit_recipe`, and write it if asked.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path, optional
+        TOML file to write.
+    max_memory : int
+        Memory that reading the run may take, bytes.
+
+    Returns
+    -------
+    str
+        The recipe's text.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If the run is not valid or no recipe can be made for it, or the output exists; nothing is written then.
+    """
+    if output is not None and Path(output).exists():
+        raise FileExistsError(f"output must not exist yet, got {output}")
+    text = fit_recipe(open_run(run, max_memory))
+    if output is not None:
+        write_whole(Path(output), text)
+    return text
+
+
+def fit_recipe(run: xr.Dataset) -> str:
+    """Make a recipe from what a run is: its band, polarizations, array and course.
+
+    Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and a comment beside
+    every entry says how. The same run gives the same text.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+
+    Returns
+    -------
+    str
+        TOML; with the table features where the run has HH, VV and HV or VH, with a lane where it is shorter than its
+        images.
+
+    Raises
+    ------
+    ValueError
+        If the run has no complete scan, no height, or tones too few or too far apart to make an image.
+
+    Examples
+    --------
+    >>> from flgpr.io import open_run, sample_lane
+    >>> from flgpr.chain.fitting import fit_recipe
+    >>> from flgpr.chain.recipe import parse_recipe
+    >>> recipe = parse_recipe(fit_recipe(open_run(sample_lane() / "run.zarr")))
+    >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
+    ((1.8, 8.45), 'HH', ['F1'])
+    """
+    setup = _setup_of(run)
+    text = _text(setup, _choose(setup))
+    parse_recipe(text, "fitted")
+    return text
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """The figures of a recipe, Hz and m; distances count from the middle of the antennas."""
+
+    bands: dict[str, Band]
+    subband: str
+    half: float
+    reach: float
+    far: float
+    fine: float
+    coarse: float
+
+
+def _choose(setup: _Setup) -> _Choice:
+    height = setup.height
+    if not height >= 0.05:
+        raise ValueError(f"run.pose must put the antennas at least 0.05 m above the ground, got {height:.3g} m")
+    blur = 1 if setup.drives else 2  # the main lobe of a Hann window is twice as wide
+    bands = _divide(setup.tones, blur * _WIDTH)
+    near, middle = _NEAR * height, 2 * _NEAR * height
+    parts = [name for name in bands if name != "F0"]
+    subband = next((name for name in parts if setup.reach(bands[name]) >= middle), parts[-1])
+    half = min(max(near, _VIEW), 2 * _VIEW)
+    reach = min(_FAR * height, max(setup.reach(bands[subband]), middle))
+    far = _clear(setup, half, middle, reach + (_PATCH + _MEAN) / 2)
+    reach = min(reach, max(far - _PATCH / 2, middle))
+    own, widest = bands[subband], max(high - low for low, high in bands.values())
+    fine = min(blur * SPEED_OF_LIGHT / (2 * widest), setup.cross(float(setup.tones[-1]), near))
+    coarse = min(
+        blur * SPEED_OF_LIGHT / (2 * (own[1] - own[0])), setup.cross((own[0] + own[1]) / 2, (near + reach) / 2)
+    )
+    return _Choice(bands, subband, half, reach, far, _sensible(fine, 0.05), _sensible(coarse, 0.1))
+
+
+def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
+    """Divide a band, or what gaps make of it, into the most equal parts of at least so many Hz that overlap."""
+    steps = np.diff(tones)
+    pieces = np.split(tones, np.flatnonzero(steps > _GAP * np.median(steps)) + 1) if steps.size else []
+    parts: list[Band] = []
+    for piece in pieces:
+        low, band = float(piece[0]), float(np.ptp(piece))
+        count = max(int((band / least - _OVERLAP) / (1 - _OVERLAP)), 1)
+        width = band / (count - (count - 1) * _OVERLAP)
+        starts = [low + number * width * (1 - _OVERLAP) for number in range(count)]
+        parts += [(start, start + width) for start in starts if band > 0]
+    if not parts:
+        raise ValueError(f"run.frequency must hold neighbouring tones, which make a band, got {tones.size} tone")
+    whole = {"F0": (float(tones[0]), float(tones[-1]))} if len(pieces) == 1 and len(parts) > 1 else {}
+    return whole | {f"F{number}": part for number, part in enumerate(parts, 1)}
+
+
+def _clear(setup: _Setup, half: float, least: float, wanted: float) -> float:
+    """Give the distance wanted ahead of the antennas, or the farthest whose paths the steps of the tones tell apart."""
+    ends = np.concatenate([setup.tx, setup.rx])
+    back, side, up = setup.ahead - ends[:, 1].min(), half + np.abs(ends[:, 0]).max(), ends[:, 2].max()
+    longest = SPEED_OF_LIGHT / (2 * setup.step)
+    far = math.sqrt(max(longest**2 - side**2 - up**2, 0.0)) - back - 0.1  # borders are rounded
+    if far < least:
+        apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up))
+        raise ValueError(
+            f"run.frequency must have tones at most {apart / 1e6:.3g} MHz apart for antennas {setup.height:.3g} m "
+            f"high, got {setup.step / 1e6:.4g} MHz"
+        )
+    return min(wanted, far)
+
+
+def _sensible(cell: float, most: float) -> float:
+    return min((one for one in _SPACINGS if one <= most), key=lambda one: abs(one - _PIXEL * cell))
+
+
+def _pixels(lengths: Sequence[float], spacing: float) -> list[int]:
+    return [2 * round((length / spacing - 1) / 2) + 1 for length in lengths]
+
+
+def _text(setup: _Setup, choice: _Choice) -> str:
+    """Write a recipe, and beside every entry where it comes from."""
+    near, far, reach = (round(20 * (setup.ahead + y)) / 20 for y in (_NEAR * setup.height, choice.far, choice.reach))
+    features, labels = _allow_features(setup.polarizations), ", ".join(setup.polarizations)
+    polarization = next(label for label in ("HH", "VV", "HV", "VH") if label in setup.polarizations)
+    x, y = float(np.median(setup.poses[:, 0])), np.sort(setup.poses[:, 1])
+    band = f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
+    fine, coarse, paper = choice.fine, choice.coarse, "as in Wang et al. 2007"
+    bands = "\n".join(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]" for name, (low, high) in choice.bands.items())
+    window = 'window = "hann"  # its low sidelobes keep the direct coupling out, for no self-signature is subtracted'
+    signature = f'self_signature = "none"  # the mean of fewer than {_SCANS} scans {_APART:g} m apart holds the targets'
+    if setup.drives:
+        window = (
+            'window = "boxcar"  # as in Wang et al. 2007: subtracting the self-signature removes the direct coupling'
+        )
+        signature = 'self_signature = "mean"  # the vehicle drives on, so the mean scan holds little of any target'
+    more = ""
+    if features:
+        more += f"""
+[features]  # the run has HH, VV and a cross-polarized channel
+inner = {_pixels(_COHERENT, fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, {paper}
+psi = "circular"  # angles are averaged as directions
+"""
+    if y[-1] - y[0] < reach - near:
+        more += f"""
+[lane]  # the run is shorter than its images, so ground ahead of its end is searched, too
+x_min = {x - _LANE:.2f}  # {_LANE} m to either side of the vehicle's course
+x_max = {x + _LANE:.2f}
+y_min = {y[0] + near:.2f}  # nearest row of the first scan's image
+y_max = {y[-2:][0] + reach:.2f}  # run_view.y_max ahead of the last scan but one, so that two scans see it
+"""
+    return f"""# Made by `flgpr recipe for` from a run of {len(setup.poses)} complete scans and {len(setup.tx)} pairs, \
+{labels}, {band} in steps of
+# {setup.step / 1e6:.4g} MHz, antennas {setup.height:.2f} m high. Lengths in m, frequencies in Hz.
+
+name = "fitted"
+description = "{"Ten features" if features else "Local contrast"} after Wang et al. 2007, fitted to {labels}, {band}, \
+antennas {setup.height:.2f} m high"
+
+[image]
+x = [{-choice.half:.2f}, {choice.half:.2f}]  # {_NEAR} antenna heights to either side, but {_VIEW:g} to {2 * _VIEW:g} m
+y = [{near:.2f}, {far:.2f}]  # from {_NEAR} antenna heights ahead (incidence 50 degrees) to what y_max needs around it
+spacing = {fine}  # two thirds of the finest resolution, but 0.01 to 0.05 m
+{window}
+
+[image.subbands]  # equal parts of the run's band, as many as keep a range cell of 25 cm; F0 is all of it
+{bands}
+
+[background]
+{signature}
+median = {_MEDIAN}  # {paper}
+mean = {_MEAN}  # {paper}
+median_step = {max(round(_MEDIAN_STEP / fine), 1)}  # {_MEDIAN_STEP} m, {paper}
+
+[run_view]
+x = [{x - _VIEW:.2f}, {x + _VIEW:.2f}]  # {_VIEW:g} m to either side of the vehicle's course; it is as long as the lane
+spacing = {coarse}  # two thirds of the resolution that {choice.subband} has in the middle, but 0.01 to 0.1 m
+y_max = {reach:.2f}  # {_FAR:g} antenna heights, or where {choice.subband} resolves {_RADIUS} m across if that is nearer
+
+[prescreen]
+polarization = "{polarization}"  # co-polarized if the run has it, HH before VV
+subband = "{choice.subband}"  # the lowest part that resolves {_RADIUS} m across, {2 * _NEAR:g} antenna heights ahead
+radius = {_RADIUS}  # {paper}
+density = {_DENSITY}  # {paper}
+count = "view"
+
+[contrast]
+polarization = "{polarization}"  # the prescreener's channel
+subband = "{choice.subband}"
+size = {_pixels([_PATCH], coarse)[0]}  # {_PATCH} m, {paper}
+spacing = {coarse}  # the run-view's
+inner = {_pixels(_INNER, coarse)}  # {_INNER[0]} m x {_INNER[1]} m, {paper}
+guard = {_pixels(_GUARD, coarse)}  # {_GUARD[0]} m x {_GUARD[1]} m, {paper}
+{more}
+[score]
+halo = {_HALO}  # {paper}
+area = "union"
+"""

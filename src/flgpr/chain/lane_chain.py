@@ -1,0 +1,573 @@
+"""The chain of Wang et al. 2007 as passes: self-signature, gain, run-view, features or contrast, explanations.
+
+Every pass holds one scan at a time, so that runs may have any length. A recipe's variants are the same passes with one
+thing done otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, MutableMapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.chain.classifier import Classifier
+from flgpr.chain.contributions import contributions
+from flgpr.chain.evidence import Evidence, EvidenceSums
+from flgpr.chain.memory import CACHE
+from flgpr.chain.passes import Arrays, Chain, Gathered, Pass, bundled, group_of
+from flgpr.chain.recipe import Recipe, SuppressionTable
+from flgpr.chain.sections import Section, kept_rows, lane_threshold
+from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, suppress_by_model
+from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
+from flgpr.imaging import ScanImager
+from flgpr.kernels.sampling import bilinear
+from flgpr.kernels.windows import WINDOWS, band_weights
+from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
+from flgpr.screen import RunViewSums, local_maxima, sample_scan, select, view_array
+
+MAIN = "main"
+SWAPPED, PAPER = "swapped.", "paper."
+"""Prefixes of the columns of the two variants."""
+FloatArray = NDArray[np.float64]
+
+
+class Variation(NamedTuple):
+    """One way through the passes: the recipe's own, or a variant's."""
+
+    name: str
+    title: str
+    signature: Any
+    suppressed: bool = False
+
+    def of(self, name: str) -> str:
+        """Name its pass of a kind."""
+        return name if self.name == MAIN else f"{name}.{self.name}"
+
+
+def variations_of(recipe: Recipe) -> list[Variation]:
+    """List a recipe's own way and its variants'."""
+    own = recipe.background.self_signature
+    others = (Variation(v.name, v.title, v.self_signature or own, v.suppress_roadside) for v in recipe.variants)
+    return [Variation(MAIN, recipe.description, own), *others]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What one chain found.
+
+    Attributes
+    ----------
+    name, title : str
+        "main" for the recipe itself, else the variant's.
+    alarms : DataFrame
+        Alarm table, the most mine-like first; ``roadside`` (main only, where the recipe suppresses the roadside) is the
+        share of the alarm's amplitude that the modelled roadside response explains.
+    view : xarray.DataArray
+        Run-view (polarization, subband, y, x) in units of the gain background.
+    notes : dict
+        Figures worth reporting.
+    channel : tuple of str, optional
+        Polarization and sub-band the alarms were raised on.
+    features, contributions : DataFrame, optional
+        Per alarm its features, and what each of them adds to the confidence.
+    training : DataFrame, optional
+        Features of the training alarms, with their ``label``.
+    evidence : Evidence, optional
+        What explains the alarms, for the viewer.
+    before : DataArray, optional
+        Run-view before clutter suppression, for the viewer.
+    """
+
+    name: str
+    title: str
+    alarms: pd.DataFrame
+    view: xr.DataArray
+    notes: dict[str, Any] = field(default_factory=dict)
+    channel: tuple[str, str] | None = None
+    features: pd.DataFrame | None = None
+    contributions: pd.DataFrame | None = None
+    training: pd.DataFrame | None = None
+    evidence: Evidence | None = None
+    before: xr.DataArray | None = None
+
+
+def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step.
+
+    Parameters
+    ----------
+    alarms, features : DataFrame
+        Alarms with ``confidence`` and their features, with the same index.
+
+    Returns
+    -------
+    DataFrame, DataFrame
+        Alarm table with ``alarm_id``, the highest confidence first, and the features in the same order.
+    """
+    table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
+    features = features.loc[table.index].reset_index(drop=True)
+    table = table.reset_index(drop=True)
+    table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
+    known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
+    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
+
+
+class CleanedRun:
+    """A run's cleaned images, made anew on every pass.
+
+    Images end at the distance that counts, so that passes make only what they need.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+    background : mapping of str to ndarray
+        Result of the pass "gain".
+    whole : callable, optional
+        Gives whole images by place where they are known already.
+
+    Attributes
+    ----------
+    gains : (scan, polarization, subband) ndarray
+        Scan gains r_k.
+    whole_background, background : Background
+        Of whole images, and of the nearest rows that count.
+    imager : ScanImager
+        Images of those rows, of pixels ``grid``.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        recipe: Recipe,
+        background: Mapping[str, NDArray[Any]],
+        whole: Callable[[int], xr.DataArray] | None = None,
+    ) -> None:
+        table, every = recipe.image, recipe.image.grid()
+        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
+        rows = min(every.ny, int(np.ceil((reach - every.y_min) / every.dy)) + 1)
+        self.grid, self._whole = Grid(every.x_min, every.y_min, every.nx, rows, every.dx, every.dy), whole
+        self.gains: FloatArray = background["gains"]
+        self.imager = ScanImager(run, self.grid, table.subbands, table.window, table.tolerance)
+        self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
+        self.background: Background = self.whole_background.cropped(rows)
+
+    def __len__(self) -> int:
+        return len(self.imager)
+
+    def scan(self, place: int) -> xr.DataArray:
+        """Image of the scan at a place among the complete ones, with its ``pose`` and number."""
+        if self._whole is not None:
+            return self._whole(place).isel(y=slice(self.grid.ny))
+        return self.imager.image(int(self.imager.scans[place]))
+
+
+class LaneChain(Chain):
+    """The passes of a recipe over one run.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run; for features with HH, VV and HV or VH.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    classifier : Classifier, optional
+        Scores the alarms of recipes with features; default: their local contrast.
+    known : mutable mapping of str to dict of ndarray, optional
+        Results by pass, kept here and looked up here.
+    section : Section, optional
+        The rows of the lane's run-view that are asked for; default all. Backgrounds are those of the whole run, and
+        run-view, alarms and features those that the whole lane has there.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, or there is a classifier and no features.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        recipe: Recipe,
+        lane: Lane,
+        classifier: Classifier | None = None,
+        known: MutableMapping[str, Any] | None = None,
+        section: Section | None = None,
+    ) -> None:
+        if classifier is not None and recipe.features is None:
+            raise ValueError("model needs a recipe with the table features, got one without")
+        self.run, self.recipe, self.lane, self.classifier = run, recipe, lane, classifier
+        table = recipe.image
+        self.imager = ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
+        self.variations, passes = variations_of(recipe), []
+        suppresses = any(one.suppressed for one in self.variations)
+        if suppresses:
+            passes.append(Pass("roadside", "bright roadside", self._roadside, whole=True))
+        for one in self.variations:
+            kinds = (self._signature, self._gain, self._view, self._features, self._evidence)
+            titles = ("self-signature", "gain background", "run-view", "features", "explaining alarms")
+            for kind, title in zip(kinds, titles, strict=True):
+                name = one.of(kind.__name__.removeprefix("_"))
+                whole = kind in (self._signature, self._gain)
+                passes.append(
+                    Pass(name, f"{one.name}: {title}" if one.name != MAIN else title, partial(kind, one), whole)
+                )
+                if name == "view" and suppresses:
+                    passes.append(Pass("share", "share of the roadside", self._share))
+        super().__init__(passes, len(self.imager), {} if known is None else known)
+        self.grid = recipe.run_view.grid(lane)
+        self.section = Section(0, self.grid.ny) if section is None else section
+        self._kept = kept_rows(recipe, lane, self.section)
+        channels = run.sizes["polarization"] * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
+        # Variants go through the images again and again: those of a short run are remembered.
+        self._remembers = len(self.variations) > 1 and 8 * len(self.imager) * channels <= CACHE
+        self._images: dict[tuple[int, bool], xr.DataArray] = {}
+        self._cleaned: dict[str, CleanedRun] = {}
+
+    def reaching(self) -> list[int]:
+        """Tell which blocks reach the section, at least one."""
+        windows = [self._rows(block) for block in self.blocks]
+        return [number for number, rows in enumerate(windows) if rows.start < rows.stop] or [0]
+
+    @property
+    def cleaned(self) -> CleanedRun:
+        """The run's cleaned images; needs the pass "gain"."""
+        return self._cleaned_by(self.variations[0])
+
+    def _cleaned_by(self, one: Variation) -> CleanedRun:
+        if one.name not in self._cleaned:
+            whole = None if len(self.variations) == 1 else partial(self._image, suppressed=one.suppressed)
+            self._cleaned[one.name] = CleanedRun(self.run, self.recipe, self.known[one.of("gain")], whole)
+        return self._cleaned[one.name]
+
+    def raised(self, one: Variation | None = None) -> pd.DataFrame:
+        """Give the prescreener's alarms of a variation, by default the recipe's own; needs its pass "view"."""
+        known = self.known[(one or self.variations[0]).of("view")]
+        table, threshold = array_table(group_of(known, "maximum")), self.section.threshold
+        if threshold is None:
+            threshold = lane_threshold(self.recipe, self.lane, table, int(known["seen"]))
+        return table[table["magnitude"] >= threshold].reset_index(drop=True)
+
+    def found(self, one: Variation | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Give ranked alarms and their features of a variation, by default the recipe's own.
+
+        Needs its pass "features". Those that have no confidence are left out.
+        """
+        one = one or self.variations[0]
+        features = array_table(self.known[one.of("features")])
+        confidence = features[self._single] if self.classifier is None else self.classifier.confidence(features)
+        alarms = self.raised(one).assign(confidence=confidence, scans=features["scans"])
+        if one.name == MAIN and "share" in self.passes:
+            total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
+            features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
+        alarms, features = ranked(alarms, features)
+        if "roadside" in features:
+            alarms = alarms.assign(roadside=features["roadside"])
+        if self.recipe.features is None:
+            features = features.assign(magnitude=alarms["magnitude"])
+        return alarms, features
+
+    @property
+    def _single(self) -> str:
+        """Name of the feature that is the confidence where nothing was trained."""
+        table = self.recipe.contrast
+        return "contrast" if self.recipe.features is None else f"C_{table.polarization}_{table.subband}"
+
+    def detection(self, one: Variation | None = None) -> Detection:
+        """Give alarms, features and run-view of a variation, by default the recipe's own; needs its pass "features"."""
+        one = one or self.variations[0]
+        alarms, features = self.found(one)
+        return Detection(
+            one.name, one.title, alarms, self._own_view(one.of("view")), self._notes(one), features=features
+        )
+
+    def detections(self) -> list[Detection]:
+        """Give what every variation found, the recipe's own first, and what explains it; needs all passes."""
+        screen, several = self.recipe.prescreen, []
+        for one in self.variations:
+            found, sums = self.detection(one), self._evidence_sums(one)
+            sums.merge(group_of(self.known[one.of("evidence")], "evidence"))
+            shares = contributions(found.alarms, found.features, self._single, self.classifier)
+            before = self._own_view("evidence") if one.name == MAIN else None
+            channel, explained = (screen.polarization, screen.subband), sums.result()
+            several.append(replace(found, channel=channel, contributions=shares, evidence=explained, before=before))
+        return several
+
+    def _notes(self, one: Variation) -> dict[str, Any]:
+        notes: dict[str, Any] = {}
+        if self.recipe.features is not None:
+            notes["confidence"] = self._single if self.classifier is None else " + ".join(self.classifier.features)
+        if "share" in self.passes and (one.name == MAIN or one.suppressed):
+            points, peaks = self.known["roadside"]["points"], self.known["share"]["peaks"]
+            notes["mask_pixels"] = len(points)
+            if len(points):
+                notes["mask_centre"] = [round(float(value), 3) for value in points[:, :2].mean(axis=0)]
+                notes["mask_peak_reduced_by_db"] = round(20 * float(np.log10(peaks[0] / peaks[1])), 1)
+        return notes
+
+    def _image(self, place: int, suppressed: bool) -> xr.DataArray:
+        """Whole image of the scan at a place among the complete ones, without the roadside if wanted."""
+        if (place, suppressed) in self._images:
+            return self._images[place, suppressed]
+        scan = int(self.imager.scans[place])
+        image = self.imager.image(scan, self._without_roadside(scan) if suppressed else None)
+        if self._remembers:
+            self._images[place, suppressed] = image
+        return image
+
+    def _without_roadside(self, scan: int) -> NDArray[np.complex64] | None:
+        table, points = self._suppression, self.known["roadside"]["points"]
+        if not len(points):
+            return None
+        weight = band_weights(
+            np.asarray(self.run["frequency"].values), (self.imager.subbands[table.subband],), WINDOWS["hann"]
+        )[0]
+        operator = self.imager.operator_on(scan, lane_to_scan(points, self.run["pose"].values[scan]))
+        return suppress_by_model(self.imager.signal(scan), operator, table.iterations, weight).data
+
+    @property
+    def _suppression(self) -> SuppressionTable:
+        if self.recipe.suppression is None:
+            raise ValueError("a variant with suppress_roadside needs the table suppression")
+        return self.recipe.suppression
+
+    def _roadside(self, block: range | None) -> Gathered:  # noqa: ARG002
+        """Find the ground beside the lane that outshines everything in it."""
+        table, image, lane = self._suppression, self.imager.grid, self.lane
+        place = self.run["pose"].values[self.imager.scans]
+        x = image.x_min + place[:, 0].min(), image.x[-1] + place[:, 0].max()
+        far = min(lane.y_max, image.y[-1] + place[:, 1].max())
+        grid = Grid.spanning(x, (lane.y_min, far), table.spacing)
+        sums = RunViewSums(grid, np.inf)
+
+        def add(place: int) -> None:
+            one = self._image(place, suppressed=False)
+            power = np.mean(np.abs(one.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True)
+            sums.add(np.sqrt(power), self.imager.grid, np.asarray(one.attrs["pose"]))
+
+        def result() -> Arrays:
+            inside = lane.contains(*np.meshgrid(grid.x, grid.y))
+            mask = roadside_mask(sums.result()[0][0, 0], inside, round(table.grow / table.spacing))
+            return {"points": grid.points()[mask]}
+
+        return Gathered(add, lambda _: sums.state(), sums.merge, result)
+
+    def _share(self, block: range | None) -> Gathered:  # noqa: ARG002
+        """Tell what part of the alarms' amplitude, and of the brightest pixel in the mask, the roadside's model is."""
+        alarms, points = self.raised(), self.known["roadside"]["points"]
+        channel = {"polarization": self.recipe.prescreen.polarization, "subband": self.recipe.prescreen.subband}
+        centres = np.zeros((len(alarms), 3))
+        centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        sums = {name: np.zeros(len(alarms)) for name in ("total", "modelled")}
+        peaks = np.zeros(2)
+
+        def add(place: int) -> None:
+            both = [self._image(place, suppressed) for suppressed in (False, True)]
+            pose = np.asarray(both[0].attrs["pose"])
+            grid, local = self.imager.grid, lane_to_scan(centres, pose)
+            where = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
+            before, after = (bilinear(one.sel(channel).values, *where) for one in both)
+            sums["total"] += np.nan_to_num(np.abs(before) ** 2)
+            sums["modelled"] += np.nan_to_num(np.abs(before - after) ** 2)
+            for k, one in enumerate(both if len(points) else ()):
+                values = sample_scan(one.sel(subband=self._suppression.subband), lane_to_scan(points, pose))
+                peaks[k] = max(peaks[k], float(np.nanmax(values, initial=0.0)))
+
+        def merge(state: Mapping[str, NDArray[Any]]) -> None:
+            for name, value in sums.items():
+                value += state[name]
+            np.maximum(peaks, state["peaks"], out=peaks)
+
+        def state() -> Arrays:
+            return {**sums, "peaks": peaks}
+
+        return Gathered(add, lambda _: state(), merge, state)
+
+    def _signature(self, one: Variation, block: range | None) -> Gathered:  # noqa: ARG002
+        tool = self._estimator(one)
+        return Gathered(
+            lambda place: tool.add_signature(self._image(place, one.suppressed).values),
+            tool.first_sums,
+            tool.take_first,
+            tool.first_result,
+        )
+
+    def _gain(self, one: Variation, block: range | None) -> Gathered:
+        tool, first = self._estimator(one), self.known[one.of("signature")]
+        tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
+        return Gathered(
+            lambda place: tool.add_gain(self._image(place, one.suppressed).values),
+            lambda _: tool.second_sums(),
+            tool.take_second,
+            lambda: {"gains": first["gains"]} | vars(tool.result()),
+        )
+
+    def _estimator(self, one: Variation) -> BackgroundEstimator:
+        table = self.recipe.background
+        return BackgroundEstimator(*table.windows(self.recipe.image.spacing), table.median_step, one.signature)
+
+    def _view(self, one: Variation, block: range | None) -> Gathered:
+        sums, cleaned = self._view_sums(block), self._cleaned_by(one)
+
+        def add(place: int) -> None:
+            image = cleaned.scan(place)
+            magnitude = cleaned.background.magnitude(image.values, cleaned.gains[place])
+            sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
+
+        def result() -> Arrays:
+            values, looks = sums.result()
+            screen, section = self.recipe.prescreen, self.section
+            chosen = select(self._as_view(values, looks, self._kept), screen.polarization, screen.subband)
+            maxima, y = local_maxima(chosen, screen.radius), self.grid.y[section.rows]
+            own = maxima[(maxima["y"] >= y[0]) & (maxima["y"] <= y[-1])].reset_index(drop=True)
+            seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
+            return {**self._cropped(values, looks), "seen": np.array(seen), **bundled({"maximum": table_arrays(own)})}
+
+        return Gathered(add, lambda _: sums.state(), sums.merge, result)
+
+    def _features(self, one: Variation, block: range | None) -> Gathered:
+        cleaned, alarms = self._cleaned_by(one), self.raised(one)
+        near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
+        sums = self._feature_sums(alarms.iloc[near], cleaned.grid)
+        table, labels = self.recipe.contrast, [str(label) for label in self.run["polarization"].values]
+        channel = labels.index(table.polarization), list(self.recipe.image.subbands).index(table.subband)
+
+        def add(place: int) -> None:
+            image, gain = cleaned.scan(place), cleaned.gains[place]
+            values, pose = image.values, np.asarray(image.attrs["pose"])
+            magnitude = cleaned.background.magnitude(values, gain)
+            coherent = cleaned.background.coherent(values, gain) if self.recipe.features is not None else values
+            for name, some in sums.items():
+                if isinstance(some, ContrastSums):
+                    some.add(magnitude[channel], pose)
+                else:
+                    own = cleaned.background.own_coherent(values, gain) if name == PAPER else coherent
+                    some.add(magnitude, own, pose)
+
+        def state(_: bool) -> Arrays:
+            """Rows are counted among all alarms."""
+            states = {name: some.state() for name, some in sums.items()}
+            return bundled({name: some | {"row": near[some["row"]]} for name, some in states.items()})
+
+        def merge(state: Mapping[str, NDArray[Any]]) -> None:
+            for name, some in sums.items():
+                theirs = group_of(state, name)
+                some.merge(theirs | {"row": np.searchsorted(near, theirs["row"])})
+
+        return Gathered(add, state, merge, lambda: table_arrays(self._feature_table(sums)))
+
+    def _evidence(self, one: Variation, block: range | None) -> Gathered:
+        before, cleaned = self._view_sums(block), self._cleaned_by(one)
+        sums = self._evidence_sums(one, None if block is None else self._poses_near(block))
+
+        def add(place: int) -> None:
+            image = cleaned.scan(place)
+            if one.name == MAIN:
+                before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
+            sums.add(image.copy(data=cleaned.background.own_coherent(image.values, cleaned.gains[place])))
+
+        def state() -> Arrays:
+            kept = {"evidence": sums.state()}
+            return bundled(kept | {"before": before.state()} if one.name == MAIN else kept)
+
+        def merge(state: Mapping[str, NDArray[Any]]) -> None:
+            sums.merge(group_of(state, "evidence"))
+            if one.name == MAIN:
+                before.merge(group_of(state, "before"))
+
+        def result() -> Arrays:
+            view = self._cropped(*before.result()) if one.name == MAIN else {}
+            return view | bundled({"evidence": sums.state()})
+
+        return Gathered(add, lambda _: state(), merge, result)
+
+    def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums]:
+        """Make the sums of the features, and of their variants by prefix; without features those of the contrast."""
+        recipe, table = self.recipe, self.recipe.features
+        if table is None:
+            return {"": ContrastSums(alarms, grid, recipe.run_view.y_max, recipe.contrast.patch())}
+        channels = [str(label) for label in self.run["polarization"].values], list(recipe.image.subbands)
+        main = FeatureSettings(recipe.contrast.patch(), table.inner, recipe.run_view.y_max, table.psi)
+        settings = {"": main}
+        if table.variants:
+            settings |= {SWAPPED: main.swapped()}
+            settings |= {PAPER: FeatureSettings(main.patch, main.inner, main.y_max, "linear")}
+        return {name: FeatureSums(alarms, *channels, grid, one) for name, one in settings.items()}
+
+    def _feature_table(self, sums: Mapping[str, FeatureSums | ContrastSums]) -> pd.DataFrame:
+        """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
+        tables = []
+        for name, one in sums.items():
+            columns = one.table()
+            if name == PAPER:
+                columns = columns[[f"{p}_{band}" for band in self.recipe.image.subbands for p in POLARIMETRIC]]
+            tables.append(
+                columns.drop(columns="scans").add_prefix(name) if name == SWAPPED else columns.add_prefix(name)
+            )
+        return pd.concat(tables, axis=1)
+
+    def _alarms_near(self, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
+        """Numbers of the alarms that a scan of the block may see."""
+        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
+        x_min, x_max, _, y_max = self.cleaned.grid.extent()
+        farthest, y = np.hypot(max(abs(x_min), abs(x_max)), y_max), alarms["y"].to_numpy(dtype=np.float64)
+        return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
+
+    def _evidence_sums(self, one: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
+        contrast, alarms = self.recipe.contrast, self.found(one)[0]
+        return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband, poses)
+
+    def _poses_near(self, block: range) -> dict[int, FloatArray]:
+        """Give the poses of all scans that may see what a scan of the block sees."""
+        scans, every = self.imager.scans, self.run["pose"].values
+        farthest = float(np.abs(self.cleaned.grid.extent()).max()) * np.sqrt(2)
+        y = every[scans[block.start : block.stop], 1]
+        near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
+        return {int(scan): every[scan] for scan in scans[near]}
+
+    def _rows(self, block: range) -> slice:
+        """Tell which of the kept rows of the lane a block reaches."""
+        sums, grid = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0)), self.imager.grid
+        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
+        rows = [sums.reach(grid, pose) for pose in poses]
+        begin = max(min(row.start for row in rows), self._kept.start)
+        return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))
+
+    def _view_sums(self, block: range | None) -> RunViewSums:
+        rows = self._kept if block is None else self._rows(block)
+        return RunViewSums(self.grid, self.recipe.run_view.y_max, rows)
+
+    @property
+    def _own(self) -> slice:
+        """The section's own rows among those that are kept."""
+        return slice(self.section.start - self._kept.start, self.section.stop - self._kept.start)
+
+    def _cropped(self, values: NDArray[np.float32], looks: NDArray[np.int64]) -> Arrays:
+        return {"view": values[..., self._own, :], "looks": looks[self._own]}
+
+    def _own_view(self, name: str) -> xr.DataArray:
+        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows)
+
+    def _as_view(self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice) -> xr.DataArray:
+        labels = {"polarization": self.run["polarization"].values, "subband": list(self.recipe.image.subbands)}
+        return view_array(values, looks, self.grid, labels, rows)
+
+
+def table_arrays(table: pd.DataFrame) -> Arrays:
+    """Take a table of numbers apart into one array per column."""
+    return {str(name): table[name].to_numpy() for name in table.columns}
+
+
+def array_table(arrays: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
+    """Put a table together again."""
+    return pd.DataFrame({name: arrays[name] for name in arrays})

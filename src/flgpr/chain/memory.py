@@ -1,0 +1,165 @@
+"""How much memory a detection takes, told before it begins."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+import xarray as xr
+
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.sections import Section, divide, margin, section_lane
+from flgpr.io.declared import MAX_MEMORY
+from flgpr.model import Lane
+
+SHORTEST = 50.0
+"""Length of a lane for which there must be memory, m."""
+CACHE = 512 * 2**20
+"""Images of a short run that are kept in memory, bytes."""
+_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
+_PROGRAM = 350e6  # interpreter, libraries, compiled kernels
+_PER_PIXEL = 170.0  # image, its copies, totals and backgrounds, bytes per pixel and channel
+_PER_SAMPLE = 60.0  # a scan's data, range-compressed profiles and copies, bytes per sample and sub-band
+_PER_COMPLEX = 8.0  # an image's pixel, bytes
+_PER_VIEW_PIXEL = 30.0  # run-views, their sums and copies, bytes per pixel and channel
+_MEDIAN = 5.0  # copies of all images while their median is taken
+_PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
+
+
+def parse_size(text: str) -> int:
+    """Read a size in bytes.
+
+    Parameters
+    ----------
+    text : str
+        A number with a unit: "2GB" is 2·10⁹ bytes, "2GiB" is 2·2³⁰.
+
+    Returns
+    -------
+    int
+        Bytes.
+
+    Raises
+    ------
+    ValueError
+        If it is no size.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-zA-Z]*)\s*", text)
+    if not found or found[2].upper() not in _UNITS or float(found[1]) <= 0:
+        raise ValueError(f"max-memory must be a size such as 2GB or 500MB, got {text!r}")
+    return int(float(found[1]) * _UNITS[found[2].upper()])
+
+
+def sizes_of(run: xr.Dataset) -> dict[str, int]:
+    """Give the lengths of a run's dimensions.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+
+    Returns
+    -------
+    dict of str to int
+        By name.
+    """
+    return {str(name): length for name, length in run.sizes.items()}
+
+
+def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
+    """Estimate what the program and a scan at work take, whatever the lane."""
+    image, bands = recipe.image.grid(), len(recipe.image.subbands)
+    pixels, samples = image.nx * image.ny, sizes["pair"] * sizes["frequency"]
+    return _PROGRAM + sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
+
+
+def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
+    """Estimate from above the memory of a process that works on a lane.
+
+    It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
+    grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Lengths of the run's dimensions.
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The lane.
+    rows : int, optional
+        Rows of the lane's run-view that are worked on at a time; default all.
+
+    Returns
+    -------
+    float
+        Bytes. The factors were measured, see docs/robustness.md.
+    """
+    bands, view = len(recipe.image.subbands), recipe.run_view.grid(lane)
+    channels = sizes["polarization"] * bands
+    pixels = view.nx * (view.ny if rows is None else rows)
+    alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
+    several = 1 + len(recipe.variants)
+    image = recipe.image.grid()
+    images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
+    medians = "median" in [recipe.background.self_signature, *(v.self_signature for v in recipe.variants)]
+    kept = (2 * min(images, CACHE) if recipe.variants else 0) + (_MEDIAN * images if medians else 0)
+    run_views = _PER_VIEW_PIXEL * channels * pixels + _PER_ALARM * bands * alarms
+    return _at_work(sizes, recipe) + kept + several * run_views
+
+
+def plan_sections(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY, longest: float | None = None
+) -> list[Section]:
+    """Cut a lane into as few sections as the memory allows, before anything is decoded.
+
+    Parameters
+    ----------
+    sizes, recipe, lane
+        As for :func:`memory_needed`.
+    limit : int
+        Memory of a process, bytes.
+    longest : float, optional
+        Longest section that is wanted, m; infinity for the lane in one piece or not at all.
+
+    Returns
+    -------
+    list of Section
+        One for a lane that fits.
+
+    Raises
+    ------
+    ValueError
+        If the lane in one piece takes more, or the memory does not suffice for sections of ``SHORTEST`` metres (or of
+        the longest that is wanted), or the recipe's run-view reaches beyond the lane so that a section would have none
+        of it. The message tells what would do.
+    """
+    if longest is not None and not longest > 0:
+        raise ValueError(f"section must be a positive length in metres, got {longest}")
+    grid, needed = recipe.run_view.grid(lane), memory_needed(sizes, recipe, lane)
+    if longest == math.inf and needed > limit and not recipe.variants:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
+            f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
+        )
+    wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
+    if wanted >= grid.ny and needed <= limit:
+        return [Section(0, grid.ny)]
+    if recipe.variants:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans with the recipe "
+            f"{recipe.name!r}, got {limit / 1e9:.3g} GB: a recipe with variants takes a lane in one piece"
+            if needed > limit
+            else f"section needs a recipe without variants, got {recipe.name!r}"
+        )
+    beyond, shortest = 2 * margin(recipe), min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
+    least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))
+    if least > limit:
+        raise ValueError(f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB")
+    each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
+    sections = divide(grid.ny, min(wanted, shortest + int((limit - least) / each)))
+    for section in sections:
+        section_lane(recipe, lane, section)
+    return sections

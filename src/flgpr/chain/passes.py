@@ -1,0 +1,160 @@
+"""The engine: a chain is a list of passes over the scans of a run, and what each gathers can be shared and folded.
+
+A pass goes through the scans block by block. What an accumulator gathers of a block depends on nothing but the run, the
+recipe and the results of earlier passes; the blocks' states are merged in the order of the blocks. So the bits of a
+result depend neither on how many work on it, nor where, nor on what was interrupted in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from flgpr.chain.progress import Track, silent
+
+BLOCK = 16
+"""Most scans in a block."""
+Arrays = dict[str, NDArray[Any]]
+
+
+class Accumulator(Protocol):
+    """What one pass gathers."""
+
+    def add(self, place: int) -> None:
+        """Take in one scan, by its place among the complete ones."""
+
+    def state(self, exact: bool = False) -> Arrays:
+        """Give everything gathered so far; exactly, to go on with the same bits, or as the result needs it."""
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in the state of the scans that follow."""
+
+    def result(self) -> Arrays:
+        """Give what later passes may read."""
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """An accumulator made of functions.
+
+    Attributes
+    ----------
+    add, state, merge, result : callable
+        Those of :class:`Accumulator`.
+    """
+
+    add: Callable[[int], Any]
+    state: Callable[[bool], Arrays]
+    merge: Callable[[Any], None]
+    result: Callable[[], Arrays]
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass over the scans.
+
+    Attributes
+    ----------
+    name, title : str
+        Name, and what it is called where progress is shown.
+    start : callable
+        Makes its accumulator for a block, or for all scans where it is given None; the results of earlier passes are
+        known by then.
+    whole : bool
+        Whether it goes through all scans where only a section of the lane is asked for.
+    """
+
+    name: str
+    title: str
+    start: Callable[[range | None], Gathered]
+    whole: bool = False
+
+
+Going = Callable[[range, Gathered], Iterator[int]]
+"""Goes through a block for an accumulator, which may begin with what was kept of it."""
+
+
+def plainly(block: range, gathered: Gathered) -> Iterator[int]:  # noqa: ARG001
+    """Go through a block from its beginning and keep nothing."""
+    yield from block
+
+
+def blocks_of(scans: int) -> list[range]:
+    """Divide scans into blocks of at most ``BLOCK`` consecutive ones, as even as can be.
+
+    Parameters
+    ----------
+    scans : int
+        Number of scans.
+
+    Returns
+    -------
+    list of range
+        The blocks.
+    """
+    count = -(-scans // BLOCK)
+    edges = [scans * k // count for k in range(count + 1)]
+    return [range(begin, end) for begin, end in pairwise(edges)]
+
+
+class Chain:
+    """Passes over a run, and what is known of their results.
+
+    Parameters
+    ----------
+    passes : sequence of Pass
+        In their order.
+    scans : int
+        Number of complete scans.
+    known : mutable mapping of str to dict of ndarray
+        Results by pass, kept here and looked up here.
+    """
+
+    def __init__(self, passes: Sequence[Pass], scans: int, known: MutableMapping[str, Any]) -> None:
+        self.passes = {one.name: one for one in passes}
+        self.blocks, self.known = blocks_of(scans), known
+
+    def numbers(self, name: str) -> list[int]:
+        """Tell which blocks a pass goes through."""
+        return list(range(len(self.blocks))) if self.passes[name].whole else self.reaching()
+
+    def reaching(self) -> list[int]:
+        """Tell which blocks see what is asked for, at least one."""
+        return list(range(len(self.blocks)))
+
+    def part(self, name: str, number: int, going: Going = plainly) -> Arrays:
+        """Work on one block of a pass and give what was gathered of it."""
+        block = self.blocks[number]
+        gathered = self.passes[name].start(block)
+        for place in going(block, gathered):
+            gathered.add(place)
+        return gathered.state(False)
+
+    def fold(self, name: str, parts: Iterable[Arrays]) -> Arrays:
+        """Merge what :meth:`part` gave for the blocks of :meth:`numbers`, in their order, taken one by one."""
+        gathered = self.passes[name].start(None)
+        for part in parts:
+            gathered.merge(part)
+        return gathered.result()
+
+    def go(self, track: Track = silent, names: Sequence[str] | None = None) -> None:
+        """Do passes here and now, block after block, all of them by default; those already known are left out."""
+        for name in self.passes if names is None else names:
+            if name not in self.known:
+                every = self.numbers(name)
+                numbers = track(every, self.passes[name].title, len(every))
+                self.known[name] = self.fold(name, (self.part(name, number) for number in numbers))
+
+
+def bundled(groups: Mapping[str, Arrays]) -> Arrays:
+    """Put groups of arrays into one, each array as GROUP|NAME."""
+    return {f"{group}|{name}": array for group, arrays in groups.items() for name, array in arrays.items()}
+
+
+def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
+    """Take a group out of what :func:`bundled` made."""
+    return {key.removeprefix(f"{group}|"): arrays[key] for key in arrays if key.startswith(f"{group}|")}

@@ -1,0 +1,367 @@
+"""Recipes: one TOML file per experiment, a table per stage, nothing unknown allowed."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from flgpr.features import PatchShape
+from flgpr.kernels.windows import WINDOWS
+from flgpr.model import POLARIZATIONS, Grid, Lane
+from flgpr.model.faults import describe_fault, no_preset
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
+    if not limits[1] > limits[0]:
+        raise ValueError(f"must increase, got {limits[0]:g}, {limits[1]:g}")
+    return limits
+
+
+def _known_window(name: str) -> str:
+    if name not in WINDOWS:
+        raise ValueError(f"must be one of {', '.join(WINDOWS)}, got {name!r}")
+    return name
+
+
+def _known_polarization(name: str) -> str:
+    if name not in POLARIZATIONS:
+        raise ValueError(f"must be one of {', '.join(POLARIZATIONS)}, got {name!r}")
+    return name
+
+
+Limits = Annotated[tuple[float, float], AfterValidator(_increasing)]
+Polarization = Annotated[str, AfterValidator(_known_polarization)]
+
+
+class Table(BaseModel):
+    """A table of a recipe: unknown keys are refused, values are not changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ImageTable(Table):
+    """Scan images: pixels in the scan frame (m), sub-bands (Hz), window, tolerance of the imaging operator."""
+
+    x: Limits
+    y: Limits
+    spacing: Positive
+    subbands: dict[str, Limits] = Field(min_length=1)
+    window: Annotated[str, AfterValidator(_known_window)] = "boxcar"
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
+
+    def grid(self) -> Grid:
+        """Grid of the scan images."""
+        return Grid.spanning(self.x, self.y, self.spacing)
+
+
+class BackgroundTable(Table):
+    """Self-signature estimate and the windows of the gain background (m).
+
+    ``median_step`` takes the median at every so many pixels only, see :class:`flgpr.clutter.BackgroundEstimator`.
+    """
+
+    self_signature: Literal["none", "mean", "median"]
+    median: Positive
+    mean: Positive
+    median_step: Annotated[int, Field(ge=1)] = 1
+
+    def windows(self, spacing: float) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Windows of the median and the mean in odd numbers of pixels of a spacing (m)."""
+        median, mean = (max(2 * round((length / spacing - 1) / 2) + 1, 1) for length in (self.median, self.mean))
+        return (median, median), (mean, mean)
+
+
+class RunViewTable(Table):
+    """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
+
+    Without ``y`` it is as long as the lane.
+    """
+
+    x: Limits
+    y: Limits | None = None
+    spacing: Positive
+    y_max: Positive
+
+    def grid(self, lane: Lane) -> Grid:
+        """Grid of the run-view of a lane."""
+        return Grid.spanning(self.x, self.y or (lane.y_min, lane.y_max), self.spacing)
+
+
+class PrescreenTable(Table):
+    """Prescreener: channel, alarm radius (m), density, and where the density rule counts."""
+
+    polarization: Polarization
+    subband: str
+    radius: Positive
+    density: Positive
+    count: Literal["lane", "view"] = "lane"
+
+
+class ContrastTable(Table):
+    """Local contrast as confidence: channel and patch (pixels; spacing in m)."""
+
+    polarization: Polarization
+    subband: str
+    size: int = 25
+    spacing: Positive = 0.1
+    inner: tuple[int, int] = (5, 3)
+    guard: tuple[int, int] = (9, 7)
+
+    def patch(self) -> PatchShape:
+        """Patch of the contrast feature."""
+        return PatchShape(self.size, self.spacing, self.inner, self.guard)
+
+
+class FeaturesTable(Table):
+    """The ten features of every sub-band, and the streaming chain that computes them; patches as for ``contrast``.
+
+    ``inner`` is the part of the coherent patch that is averaged (pixels, cross-track x down-track), ``psi`` how angles
+    are. With ``variants`` they are computed twice more: with cross-track and down-track exchanged in all regions, and
+    as the paper normalises and averages them.
+    """
+
+    inner: tuple[int, int] = (5, 3)
+    psi: Literal["circular", "linear"] = "circular"
+    variants: bool = False
+
+
+class LaneTable(Table):
+    """The lane: borders in the lane frame (m)."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> LaneTable:
+        self.lane()
+        return self
+
+    def lane(self) -> Lane:
+        """Make the lane."""
+        return Lane(self.x_min, self.x_max, self.y_min, self.y_max)
+
+
+class ScoreTable(Table):
+    """Scoring: halo radius (m) and how the area of the halos is taken from the lane's."""
+
+    halo: Positive
+    area: Literal["union", "paper"] = "union"
+
+
+class SuppressionTable(Table):
+    """Suppression of what outshines the lane from the roadside.
+
+    The mask holds the pixels outside the lane that are brighter than every pixel in it, grown by ``grow`` (m) but never
+    into the lane; ``spacing`` (m) is that of the model's pixels.
+    """
+
+    subband: str
+    spacing: Positive
+    grow: Annotated[float, Field(ge=0)]
+    iterations: Annotated[int, Field(ge=1)]
+
+
+class Variant(Table):
+    """The same chain with one thing done otherwise, run beside the main result and reported with it."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
+    title: str
+    self_signature: Literal["none", "mean", "median"] | None = None
+    suppress_roadside: bool = False
+
+
+class Recipe(Table):
+    """All that a detection run depends on beside its data."""
+
+    name: str
+    description: str
+    image: ImageTable
+    background: BackgroundTable
+    run_view: RunViewTable
+    prescreen: PrescreenTable
+    contrast: ContrastTable
+    score: ScoreTable
+    lane: LaneTable | None = None
+    features: FeaturesTable | None = None
+    suppression: SuppressionTable | None = None
+    variants: tuple[Variant, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Recipe:
+        used = {"prescreen": self.prescreen.subband, "contrast": self.contrast.subband}
+        if self.suppression is not None:
+            used["suppression"] = self.suppression.subband
+        for name, subband in used.items():
+            if subband not in self.image.subbands:
+                known = ", ".join(self.image.subbands)
+                raise ValueError(f"{name}.subband must be one of image.subbands ({known}), got {subband!r}")
+        if self.suppression is None and any(variant.suppress_roadside for variant in self.variants):
+            raise ValueError("a variant with suppress_roadside needs the table suppression")
+        names = [variant.name for variant in self.variants]
+        if len(set(names)) != len(names):
+            raise ValueError(f"variants must have different names, got {names}")
+        self.contrast.patch()
+        return self
+
+
+def recipe_names() -> list[str]:
+    """Names of the packaged recipes."""
+    folder = resources.files("flgpr.chain") / "recipes"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def recipe_text(name: str | Path) -> str:
+    """Text of a recipe.
+
+    Parameters
+    ----------
+    name : str or Path
+        Name of a packaged recipe, or path of a TOML file.
+
+    Returns
+    -------
+    str
+        The TOML text.
+
+    Raises
+    ------
+    ValueError
+        If there is no such recipe or file.
+    """
+    if str(name) in recipe_names():
+        return (resources.files("flgpr.chain") / "recipes" / f"{name}.toml").read_text(encoding="utf-8")
+    if Path(name).is_file():
+        try:
+            return Path(name).read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"recipe {name}: not valid TOML: {error}") from None
+    raise ValueError(no_preset("recipe", name, recipe_names()))
+
+
+def load_recipe(name: str | Path) -> Recipe:
+    """Load and validate a recipe.
+
+    Parameters
+    ----------
+    name : str or Path
+        Name of a packaged recipe, or path of a TOML file.
+
+    Returns
+    -------
+    Recipe
+        The recipe.
+
+    Raises
+    ------
+    ValueError
+        If there is no such recipe, or it breaks a rule; the message names every entry at fault.
+    """
+    return parse_recipe(recipe_text(name), str(name))
+
+
+def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
+    """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    Lane
+        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
+        first scan to its nearest at the last, so that all of it was looked at from near.
+    """
+    if recipe.lane is not None:
+        return recipe.lane.lane()
+    pose = run["pose"].values
+    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
+    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
+
+
+def parse_recipe(text: str, source: str = "recipe") -> Recipe:
+    """Validate the text of a recipe.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    source : str
+        What to call it in messages.
+
+    Returns
+    -------
+    Recipe
+        The recipe.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML or breaks a rule; the message names every entry at fault.
+    """
+    try:
+        return Recipe.model_validate(tomllib.loads(text))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"recipe {source}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        faults = [_fault(text, fault) for fault in error.errors()]
+        raise ValueError(f"recipe {source}: " + "; ".join(faults)) from None
+
+
+def _fault(text: str, fault: Any) -> str:
+    place = [part for part in fault["loc"] if isinstance(part, str)]
+    line = line_of(text, place)
+    return f"{f'line {line}: ' if line else ''}{describe_fault(fault, Recipe, 'recipe')}"
+
+
+def line_of(text: str, place: Sequence[str]) -> int | None:
+    """Find where an entry of a TOML text stands.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    place : sequence of str
+        Names of the tables and of the entry.
+
+    Returns
+    -------
+    int or None
+        Line, counted from 1, of the entry or else of the innermost table that is there; None if none of them is.
+    """
+    table: list[str] = []
+    best: tuple[int, int | None] = (0, None)
+    for number, line in enumerate(text.splitlines(), 1):
+        header = re.match(r"\s*\[\[?([^\]]+)\]", line)
+        entry = re.match(r"\s*(\"[^\"]+\"|[\w-]+)\s*=", line)
+        if header:
+            table = _names(header.group(1))
+            here = table
+        elif entry:
+            here = [*table, *_names(entry.group(1))]
+        else:
+            continue
+        if list(place[: len(here)]) == here and len(here) > best[0]:
+            best = len(here), number
+    return best[1]
+
+
+def _names(dotted: str) -> list[str]:
+    return [quoted or bare for quoted, bare in re.findall(r'"([^"]+)"|([\w-]+)', dotted)]

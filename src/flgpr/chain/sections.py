@@ -1,0 +1,196 @@
+"""Sections: a lane too long for the memory, taken piece by piece along the track.
+
+Backgrounds are estimated over the whole run, the density rule counts over the whole lane, and every section looks a
+little beyond its own rows, so that sections together hold the run-view and the alarms that the whole lane would.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import pandas as pd
+
+from flgpr.chain.recipe import Recipe
+from flgpr.model import Lane
+from flgpr.screen import density_threshold
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows of a lane's run-view.
+
+    Attributes
+    ----------
+    start, stop : int
+        The first row and the one after the last.
+    threshold : float, optional
+        Magnitude from which on local maxima are alarms; without it the density rule is applied to these rows alone.
+    """
+
+    start: int
+    stop: int
+    threshold: float | None = None
+
+    @property
+    def rows(self) -> slice:
+        """The rows."""
+        return slice(self.start, self.stop)
+
+
+def divide(rows: int, longest: int) -> list[Section]:
+    """Cut rows into the fewest sections of at most so many rows, as even as can be.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows of the lane's run-view.
+    longest : int
+        Most rows of a section, at least 1.
+
+    Returns
+    -------
+    list of Section
+        The sections in their order.
+
+    Examples
+    --------
+    >>> [(section.start, section.stop) for section in divide(10, 4)]
+    [(0, 3), (3, 6), (6, 10)]
+    """
+    count = -(-rows // longest)
+    return [Section(start, stop) for start, stop in pairwise(rows * k // count for k in range(count + 1))]
+
+
+def margin(recipe: Recipe) -> int:
+    """Tell how many rows beyond its own a section must know to find its local maxima.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+
+    Returns
+    -------
+    int
+        Rows: twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border.
+    """
+    return math.ceil(2 * recipe.prescreen.radius / recipe.run_view.spacing) + 2
+
+
+def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
+    """Give a section's rows and those beyond them that it must know.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The whole lane.
+    section : Section
+        The section.
+
+    Returns
+    -------
+    slice
+        Rows of the lane's run-view.
+    """
+    more = margin(recipe)
+    return slice(max(section.start - more, 0), min(section.stop + more, recipe.run_view.grid(lane).ny))
+
+
+def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
+    """Give the part of a lane that belongs to a section: parts of neighbours meet half a pixel before its first row.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The whole lane.
+    section : Section
+        The section.
+
+    Returns
+    -------
+    Lane
+        The part.
+
+    Raises
+    ------
+    ValueError
+        If the lane does not reach the section.
+    """
+    grid = recipe.run_view.grid(lane)
+    begin = lane.y_min if section.start == 0 else max(lane.y_min, grid.y_min + (section.start - 0.5) * grid.dy)
+    end = lane.y_max if section.stop == grid.ny else min(lane.y_max, grid.y_min + (section.stop - 0.5) * grid.dy)
+    return Lane(lane.x_min, lane.x_max, begin, end)
+
+
+def section_note(lane: Lane, section: Section) -> dict[str, Any]:
+    """Write down a section for a manifest.
+
+    Parameters
+    ----------
+    lane : Lane
+        The whole lane.
+    section : Section
+        The section, with its threshold.
+
+    Returns
+    -------
+    dict
+        ``lane``, ``rows`` and ``threshold``, as text that holds an infinite one too.
+    """
+    return {"lane": asdict(lane), "rows": [section.start, section.stop], "threshold": repr(section.threshold)}
+
+
+def noted_section(note: Mapping[str, Any]) -> tuple[Lane, Section]:
+    """Read what :func:`section_note` wrote.
+
+    Parameters
+    ----------
+    note : mapping
+        From a manifest.
+
+    Returns
+    -------
+    Lane, Section
+        The whole lane and the section.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it is none.
+    """
+    start, stop = note["rows"]
+    return Lane(**note["lane"]), Section(int(start), int(stop), float(note["threshold"]))
+
+
+def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) -> float:
+    """Apply the density rule to a lane.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The recipe.
+    lane : Lane
+        The whole lane.
+    maxima : DataFrame
+        x, y (m) and magnitude of its local maxima.
+    seen : int
+        Number of pixels of its run-view that were seen.
+
+    Returns
+    -------
+    float
+        Magnitude from which on they are alarms, see :func:`flgpr.screen.density_threshold`.
+    """
+    screen, grid = recipe.prescreen, recipe.run_view.grid(lane)
+    whole = screen.count == "view"
+    counted = maxima if whole else maxima[lane.contains(maxima["x"], maxima["y"])]
+    area = seen * grid.dx * grid.dy if whole else lane.area
+    return density_threshold(counted["magnitude"].to_numpy(), area, screen.radius, screen.density)

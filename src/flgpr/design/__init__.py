@@ -1,0 +1,1 @@
+"""Planning an array before it is built."""

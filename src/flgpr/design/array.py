@@ -1,0 +1,365 @@
+"""What an array will see before it is built: point spread, resolution, lobes, signal to clutter over the ground."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.chain.progress import Track, silent
+from flgpr.imaging import ScanImager
+from flgpr.kernels.windows import WINDOWS, band_weights
+from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
+from flgpr.simulate import Scene, Simulator, sites
+
+FloatArray = NDArray[np.float64]
+KINDS = ("metal", "plastic")
+_OVERSAMPLING = 32
+_LOOKS = 4  # bare stretches of ground whose mean power is the clutter
+_CORE = 2.5  # half-power widths around the peak that do not count as a lobe
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of an array.
+
+    Attributes
+    ----------
+    band : (float, float) or None
+        Tones that make the image, Hz; None takes all.
+    window : str
+        Window over them.
+    site : str
+        Packaged site whose soil and surface the mines lie in.
+    depth : float
+        Depth of the mines' top, m.
+    """
+
+    band: tuple[float, float] | None = None
+    window: str = "hann"
+    site: str = "arid-sand"
+    depth: float = 0.05
+
+
+@dataclass
+class Design:
+    """What an array will see.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        The array.
+    facts : dict of str to float
+        Sizes and limits, SI units.
+    x, y : ndarray
+        Ground positions of the maps, m ahead of and across the array.
+    down, cross : (y, x) ndarray
+        Half-power widths of the point spread along y and x, m; NaN where no half-power point was met.
+    lobes : list of dict
+        Per distance: place and level of the highest lobe.
+    responses : dict of float to (y, x, power) arrays
+        Point spread over the ground of a point at each distance, dB below its peak.
+    close : dict of float to (y, x, power) arrays
+        The same close to the point, offsets in m.
+    ratio : dict of (kind, polarization) to (y, x) ndarray
+        Expected signal to clutter of a mine, dB.
+    ratio_x, ratio_y : ndarray
+        Its positions, m.
+    """
+
+    sensor: Sensor
+    facts: dict[str, float]
+    x: FloatArray
+    y: FloatArray
+    down: FloatArray
+    cross: FloatArray
+    lobes: list[dict[str, float]] = field(default_factory=list)
+    responses: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
+    close: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
+    ratio: dict[tuple[str, str], FloatArray] = field(default_factory=dict)
+    ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))
+    ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+class PointSpread:
+    """Image of a point on the ground by an array that stands level, over a band of uniform tones.
+
+    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once: it depends on the difference
+    of paths alone. Antenna patterns and spreading are left out, as image formation leaves them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The array.
+    band : (float, float) or None
+        Hz; None takes all tones.
+    window : str
+        As in :class:`flgpr.imaging.ImagingOperator`.
+
+    Raises
+    ------
+    ValueError
+        If the band holds less than two tones or the window is not known.
+    """
+
+    def __init__(self, sensor: Sensor, band: tuple[float, float] | None = None, window: str = "hann") -> None:
+        if window not in WINDOWS:
+            raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
+        tones = sensor.tones.axis()
+        low, high = band or (float(tones[0]), float(tones[-1]))
+        chosen = (tones >= low) & (tones <= high)
+        if np.count_nonzero(chosen) < 2:
+            raise ValueError(f"band must hold at least two tones, got {low:g} to {high:g} Hz")
+        self.tones = tones[chosen]
+        weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
+        up = np.array([0.0, 0.0, sensor.height])
+        tx, rx = sensor.pairs()
+        self.tx, self.rx = tx + up, rx + up
+        count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
+        middle = self.tones.size // 2
+        spectrum = np.zeros(count, complex)
+        spectrum[(np.arange(self.tones.size) - middle) % count] = weight
+        self._table = np.append(np.fft.ifft(spectrum) * count, 0)
+        self._table[-1] = self._table[0]
+        self._period, self._carrier = SPEED_OF_LIGHT / sensor.tones.step, float(self.tones[middle])
+        self._peak = weight.sum() * len(tx)
+
+    def paths(self, points: ArrayLike) -> FloatArray:
+        """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
+        p = np.asarray(points, dtype=np.float64)
+        ends = (np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1) for end in (self.tx, self.rx))
+        return np.asarray(sum(ends), dtype=np.float64)
+
+    def __call__(self, points: ArrayLike, source: ArrayLike) -> FloatArray:
+        """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak."""
+        p = np.asarray(points, dtype=np.float64)
+        at = self.paths(np.asarray(source, dtype=np.float64))
+        total = np.zeros(p.shape[:-1], complex)
+        for tx, rx, there in zip(self.tx, self.rx, at, strict=True):
+            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - there
+            place = path / self._period % 1.0 * (self._table.size - 1)
+            cell = np.minimum(place.astype(np.intp), self._table.size - 2)
+            value = self._table[cell] + (place - cell) * (self._table[cell + 1] - self._table[cell])
+            total += value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
+        return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
+
+    def expected_widths(self, source: FloatArray) -> tuple[float, float]:
+        """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
+        middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
+        slant, ground = float(np.linalg.norm(source - middle)), float(np.hypot(*(source - middle)[:2]))
+        down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
+        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
+        return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
+
+    def widths(self, source: ArrayLike) -> tuple[float, float]:
+        """Half-power widths along y and x through a point of the ground (3,), m; NaN where none is met."""
+        place = np.asarray(source, dtype=np.float64)
+        found = []
+        for axis, expected in zip((1, 0), self.expected_widths(place), strict=True):
+            offset = np.linspace(-4, 4, 401) * expected
+            line = np.repeat(place[None], offset.size, axis=0)
+            line[:, axis] += offset
+            found.append(_half_power(offset, self(line, place)))
+        return found[0], found[1]
+
+
+def _half_power(offset: FloatArray, amplitude: FloatArray) -> float:
+    """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
+    middle, level = offset.size // 2, math.sqrt(0.5)
+    edges = []
+    for side in (1, -1):
+        values, places = amplitude[middle::side], offset[middle::side]
+        under = np.flatnonzero(values < level)
+        if not under.size or under[0] == 0:
+            return math.nan
+        k = int(under[0])
+        part = (values[k - 1] - level) / (values[k - 1] - values[k])
+        edges.append(places[k - 1] + part * (places[k] - places[k - 1]))
+    return float(abs(edges[0] - edges[1]))
+
+
+def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
+    """Find out what an array will see.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The array; maps cover its footprint, clipped to 4 m across.
+    question : Question
+        Band, window, site and depth.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    Design
+        The findings.
+
+    Raises
+    ------
+    ValueError
+        If the band holds less than two tones, or site or window are not known.
+    """
+    asked = question or Question()
+    if asked.site not in sites():
+        raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
+    spread = PointSpread(sensor, asked.band, asked.window)
+    x_min, x_max, y_min, y_max = sensor.footprint
+    near = max(y_min, 1.2 * sensor.height)
+    x = np.linspace(max(x_min, -4.0), min(x_max, 4.0), 9)
+    y = np.linspace(near, y_max, 13)
+    down, cross = np.empty((y.size, x.size)), np.empty((y.size, x.size))
+    for i, j in track([*np.ndindex(y.size, x.size)], f"{sensor.name}: resolution", y.size * x.size):
+        down[i, j], cross[i, j] = spread.widths([x[j], y[i], 0.0])
+    design = Design(sensor, _facts(sensor, spread), x, y, down, cross)
+    middle = (x[0] + x[-1]) / 2
+    distances = [float(y[k]) for k in (1, y.size // 2, y.size - 2)]
+    for distance in track(distances, f"{sensor.name}: point spread", len(distances)):
+        source = np.array([middle, distance, 0.0])
+        design.close[distance] = _close(spread, source)
+        design.responses[distance] = _over_ground(spread, source, sensor)
+        design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
+    _expect(design, sensor, asked, track)
+    return design
+
+
+def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
+    tx, rx = sensor.pairs()
+    midpoints = np.unique(np.round((tx + rx)[:, 0] / 2, 6))
+    gap = float(np.diff(midpoints).max()) if midpoints.size > 1 else 0.0
+    shortest = SPEED_OF_LIGHT / spread.tones[-1]
+    sine = shortest / (2 * gap) if gap > 0 else math.inf
+    return {
+        "transmitters": float(len(np.unique(tx, axis=0))),
+        "receivers": float(len(np.unique(rx, axis=0))),
+        "pairs": float(len(tx)),
+        "aperture": float(np.ptp(midpoints)),
+        "height": sensor.height,
+        "lowest": float(spread.tones[0]),
+        "highest": float(spread.tones[-1]),
+        "tones": float(spread.tones.size),
+        "unambiguous_range": SPEED_OF_LIGHT / (2 * sensor.tones.step),
+        "widest_gap": gap,
+        "grating_angle": math.asin(sine) if sine < 1 else math.nan,
+    }
+
+
+def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    down, cross = spread.expected_widths(source)
+    y, x = np.linspace(-5, 5, 161) * down, np.linspace(-5, 5, 161) * cross
+    return y, x, _decibels(spread(_plane(x + source[0], y + source[1]), source))
+
+
+def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x_min, x_max, y_min, y_max = sensor.footprint
+    down, cross = spread.expected_widths(np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0]))
+    y = np.linspace(y_min, y_max, min(400, math.ceil((y_max - y_min) / (0.4 * down))))
+    x = np.linspace(x_min, x_max, min(400, math.ceil((x_max - x_min) / (0.4 * cross))))
+    return y, x, _decibels(spread(_plane(x, y), source))
+
+
+def _highest_lobe(
+    spread: PointSpread, source: FloatArray, response: tuple[FloatArray, FloatArray, FloatArray]
+) -> dict[str, float]:
+    y, x, power = response
+    down, cross = (
+        w if math.isfinite(w) else e for w, e in zip(spread.widths(source), spread.expected_widths(source), strict=True)
+    )
+    core = (np.abs(y - source[1])[:, None] < _CORE * down) & (np.abs(x - source[0]) < _CORE * cross)
+    outside = np.where(core, -np.inf, power)
+    i, j = np.unravel_index(outside.argmax(), outside.shape)
+    return {
+        "distance": float(source[1]),
+        "down": down,
+        "cross": cross,
+        "level": float(outside[i, j]),
+        "x": float(x[j] - source[0]),
+        "y": float(y[i] - source[1]),
+    }
+
+
+def _plane(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
+
+
+def _decibels(amplitude: FloatArray) -> FloatArray:
+    return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
+
+
+def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> None:
+    """Simulate single mines and bare ground, image both, and divide peak by mean power."""
+    still = sensor.model_copy(update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])})
+    if not still.polarization:
+        return
+    band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
+    design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
+    design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
+    work = track(_steps(design), f"{sensor.name}: signal to clutter", 1 + len(KINDS) * design.ratio_x.size)
+    steps = iter(work)
+    next(steps)
+    clutter = _clutter(design, still, asked, band)
+    for kind, column in steps:
+        peaks = _peaks(design, still, asked, band, kind, float(design.ratio_x[column]))
+        for p, label in enumerate(still.polarization):
+            grid = design.ratio.setdefault((kind, label), np.empty((design.ratio_y.size, design.ratio_x.size)))
+            grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
+    for _ in steps:
+        continue
+
+
+def _steps(design: Design) -> list[tuple[str, int]]:
+    return [("", 0), *((kind, column) for kind in KINDS for column in range(design.ratio_x.size))]
+
+
+def _quiet(asked: Question, **parts: Any) -> Scene:
+    none = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
+    return Scene.model_validate({"site": asked.site, "clutter": none} | parts)
+
+
+def _clutter(design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]]) -> FloatArray:
+    """Mean power (polarization, y, x) of bare ground around every position of the ratio map."""
+    apart = design.y[-1] + 60.0
+    scene = _quiet(
+        asked,
+        length=_LOOKS * apart,
+        surface={"texture_shape": None},
+        track={"positions": tuple(k * apart for k in range(_LOOKS))},
+    )
+    run = Simulator(scene, sensor, 1, errors=False).run()
+    reach_y, reach_x = 1.0, 1.0
+    grid = Grid.spanning(
+        (float(design.ratio_x[0] - reach_x), float(design.ratio_x[-1] + reach_x)),
+        (float(design.ratio_y[0] - reach_y), float(design.ratio_y[-1] + reach_y)),
+        0.15,
+    )
+    power = np.mean([np.abs(image.values[:, 0]) ** 2 for image in ScanImager(run, grid, band, asked.window)], axis=0)
+    out = np.empty((power.shape[0], design.ratio_y.size, design.ratio_x.size))
+    for i, j in np.ndindex(*out.shape[1:]):
+        rows, columns = np.abs(grid.y - design.ratio_y[i]) <= reach_y, np.abs(grid.x - design.ratio_x[j]) <= reach_x
+        out[:, i, j] = power[:, rows][:, :, columns].mean(axis=(1, 2))
+    return out
+
+
+def _peaks(
+    design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]], kind: str, x: float
+) -> FloatArray:
+    """Peak power (y, polarization) in the image of a mine on its own at a cross-track place, from every distance."""
+    far = float(design.ratio_y[-1]) + 5.0
+    scene = _quiet(
+        asked,
+        length=far + 10.0,
+        targets=[{"kind": kind, "x": x, "y": far, "depth": asked.depth}],
+        surface={"echo": False, "phase_screen": False},
+        track={"positions": tuple(far - float(y) for y in design.ratio_y)},
+    )
+    run = Simulator(scene, sensor, 1, errors=False).run()
+    peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
+    for scan, distance in enumerate(design.ratio_y):
+        spread = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross))) / 3
+        grid = Grid.spanning((x - 0.5, x + 0.5), (float(distance) - 0.5, float(distance) + 0.8), max(spread, 0.01))
+        image = ScanImager(run.isel(scan=[scan]), grid, band, asked.window).image(0)
+        peaks[scan] = (np.abs(image.values[:, 0]) ** 2).max(axis=(1, 2))
+    return peaks

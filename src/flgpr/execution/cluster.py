@@ -1,0 +1,84 @@
+"""A Dask cluster that does the work. Only small values go through it: arrays stay in the work folder, which all see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Any
+
+from flgpr.execution.executors import LostWorkersError, Report, Work
+from flgpr.io.extras import optional
+
+_PATIENCE = "20s"
+
+
+class Cluster:
+    """Hands the work to the workers of an existing Dask cluster.
+
+    A worker that is lost costs what it was at: what it has finished lies in the work folder. The run, the model and the
+    folder of the output must have the same path on every worker, and the workers the same versions as this process.
+
+    Parameters
+    ----------
+    address : str
+        Address of the scheduler, such as ``tcp://host:8786``.
+    """
+
+    parallel = True
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._distributed = optional("distributed", "cluster")
+        self._client: Any = None
+
+    def __enter__(self) -> Cluster:
+        try:
+            self._client = self._distributed.Client(self.address, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise ValueError(
+                f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
+            ) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+        """Submit the work, a task for each set of arguments.
+
+        Parameters
+        ----------
+        work : callable
+            A function of a module that the workers can import.
+        arguments : sequence of tuple
+            Its arguments, piece by piece.
+
+        Yields
+        ------
+        dict
+            What it returns, whichever is done first.
+
+        Raises
+        ------
+        LostWorkersError
+            If several workers are lost at the same piece.
+        Exception
+            What the work raised.
+        """
+        futures = [self._client.submit(work, *some, pure=False) for some in arguments]
+        try:
+            done = self._distributed.as_completed(futures, loop=self._client.loop, with_results=True)
+            for future, report in done:
+                future.release()
+                yield report
+        except self._distributed.KilledWorker as error:
+            raise LostWorkersError(
+                f"workers must live to do their work, several were lost at one piece ({error})"
+            ) from None
+        finally:
+            for future in futures:
+                future.release()

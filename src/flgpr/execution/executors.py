@@ -1,0 +1,186 @@
+"""Who does the work: this process, other processes of this machine, or a Dask cluster.
+
+All of them take a function of a module and a list of arguments and give back what the function returns, in the order in
+which the work gets done. What they return is small: arrays go through the work folder.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
+from types import TracebackType
+from typing import Any, Protocol
+
+import numba
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+Report = dict[str, Any]
+Work = Callable[..., Report]
+_TRIALS = 3
+
+
+class LostWorkersError(ValueError):
+    """Workers were lost time and again."""
+
+
+class Executor(Protocol):
+    """Does pieces of work; a context manager."""
+
+    @property
+    def parallel(self) -> bool:
+        """Whether work is done elsewhere, so that several callers may wait at once."""
+
+    def __enter__(self) -> Executor:
+        """Begin."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let the workers go; after an error what they have not begun is not done."""
+
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+        """Do a piece of work for each set of arguments and yield what it returns, whichever is done first."""
+
+
+class Here:
+    """Does everything in this process, one after the other."""
+
+    parallel = False
+
+    def __enter__(self) -> Here:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+        """Do the work piece by piece.
+
+        Parameters
+        ----------
+        work : callable
+            A function.
+        arguments : sequence of tuple
+            Its arguments, piece by piece.
+
+        Yields
+        ------
+        dict
+            What it returns.
+        """
+        for some in arguments:
+            yield work(*some)
+
+
+class Processes:
+    """Does the work in processes of this machine, which share its processors evenly.
+
+    They end when this process does, even if it is killed. If one of them is killed, what it worked on is begun anew.
+    A script that uses them does so under ``if __name__ == "__main__"``, since they import it.
+
+    Parameters
+    ----------
+    count : int
+        Number of processes.
+
+    Raises
+    ------
+    ValueError
+        If it is not positive.
+    """
+
+    parallel = True
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"workers must be at least 1, got {count}")
+        self.count = count
+        self._lock = threading.Lock()
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Processes:
+        self._begin(None)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+        """Hand the work out.
+
+        Parameters
+        ----------
+        work : callable
+            A function of a module.
+        arguments : sequence of tuple
+            Its arguments, piece by piece.
+
+        Yields
+        ------
+        dict
+            What it returns, whichever is done first.
+
+        Raises
+        ------
+        LostWorkersError
+            If processes are killed time and again.
+        """
+        left = list(arguments)
+        for _ in range(_TRIALS):
+            pool = self._pool or self._begin(None)
+            waiting: dict[Future[Report], tuple[Any, ...]] = {}
+            try:
+                for some in left:
+                    waiting[pool.submit(work, *some)] = some
+            except BrokenProcessPool:
+                pass
+            submitted = len(waiting)
+            broken = submitted < len(left)
+            undone = left[submitted:]
+            for future in as_completed(waiting):
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    broken = True
+                    undone.append(waiting[future])
+            if not broken:
+                return
+            left = undone
+            self._begin(pool)
+        raise LostWorkersError(
+            f"workers must live to do their work, they were killed {_TRIALS} times: too little memory?"
+        )
+
+    def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
+        """Start processes, unless another thread has done so since ``broken``."""
+        with self._lock:
+            if self._pool is None or self._pool is broken:
+                context = multiprocessing.get_context("forkserver")
+                context.set_forkserver_preload(["flgpr.execution.lane_work"])
+                threads = max(1, (os.cpu_count() or 1) // self.count)
+                self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
+            return self._pool
+
+
+def _begin_worker(threads: int) -> None:
+    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    threadpool_limits(threads)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

@@ -1,0 +1,355 @@
+"""One lane from run to result: what drives the pieces of work, in sections if need be, and goes on after a stop.
+
+A lane in sections becomes a folder with a result folder per section, ``alarms.csv`` with all alarms ranked together,
+``lane.toml``, and ``sections.json``, which lists them with their digests.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.chain.lane_chain import LaneChain, array_table
+from flgpr.chain.memory import plan_sections, sizes_of
+from flgpr.chain.passes import Pass, group_of
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.sections import Section, lane_threshold
+from flgpr.execution.checkpoint import Checkpoint, begin, finish
+from flgpr.execution.executors import Executor, Report
+from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part
+from flgpr.io import (
+    inside,
+    lane_text,
+    open_run,
+    read_limited,
+    read_table,
+    replace_folder,
+    seal,
+    sha256,
+    unseal,
+    write_table,
+    write_whole,
+)
+from flgpr.model import Lane
+from flgpr.results.result import (
+    MODEL,
+    SECTIONS,
+    ResultError,
+    check_free,
+    read_result,
+)
+
+FORMAT, VERSION = "flgpr-sections", 1
+Note = Callable[[Report], None]
+Plan = dict[str, tuple[str, list[int]]]  # title and blocks of each pass
+
+
+def unnoted(report: Report) -> None:
+    """Take a report and do nothing.
+
+    Parameters
+    ----------
+    report : dict
+        The report.
+    """
+
+
+def detect_lane(
+    job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, longest: float | None = None
+) -> list[Path]:
+    """Run a recipe on a stored lane, block by block, and write its result folder.
+
+    The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same call
+    goes on there, and the result has the same bits. It is deleted when the result is written.
+
+    A lane that would take more than the job's memory is taken in sections, one after the other. Together they hold the
+    alarms that the whole lane would.
+
+    Parameters
+    ----------
+    job : LaneJob
+        What to do.
+    executor : Executor
+        Who does it.
+    track : Track
+        Shows progress.
+    note : callable
+        Takes a report of every piece of work that was done.
+    longest : float, optional
+        Longest section that is wanted, m; infinity for the lane in one piece or not at all.
+
+    Returns
+    -------
+    list of Path
+        The result folder, or those of the sections in their order.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If the run does not fit the recipe, something else lies at the output, or another process works on it.
+    """
+    folder = check_free(job.output)
+    run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
+    sections = plan_sections(sizes_of(run), recipe, lane, job.max_memory, longest)
+
+    def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
+        return _planned(LaneChain(run, recipe, lane, section=section), wanted)  # not kept: it holds memory
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    drive = _Drive(executor, track, note)
+    if len(sections) > 1:
+        return _in_sections(job, sections, plan, drive)
+    with begin(job.work, job.identity()) as work:
+        drive.passes(job, work, plan(lambda _: True))
+        drive.finish(job)
+        finish(job.work)
+    return [folder]
+
+
+def features_of_lane(
+    job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Find the alarms of a stored lane and their features, and keep the work folder, ``OUTPUT.work``.
+
+    Parameters
+    ----------
+    job : LaneJob
+        What to do; nothing is written at its output.
+    executor : Executor
+        Who does it.
+    track : Track
+        Shows progress.
+    note : callable
+        Takes a report of every piece of work that was done.
+
+    Returns
+    -------
+    DataFrame, DataFrame
+        Alarm table, the highest confidence first, and the features in the same order.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If the run does not fit the recipe, the lane takes more than the job's memory, or another process works on it.
+    """
+    run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
+    plan_sections(sizes_of(run), recipe, lane, job.max_memory, math.inf)
+    with begin(job.work, job.identity()) as work:
+        chain = LaneChain(run, recipe, lane, known=work)
+        _Drive(executor, track, note).passes(
+            job, work, _planned(chain, lambda one: not one.name.startswith("evidence"))
+        )
+        return chain.found()
+
+
+def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
+    return {one.name: (one.title, chain.numbers(one.name)) for one in chain.passes.values() if wanted(one)}
+
+
+class _Drive:
+    """Hands the pieces of a lane out and waits for them."""
+
+    def __init__(self, executor: Executor, track: Track, note: Note) -> None:
+        self.executor, self.track, self.note = executor, track, note
+
+    def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
+        for stage, (title, every) in plan.items():
+            if stage not in work:
+                missing = [number for number in every if work.part(stage, number) not in work]
+                parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
+                for report in self.track(parts, name + title, len(missing)):
+                    self.note(report)
+                for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
+                    self.note(report)
+            work.drop_parts(stage)
+
+    def finish(self, job: LaneJob, name: str = "") -> None:
+        for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
+            self.note(report)
+
+
+def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
+    """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
+    home = Path(job.output).with_name(Path(job.output).name + ".sections")
+    width = max(2, len(str(len(sections))))
+    names = [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
+    told = {"rows": [[section.start, section.stop] for section in sections]}
+    folders = [Path(job.output) / name for name in names]
+    with begin(job.work, job.identity() | told) as shared:
+        if "threshold" in shared and not home.exists() and _is_whole(job) and homes_at(job.output) == folders:
+            finish(job.work)  # it was stopped after its last step but this
+            return folders
+        _prepare(home, names if len(shared) else ())
+        drive.passes(job, shared, plan(lambda one: one.whole))
+        jobs = [
+            replace(job, output=str(home / name), section=section, shared=str(job.work))
+            for name, section in zip(names, sections, strict=True)
+        ]
+        if "threshold" not in shared:
+            for name, one in zip(names, jobs, strict=True):
+                with _work_of(one) as work:
+                    drive.passes(one, work, plan(lambda p: p.name == "view", one.section), f"{name}: ")
+            shared["threshold"] = {"threshold": np.array(_threshold(job, jobs))}
+        threshold = float(shared["threshold"]["threshold"])
+        jobs = [
+            replace(one, section=replace(section, threshold=threshold))
+            for one, section in zip(jobs, sections, strict=True)
+        ]
+        for name, one in zip(names, jobs, strict=True):
+            if not is_done(one):
+                with _work_of(one) as work:
+                    drive.passes(one, work, plan(lambda p: not p.whole, one.section), f"{name}: ")
+                    drive.finish(one, f"{name}: ")
+                    finish(one.work)
+        _bring_together(job, home, names)
+        finish(job.work)
+    return folders
+
+
+def _work_of(job: LaneJob) -> AbstractContextManager[Checkpoint]:
+    return begin(job.work, job.identity())
+
+
+def _prepare(home: Path, names: Sequence[str]) -> None:
+    """Make the folder that the sections gather in, without what is left of another job."""
+    home.mkdir(exist_ok=True)
+    for path in home.iterdir():
+        if path.name.partition(".")[0] not in names:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _threshold(job: LaneJob, jobs: Sequence[LaneJob]) -> float:
+    found = [Checkpoint(one.work)["view"] for one in jobs]
+    maxima = pd.concat([array_table(group_of(one, "maximum")) for one in found], ignore_index=True)
+    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in found))
+
+
+def _bring_together(job: LaneJob, home: Path, names: Sequence[str]) -> None:
+    tables = [read_table(home / name / "alarms.csv", "alarms") for name in names]
+    for name, table in zip(names, tables, strict=True):
+        table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
+    filled = [table for table in tables if len(table)] or tables[:1]
+    alarms = pd.concat(filled, ignore_index=True).sort_values("confidence", ascending=False, kind="stable")
+    write_table(alarms, home / "alarms.csv")
+    write_whole(home / "lane.toml", lane_text(Lane(*job.lane)))
+    files = ["alarms.csv", "lane.toml", *(f"{name}/manifest.json" for name in names)]
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "identity": _lasting(job),
+        "sections": list(names),
+        "files": {file: _digest(home / file) for file in files},
+    }
+    write_whole(home / SECTIONS, seal(content))
+    replace_folder(home, Path(job.output))
+
+
+def _digest(path: Path) -> str:
+    """Digest of a file; of a result's manifest its identity, which stays when pages and scores are added."""
+    if path.name == "manifest.json":
+        return str(json.loads(read_limited(path))["identity"])
+    return sha256(path.read_bytes())
+
+
+def _lasting(job: LaneJob) -> dict[str, Any]:
+    """Tell what a result must have been made of to stand for a job, whatever the program and the machine."""
+    return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model")}
+
+
+def _listed(folder: Path) -> dict[str, Any]:
+    try:
+        content = unseal(read_limited(folder / SECTIONS))
+        if content["format"] != FORMAT or content["version"] != VERSION:
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        for name, digest in content["files"].items():
+            _check(folder, name, digest)
+    except OSError as error:
+        raise ResultError(f"{folder}: not a whole folder of sections: {error.filename} is missing") from None
+    except ResultError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise ResultError(f"{folder}: {SECTIONS} is altered: {error}") from None
+    return content
+
+
+def _check(folder: Path, name: str, digest: str) -> None:
+    path = inside(folder, name)
+    try:
+        found = _digest(path)
+    except (KeyError, TypeError, ValueError, RecursionError):
+        found = ""
+    if found != digest:
+        raise ResultError(f"{folder}: {name} differs from what was written")
+
+
+def homes_at(folder: str | Path) -> list[Path]:
+    """Tell which result folders a lane has.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Result folder, or folder of sections.
+
+    Returns
+    -------
+    list of Path
+        The result folder itself, or those of the sections in their order.
+
+    Raises
+    ------
+    ResultError
+        If the list of the sections, or what belongs to it, is missing or altered.
+    """
+    folder = Path(folder)
+    if not (folder / SECTIONS).is_file():
+        return [folder]
+    return [inside(folder, name) for name in _listed(folder)["sections"]]
+
+
+def is_done(job: LaneJob) -> bool:
+    """Tell whether the result of a job is there and whole.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+
+    Returns
+    -------
+    bool
+        True if it was made of the same run with the same recipe, lane and classifier.
+    """
+    return not job.work.exists() and _is_whole(job)
+
+
+def _is_whole(job: LaneJob) -> bool:
+    try:
+        if (Path(job.output) / SECTIONS).is_file():
+            listed = _listed(Path(job.output))
+            for name in listed["sections"]:
+                read_result(inside(Path(job.output), name))
+            return bool(listed["identity"] == _lasting(job))
+        result = read_result(job.output)
+    except ResultError:
+        return False
+    manifest = result.manifest
+    section = None if job.section is None else [job.section.start, job.section.stop]
+    lane = result.lane if section is None else Lane(**manifest.get("section", {}).get("lane", manifest["lane"]))
+    return bool(
+        manifest["run"].get("store_sha256") == job.store_sha256
+        and manifest["recipe_sha256"] == job.identity()["recipe"]
+        and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
+        and manifest.get("section", {}).get("rows") == section
+        and manifest["files"].get(f"{MODEL}/model.json", "") == job.model_sha256
+        and ("report.html" in manifest["added"] or not job.report)
+    )

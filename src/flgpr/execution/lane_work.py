@@ -1,0 +1,338 @@
+"""One lane as pieces of work that any process can do: it needs the run, the work folder, and what the job says."""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import socket
+import threading
+import time
+from collections import ChainMap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding  # type: ignore[import-untyped]
+
+import flgpr
+from flgpr.chain.classifier import load_classifier
+from flgpr.chain.lane_chain import LaneChain
+from flgpr.chain.passes import BLOCK, Arrays
+from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.sections import Section, section_lane, section_note
+from flgpr.execution.checkpoint import ArrayFile, Checkpoint, Kept
+from flgpr.execution.executors import Report
+from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, sha256
+from flgpr.model import Lane
+from flgpr.report import report_html
+from flgpr.results.description import describe_run
+from flgpr.results.result import add_files, read_result, write_result
+
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class LaneJob:
+    """A detection as plain values, so that it can be sent anywhere.
+
+    Attributes
+    ----------
+    run : str
+        Run store.
+    recipe : str
+        Text of the recipe.
+    lane : tuple of float
+        x_min, x_max, y_min, y_max, m.
+    model : str or None
+        Folder of a trained classifier.
+    output : str
+        Result folder to make.
+    report : bool
+        Whether to draw the report.
+    store_sha256, model_sha256 : str
+        Digests of the run's manifest and of the classifier, "" without one.
+    code : tuple of (str, str)
+        Versions of the program and of the libraries.
+    cpu : str
+        Processor of the machine that drives.
+    max_memory : int
+        Memory that reading the run may take, bytes.
+    section : Section, optional
+        The rows of the lane that are worked on; default all.
+    shared : str
+        Work folder that has the background, for a section; "" without one.
+    """
+
+    run: str
+    recipe: str
+    lane: tuple[float, float, float, float]
+    model: str | None
+    output: str
+    report: bool
+    store_sha256: str
+    model_sha256: str
+    code: tuple[tuple[str, str], ...]
+    cpu: str
+    max_memory: int = MAX_MEMORY
+    section: Section | None = None
+    shared: str = ""
+
+    @property
+    def work(self) -> Path:
+        """The work folder beside the output."""
+        output = Path(self.output)
+        return output.with_name(output.name + ".work")
+
+    def identity(self) -> dict[str, Any]:
+        """All that the bits of the result depend on; a section's threshold follows from it."""
+        rows = None if self.section is None else [self.section.start, self.section.stop]
+        return {
+            "rows": rows,
+            "run": self.store_sha256,
+            "recipe": sha256(self.recipe.encode()),
+            "lane": list(self.lane),
+            "model": self.model_sha256,
+            "code": dict(self.code),
+            "cpu": self.cpu,
+            "block": BLOCK,
+        }
+
+
+def make_job(
+    run: str | Path,
+    recipe: str,
+    lane: Lane,
+    output: str | Path,
+    report: bool = True,
+    model: str | Path | None = None,
+    max_memory: int = MAX_MEMORY,
+) -> LaneJob:
+    """Describe a detection.
+
+    Parameters
+    ----------
+    run : str or Path
+        Run store.
+    recipe : str
+        Text of the recipe.
+    lane : Lane
+        The lane.
+    output : str or Path
+        Result folder to make.
+    report : bool
+        Whether to draw the report.
+    model : str or Path, optional
+        Folder of a trained classifier.
+    max_memory : int
+        Memory that a process may take, bytes.
+
+    Returns
+    -------
+    LaneJob
+        The job.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the run or the model is not valid.
+    """
+    if model is not None and parse_recipe(recipe).features is None:
+        raise ValueError("model needs a recipe with the table features, got one without")
+    return LaneJob(
+        str(Path(run).resolve()),
+        recipe,
+        (lane.x_min, lane.x_max, lane.y_min, lane.y_max),
+        None if model is None else str(Path(model).resolve()),
+        str(Path(output).resolve()),
+        report,
+        read_manifest(run)["sha256"],
+        "" if model is None else model_digest(model),
+        code_versions(),
+        processor(),
+        max_memory,
+    )
+
+
+def model_digest(model: str | Path) -> str:
+    """Digest of a trained classifier.
+
+    Parameters
+    ----------
+    model : str or Path
+        Its folder.
+
+    Returns
+    -------
+    str
+        SHA-256 of ``model.json``, which holds those of the other files.
+
+    Raises
+    ------
+    ValueError
+        If it is no classifier.
+    """
+    load_classifier(model)
+    return sha256(read_limited(Path(model) / "model.json"))
+
+
+@lru_cache
+def code_versions() -> tuple[tuple[str, str], ...]:
+    """Versions of what computes: equal ones give equal bits on equal processors."""
+    own = (("flgpr", flgpr.__version__), ("python", platform.python_version()))
+    return (*own, *((name, version(name)) for name in _LIBRARIES))
+
+
+@lru_cache
+def processor() -> str:
+    """Name of the processor, as the compiler sees it."""
+    return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
+
+
+def do_part(job: LaneJob, stage: str, number: int) -> Report:
+    """Do one block of a stage and leave it in the work folder.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    stage : str
+        The stage.
+    number : int
+        Number of the block.
+
+    Returns
+    -------
+    dict
+        What was done, where, in which time (s, and of the processor), how many bytes were written, and the most memory
+        that the process has taken so far.
+
+    Raises
+    ------
+    ValueError
+        If this process cannot do it: other versions, or the run or the work folder is not there.
+    """
+    begun = _now()
+    with _ONE_AT_A_TIME:
+        chain, work = _open(job)
+        name = work.part(stage, number)
+        if name not in work:
+            kept = Kept(work, name)
+            work[name] = chain.part(stage, number, kept)
+            kept.drop()
+        return _report(job, stage, number, begun, work.size(name))
+
+
+def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
+    """Fold the blocks of a stage and leave the stage's result in the work folder.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+    stage : str
+        The stage.
+    numbers : sequence of int
+        Numbers of its blocks, in their order.
+
+    Returns
+    -------
+    dict
+        As :func:`do_part` returns it, ``block`` being -1.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`do_part`, or if a part is damaged.
+    """
+    begun = _now()
+    with _ONE_AT_A_TIME:
+        chain, work = _open(job)
+        if stage not in work:
+            work[stage] = chain.fold(stage, _parts(work, stage, numbers))
+        work.drop_parts(stage)
+        return _report(job, stage, -1, begun, work.size(stage))
+
+
+def do_finish(job: LaneJob) -> Report:
+    """Write the result folder from a work folder in which every stage is folded.
+
+    Parameters
+    ----------
+    job : LaneJob
+        The job.
+
+    Returns
+    -------
+    dict
+        As :func:`do_part` returns it, with the number of ``alarms``.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`do_part`.
+    FileExistsError
+        If something that is no result lies at the output.
+    """
+    begun = _now()
+    with _ONE_AT_A_TIME:
+        chain, _ = _open(job)
+        detections, described = chain.detections(), describe_run(chain.run, job.run)
+        lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None
+        told = None if cut is None else section_note(chain.lane, cut)
+        folder = write_result(job.output, detections, job.recipe, lane, described, chain.classifier, told)
+        if job.report:
+            add_files(folder, {"report.html": report_html(read_result(folder))})
+        _opened.cache_clear()  # lets the run-views go
+        return _report(job, "finish", -1, begun, 0) | {"alarms": len(detections[0].alarms)}
+
+
+def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+    for number in numbers:
+        yield dict(ArrayFile(work.path(work.part(stage, number))))
+
+
+def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
+    if job.code != code_versions():
+        theirs, ours = dict(job.code), dict(code_versions())
+        differ = ", ".join(f"{n} {ours.get(n)} and {theirs.get(n)}" for n in theirs if ours.get(n) != theirs[n])
+        raise ValueError(f"worker {socket.gethostname()} must have the versions of the driver, got {differ}")
+    if not job.work.is_dir():
+        raise ValueError(f"worker {socket.gethostname()} must see the work folder of the driver, got no {job.work}")
+    return _opened(job)
+
+
+@lru_cache(maxsize=2)
+def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
+    run = open_run(job.run, job.max_memory)
+    if read_manifest(job.run)["sha256"] != job.store_sha256:
+        raise ValueError(f"worker {socket.gethostname()} must see the run of the driver, got another at {job.run}")
+    classifier = load_classifier(job.model) if job.model is not None else None
+    if job.model is not None and model_digest(job.model) != job.model_sha256:
+        raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
+    work = Checkpoint(job.work)
+    known = ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work
+    return LaneChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, known, job.section), work
+
+
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
+
+
+def _report(job: LaneJob, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
+    wall, processor_time = _now()
+    return {
+        "lane": Path(job.output).name,
+        "stage": stage,
+        "block": number,
+        "seconds": wall - begun[0],
+        "processor_seconds": processor_time - begun[1],
+        "bytes": size,
+        "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "worker": f"{socket.gethostname()}:{os.getpid()}",
+        "cpu": processor(),
+    }

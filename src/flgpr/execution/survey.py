@@ -1,0 +1,221 @@
+"""Detection on stored lanes, one or many, by one process or many: what drives the work and goes on after a stop."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from flgpr.chain.fitting import check_fit
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import Recipe, lane_of, parse_recipe
+from flgpr.execution.cluster import Cluster
+from flgpr.execution.executors import Executor, Here, Processes
+from flgpr.execution.lane_run import Note, detect_lane, homes_at, is_done, unnoted
+from flgpr.execution.lane_work import make_job
+from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.model import Lane
+from flgpr.results.result import check_free, read_result
+
+PathLike = str | Path
+
+
+def executor_for(workers: int | None = None, scheduler: str | None = None) -> Executor:
+    """Choose who does the work.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; default this one, with all its threads.
+    scheduler : str, optional
+        Address of a Dask scheduler.
+
+    Returns
+    -------
+    Executor
+        Who.
+
+    Raises
+    ------
+    ValueError
+        If both are given, or the number is not positive.
+    """
+    if scheduler is not None and workers is not None:
+        raise ValueError(f"workers and scheduler exclude each other, got {workers} and {scheduler}")
+    if scheduler is not None:
+        return Cluster(scheduler)
+    return Here() if workers is None else Processes(workers)
+
+
+def detect_survey(
+    runs: Sequence[PathLike],
+    recipe_text: str,
+    output: PathLike,
+    lanes: Sequence[PathLike] | None = None,
+    model: PathLike | None = None,
+    report: bool = True,
+    executor: Executor | None = None,
+    at_once: int | None = None,
+    max_memory: int = MAX_MEMORY,
+    track: Track = silent,
+    note: Note = unnoted,
+    section: float | None = None,
+) -> list[Path]:
+    """Run a recipe on many stored lanes.
+
+    Lanes whose result is there already are left out, so that a survey that was stopped goes on.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores with different names.
+    recipe_text : str
+        Text of the recipe.
+    output : path
+        Folder that takes one result folder per lane, named like its run, and ``survey.json``, which lists them.
+    lanes : sequence of path, optional
+        TOML of each lane, in the same order.
+    model : path, optional
+        Folder of a trained classifier.
+    report : bool
+        Whether to draw the reports.
+    executor : Executor, optional
+        Who does it; default this process.
+    at_once : int, optional
+        How many lanes are worked on at the same time; default 2 where others do the work, so that none of them waits
+        for the last block of a stage, else 1.
+    max_memory : int
+        Memory that each process may take, bytes.
+    track : Track
+        Shows progress.
+    note : callable
+        Takes a report of every piece of work that was done.
+    section : float, optional
+        Longest section that is wanted of a lane, m; infinity for lanes in one piece or not at all.
+
+    Returns
+    -------
+    list of Path
+        The lanes' folders, in the order of the runs: results, or folders of sections.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid. Results of lanes that were done stay.
+    """
+    recipe, home, who = parse_recipe(recipe_text), Path(output), executor or Here()
+    at_once = at_once or (2 if who.parallel else 1)
+    if at_once > 1 and not who.parallel:
+        raise ValueError(f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}")
+    names = lane_names(runs)
+    if lanes is not None and len(lanes) != len(runs):
+        raise ValueError(f"lanes must be one per run, got {len(lanes)} for {len(runs)} runs")
+    jobs = []
+    for number, (run, name) in enumerate(zip(runs, names, strict=True)):
+        lane = None if lanes is None else read_lane(lanes[number])
+        area = area_of(run, recipe, lane, max_memory)
+        jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory))
+        check_free(home / name)
+    home.mkdir(parents=True, exist_ok=True)
+    left = [job for job in jobs if not is_done(job)]
+    with ExitStack() as stack:
+        stack.enter_context(who)
+        pool = stack.enter_context(ThreadPoolExecutor(at_once))
+        futures = [
+            pool.submit(detect_lane, job, who, _named(track, Path(job.output).name), note, section) for job in left
+        ]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    folders = [Path(job.output) for job in jobs]
+    write_whole(home / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
+    return folders
+
+
+def lane_names(runs: Sequence[PathLike]) -> list[str]:
+    """Name the lanes of a survey after their runs.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores.
+
+    Returns
+    -------
+    list of str
+        Their names without ending.
+
+    Raises
+    ------
+    ValueError
+        If two are the same.
+    """
+    names = [Path(run).stem for run in runs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"runs must have different names, got several {', '.join(twice)}")
+    return names
+
+
+def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = MAX_MEMORY) -> Lane:
+    """Check that a recipe fits a run and choose the lane: the one given, the recipe's, or the ground the scans cover.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    recipe : Recipe
+        The recipe.
+    lane : Lane, optional
+        Lane in place of the recipe's.
+    max_memory : int
+        Memory that reading the run may take, bytes.
+
+    Returns
+    -------
+    Lane
+        The lane.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
+    """
+    dataset = open_run(run, max_memory)
+    check_fit(dataset, recipe)
+    return lane if lane is not None else lane_of(dataset, recipe)
+
+
+def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:
+    rows = []
+    for run, folder in zip(runs, folders, strict=True):
+        alarms, area = 0, 0.0
+        homes = homes_at(folder)
+        for result in map(read_result, homes):
+            alarms, area = alarms + len(result.detections[0].alarms), area + result.lane.area
+        described = result.manifest["run"]
+        rows.append(
+            {
+                "lane": folder.name,
+                "run": str(run),
+                "scans": described["scans"],
+                "masked_scans": len(described["masked_scans"]),
+                "area_m2": round(area, 3),
+                "alarms": alarms,
+                "sections": len(homes),
+            }
+        )
+    return rows
+
+
+def _named(track: Track, name: str) -> Track:
+    def named(items: Any, label: str, total: int) -> Any:
+        return track(items, f"{name}: {label}", total)
+
+    return named

@@ -1,0 +1,1 @@
+"""Detection scan by scan, while the vehicle drives."""

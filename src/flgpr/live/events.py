@@ -1,0 +1,159 @@
+"""The file of live events: one JSON object per line, only ever appended to; all that the viewer knows of a live run."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.chain.evidence import decibels
+from flgpr.live.detector import LiveAlarm
+from flgpr.live.vehicle import Vehicle
+
+EVENT_FILE = "live.jsonl"
+Event = dict[str, Any]
+
+
+class EventFile:
+    """Appends events; a line that an earlier run left unfinished is cut off first.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    fresh : bool
+        Begin it anew.
+    """
+
+    def __init__(self, path: Path, fresh: bool) -> None:
+        self.path = path
+        if not fresh and path.is_file():
+            _drop_unfinished(path)
+        self._file = path.open("wb" if fresh else "ab", buffering=0)
+
+    def __enter__(self) -> EventFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def append(self, events: Iterable[Event]) -> None:
+        """Write events in one piece.
+
+        Parameters
+        ----------
+        events : iterable of dict
+            Events.
+        """
+        text = "".join(as_line(event) for event in events)
+        if text:
+            self._file.write(text.encode())
+
+
+def as_line(event: Mapping[str, Any]) -> str:
+    """Write an event as a line.
+
+    Parameters
+    ----------
+    event : mapping
+        JSON values, finite numbers.
+
+    Returns
+    -------
+    str
+        JSON and the line's end.
+    """
+    return json.dumps(event, separators=(",", ":"), allow_nan=False) + "\n"
+
+
+def alarm_event(
+    alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], vehicle: Vehicle, latency: float
+) -> dict[str, Any]:
+    """Tell an alarm.
+
+    Parameters
+    ----------
+    alarm : LiveAlarm
+        The alarm.
+    scan : int
+        Scan that raised or changed it.
+    pose : (6,) ndarray
+        Pose of the newest scan.
+    vehicle : Vehicle
+        The vehicle.
+    latency : float
+        Time since the scan arrived, s.
+
+    Returns
+    -------
+    dict
+        The event. ``left_m`` is what was left to the vehicle's front when the newest scan was taken; ``in_time`` tells
+        whether the vehicle can stop before the place, and ``margin_m`` by how much.
+    """
+    left = vehicle.left(alarm.x, alarm.y, pose)
+    event: Event = {
+        "event": "alarm",
+        "alarm_id": alarm.alarm_id,
+        "state": alarm.state,
+        "scan": scan,
+        "x": round(alarm.x, 4),
+        "y": round(alarm.y, 4),
+        "confidence": float(f"{alarm.confidence:.9g}"),
+        "magnitude": float(f"{alarm.magnitude:.6g}"),
+        "scans": alarm.scans,
+        "left_m": round(left, 3),
+        "raised_left_m": round(alarm.first_left - vehicle.front, 3),
+        "latency_ms": round(1e3 * latency, 1),
+    }
+    margin = vehicle.margin(left, latency)
+    if margin is not None:
+        event |= {"in_time": margin >= 0, "margin_m": round(margin, 3)}
+    return event
+
+
+def view_event(row: int, view: NDArray[np.float32]) -> Event:
+    """Tell rows of the run-view.
+
+    Parameters
+    ----------
+    row : int
+        First row, counted from the grid's.
+    view : (y, x) ndarray
+        Magnitudes in units of the background; NaN where nothing was seen.
+
+    Returns
+    -------
+    dict
+        The event; ``halves`` are dB as little-endian half floats in base64, row by row.
+    """
+    skip = max(-row, 0)
+    values = decibels(view[skip:])
+    seen = values[np.isfinite(values)]
+    median = float(np.median(seen.astype(np.float32))) if seen.size else 0.0
+    data = base64.b64encode(values.astype("<f2").tobytes()).decode()
+    return {"event": "view", "row": row + skip, "rows": len(values), "median_db": round(median, 2), "halves": data}
+
+
+def _drop_unfinished(path: Path) -> None:
+    with path.open("r+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        end = size
+        while end > 0:
+            start = max(end - 65536, 0)
+            file.seek(start)
+            at = file.read(end - start).rfind(b"\n")
+            if at >= 0:
+                end = start + at + 1
+                break
+            end = start
+        if end < size:
+            file.truncate(end)

@@ -1,0 +1,381 @@
+"""Live detection: scans from a folder or a socket, alarms to a file of events and to whoever listens."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import flgpr
+from flgpr.chain.classifier import Classifier, load_classifier
+from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
+from flgpr.io import (
+    RunDescription,
+    Scan,
+    ScanFileError,
+    canonical_json,
+    parse_description,
+    read_anchor,
+    read_lane,
+    sha256,
+    write_table,
+    write_whole,
+)
+from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate
+from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
+from flgpr.live.intake import Intake
+from flgpr.live.state import (
+    SNAPSHOT_FILE,
+    Snapshot,
+    SnapshotWriter,
+    read_snapshot,
+    restore_snapshot,
+    take_snapshot,
+)
+from flgpr.live.vehicle import Vehicle
+from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox, SocketWatch
+from flgpr.model import Lane
+
+PathLike = str | Path
+_TICK = 0.1  # s between looks at the clock while nothing comes
+_REPORTED = 10_000  # latencies kept for the percentiles
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What a live run is asked for.
+
+    Attributes
+    ----------
+    recipe : str or path
+        Packaged recipe or TOML file.
+    output : path
+        Folder for events, snapshot and alarms.
+    incoming : path, optional
+        Folder of scans.
+    socket : path, optional
+        Unix socket to listen on.
+    model : path, optional
+        Trained classifier.
+    lane : path, optional
+        TOML of the lane.
+    anchor : path, optional
+        TOML that ties the lane to the Earth.
+    settings : LiveSettings
+        Of the detector.
+    vehicle : Vehicle
+        The vehicle.
+    snapshot : int
+        A snapshot is written after that many scans; 0 writes only the last.
+    idle : float or None
+        End after so many seconds without a scan.
+    fresh : bool
+        Begin anew, whatever the output folder holds of an earlier live run.
+    """
+
+    recipe: PathLike
+    output: PathLike
+    incoming: PathLike | None = None
+    socket: PathLike | None = None
+    model: PathLike | None = None
+    lane: PathLike | None = None
+    anchor: PathLike | None = None
+    settings: LiveSettings = field(default_factory=LiveSettings)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    snapshot: int = 20
+    idle: float | None = None
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """How a live run went.
+
+    Attributes
+    ----------
+    counts : dict
+        What came and what became of it, see ``live_intake.COUNTS``.
+    latency_ms : dict
+        ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many.
+    alarms : int
+        Alarms that stand at the end.
+    rate : float
+        Frames dealt with per second between the first and the last one of this process; NaN with fewer than two.
+    """
+
+    counts: dict[str, int]
+    latency_ms: dict[str, float]
+    alarms: int
+    rate: float
+
+
+class LiveRun:
+    """A live run: sources, detector, events and snapshots.
+
+    Parameters
+    ----------
+    options : LiveOptions
+        What is asked for.
+    tell : callable
+        Told every line about an alarm.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If an option is not valid; nothing has been written then.
+    """
+
+    def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
+        if options.incoming is None and options.socket is None:
+            raise ValueError("live needs a folder or a socket to take scans from, got neither")
+        if options.snapshot < 0:
+            raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
+        self.options, self._tell = options, tell
+        text = recipe_text(options.recipe)
+        self._recipe: Recipe = parse_recipe(text, str(options.recipe))
+        self._classifier: Classifier | None = load_classifier(options.model) if options.model is not None else None
+        self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
+        self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
+        model = "" if options.model is None else sha256((Path(options.model) / "model.json").read_bytes())
+        lane = None if self._lane is None else asdict(self._lane)
+        own = {"recipe": sha256(text.encode()), "model": model, "lane": lane, "flgpr": flgpr.__version__}
+        self._own: dict[str, Any] = own | {"settings": asdict(options.settings)}
+        self.output = Path(options.output)
+        self.inbox = Inbox()
+        self._latency: list[float] = []
+        self._moments: list[float] = []
+        self._frames = 0
+        self._names: set[str] = set()
+        self._detector: LiveDetector | None = None
+        self._intake: Intake | None = None
+        self._fingerprint = ""
+        self._started = False
+
+    def stop(self) -> None:
+        """Let :meth:`run` end after the scan in hand."""
+        self.inbox.stop.set()
+
+    def run(self) -> LiveReport:
+        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long.
+
+        Returns
+        -------
+        LiveReport
+            How it went.
+
+        Raises
+        ------
+        ValueError
+            If a source cannot be read or a snapshot belongs to something else.
+        """
+        options = self.options
+        _check_output(self.output)
+        self.output.mkdir(parents=True, exist_ok=True)
+        path = self.output / SNAPSHOT_FILE
+        if options.fresh:
+            path.unlink(missing_ok=True)
+        snapshot = read_snapshot(path)
+        sources: list[threading.Thread] = []
+        if options.socket is not None:
+            sources.append(SocketWatch(Path(options.socket), self.inbox))
+        with EventFile(self.output / EVENT_FILE, snapshot is None) as events:
+            writer = SnapshotWriter(path)
+            if options.incoming is not None:
+                known = set(snapshot[0]["names"]) if snapshot else None
+                sources.append(FolderWatch(Path(options.incoming), self.inbox, known))
+            if snapshot is not None:
+                self._describe(parse_description(snapshot[0]["run"]), events, snapshot)
+            for source in sources:
+                source.start()
+            try:
+                self._loop(events, writer)
+            finally:
+                self.inbox.stop.set()
+                for source in sources:
+                    source.join(2.0)
+            return self._finish(events, writer)
+
+    def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
+        last, since = time.monotonic(), 0
+        while not self.inbox.stop.is_set():
+            try:
+                arrival = self.inbox.arrivals.get(timeout=_TICK)
+            except queue.Empty:
+                if self.options.idle is not None and time.monotonic() - last > self.options.idle:
+                    return
+                continue
+            last = time.monotonic()
+            if arrival.kind == "failed":
+                raise ValueError(f"{arrival.name}: {arrival.value}") from arrival.value
+            if arrival.kind == "end":
+                return
+            if arrival.kind == "run":
+                self._announced(arrival, events)
+            elif self._take(arrival, events):
+                since += 1
+                if self.options.snapshot and since >= self.options.snapshot:
+                    since = 0
+                    writer.offer(self._snapshot())
+
+    def _announced(self, arrival: Arrival, events: EventFile) -> None:
+        """Take a description: of this run for the first time, or again from a sender that connected anew."""
+        try:
+            description = parse_description(arrival.value)
+            if self._intake is None:
+                self._describe(description, events, None)
+            elif self._intake.description.run_id != description.run_id:
+                raise ScanFileError("the description is that of another run")
+        except ScanFileError as error:
+            if arrival.name != SOCKET:
+                raise ValueError(f"{arrival.name}: {error}") from None
+            events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
+
+    def _describe(self, description: RunDescription, events: EventFile, snapshot: Snapshot | None) -> None:
+        """Make the detector once the run is known, and go on from a snapshot where there is one."""
+        self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
+        detector = LiveDetector(description, self._recipe, self._lane, self._classifier, self.options.settings)
+        intake = Intake(description)
+        if snapshot is not None:
+            self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
+            self._started = detector.origin is not None
+            newest = None if detector.newest is None else detector.newest[0]
+            events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
+        rehearse(description, self._recipe, self._classifier)
+        self._detector, self._intake = detector, intake
+
+    def _take(self, arrival: Arrival, events: EventFile) -> bool:
+        """Process a frame; tell whether a scan was taken in."""
+        detector, intake = self._detector, self._intake
+        if detector is None or intake is None:
+            words = "left out: it came before the description of its run"
+            events.append([{"event": "problem", "name": arrival.name, "words": words}])
+            return False
+        if arrival.name != SOCKET:
+            self._names.add(arrival.name)
+        before = dict(intake.counts)
+        scan, update, problem = self._judge(arrival, detector, intake)
+        lines: list[Event] = []
+        latency = max(time.time() - arrival.when, 0.0)
+        if scan is not None and update is not None and scan.pose is not None:
+            if not self._started:
+                self._started = True
+                lines.append(self._start_event(detector, intake.description))
+            shown = [round(float(value), 4) for value in scan.pose]
+            lines.append(
+                {"event": "scan", "scan": scan.number, "pose": shown, "outcome": update.outcome,
+                 "latency_ms": round(1e3 * latency, 1)}
+            )  # fmt: skip
+            where = detector.where if detector.where is not None else scan.pose
+            told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
+            for event in told:
+                self._tell(as_line(event))
+            lines += told
+            if update.outcome == "taken":
+                self._latency = [*self._latency[-_REPORTED:], latency]
+            if update.view is not None:
+                lines.append(view_event(update.row, update.view))
+        if problem:
+            lines.append({"event": "problem", "name": arrival.name, "words": problem})
+        if _faults(before) != _faults(intake.counts):
+            lines.append({"event": "counts", **intake.counts})
+        events.append(lines)
+        self._moments = [*self._moments[:1], time.time()]
+        self._frames += 1
+        return scan is not None
+
+    def _judge(
+        self, arrival: Arrival, detector: LiveDetector, intake: Intake
+    ) -> tuple[Scan | None, LiveUpdate | None, str]:
+        try:
+            scan = intake.admit(arrival.data)
+        except ScanFileError as error:
+            return None, None, str(error)
+        if scan is None:
+            return None, None, ""
+        newest = None if detector.newest is None else detector.newest[0]
+        try:
+            update = detector.add(scan)
+        except ValueError as error:
+            intake.judged(scan.number, "refused", newest)
+            return scan, None, str(error)
+        intake.judged(scan.number, update.outcome, newest)
+        return scan, update, ""
+
+    def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
+        screen, vehicle = self._recipe.prescreen, self.options.vehicle
+        reference = description.attrs.get("georeference")
+        return {
+            "event": "start",
+            "title": description.title,
+            "recipe": self._recipe.name,
+            "lane": None if detector.lane is None else asdict(detector.lane),
+            "grid": detector.view_grid(),
+            "channel": [screen.polarization, screen.subband],
+            "georeference": self._anchor.georeference() if self._anchor is not None else reference,
+            "vehicle": asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance},
+        }
+
+    def _snapshot(self) -> Any:
+        if self._detector is None or self._intake is None:
+            raise ValueError("a snapshot needs a run, got none")
+        return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
+
+    def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:
+        detector, intake = self._detector, self._intake
+        if detector is None or intake is None:
+            return LiveReport({}, _percentiles([]), 0, float("nan"))
+        writer.last(self._snapshot())
+        table = detector.table()
+        write_table(table, self.output / "alarms.csv")
+        moments = self._moments
+        rate = (self._frames - 1) / (moments[-1] - moments[0]) if self._frames > 1 else float("nan")
+        report = LiveReport(dict(intake.counts), _percentiles(self._latency), len(table), rate)
+        events.append([{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}])
+        told = asdict(report) | {"rate": rate if np.isfinite(rate) else None, "recipe": self._recipe.name}
+        write_whole(self.output / "live.json", canonical_json(told) + b"\n")
+        return report
+
+
+def rehearse(description: RunDescription, recipe: Recipe, classifier: Classifier | None) -> None:
+    """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan.
+
+    Parameters
+    ----------
+    description : RunDescription
+        The run.
+    recipe : Recipe
+        The recipe.
+    classifier : Classifier, optional
+        The model.
+    """
+    detector = LiveDetector(description, recipe, None, classifier, LiveSettings(looks=1, warm_up=2))
+    rng = np.random.default_rng(0)
+    for number in range(4):
+        noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
+        pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
+        detector.add(Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64)))
+
+
+def _faults(counts: dict[str, int]) -> dict[str, int]:
+    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up", "missing")}
+
+
+def _percentiles(latency: list[float]) -> dict[str, float]:
+    if not latency:
+        return {"scans": 0}
+    found = {"median": np.median(latency), "p95": np.percentile(latency, 95), "largest": np.max(latency)}
+    return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {"scans": len(latency)}
+
+
+def _check_output(folder: Path) -> None:
+    own = {EVENT_FILE, SNAPSHOT_FILE, SNAPSHOT_FILE + ".partial", "alarms.csv", "live.json"}
+    if folder.is_file() or (folder.is_dir() and any(entry.name not in own for entry in folder.iterdir())):
+        raise FileExistsError(
+            f"output must be a new folder or one of a live run, got {folder}, which holds other files"
+        )

@@ -1,0 +1,229 @@
+"""Snapshots of a live run: all that detection and intake have learnt, in one file that is whole or absent."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.io import canonical_json, sha256
+from flgpr.live.detector import CleanedScan, LiveAlarm, LiveDetector
+from flgpr.live.intake import Intake
+
+SNAPSHOT_FILE = "snapshot.npz"
+FORMAT, VERSION = "flgpr-live-snapshot", 1
+_SCALARS = ("closed", "seen_area", "named")
+Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+
+
+class SnapshotError(ValueError):
+    """A snapshot is damaged or belongs to another run, recipe or model."""
+
+
+def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str) -> Snapshot:
+    """Gather the state; later scans do not change what was gathered.
+
+    Parameters
+    ----------
+    detector, intake
+        What to keep.
+    names : set of str
+        Files that were read.
+    fingerprint : str
+        What the state belongs to.
+
+    Returns
+    -------
+    dict, dict of ndarray
+        What JSON holds, and arrays.
+    """
+    arrays = {f"background.{name}": value for name, value in detector.background.state().items()}
+    for i, one in enumerate(detector.history):
+        arrays |= {f"scan{i}.pose": one.pose, f"scan{i}.magnitude": one.magnitude}
+        if one.coherent is not None:
+            arrays[f"scan{i}.coherent"] = one.coherent
+    newest = detector.newest
+    words = {
+        "format": FORMAT,
+        "version": VERSION,
+        "fingerprint": fingerprint,
+        "run": detector.description.as_json(),
+        "names": sorted(names),
+        "intake": intake.state(),
+        "history": [one.number for one in detector.history],
+        "alarms": [asdict(one) for one in detector.alarms.values()],
+        "passed": [asdict(one) for one in detector.passed],
+        "magnitudes": list(detector.magnitudes),
+        "origin": None if detector.origin is None else list(detector.origin),
+        "newest": None if newest is None else [newest[0], newest[1].tolist()],
+        "scalars": {name: _plain(getattr(detector, name)) for name in _SCALARS},
+    }
+    return words, arrays
+
+
+def write_snapshot(path: Path, snapshot: Snapshot) -> None:
+    """Write a snapshot beside its place and rename it when it is whole.
+
+    Parameters
+    ----------
+    path : Path
+        Target.
+    snapshot : tuple
+        From :func:`take_snapshot`.
+    """
+    words, arrays = snapshot
+    text = canonical_json(words | {"arrays": sorted(arrays)})
+    body = {"words": np.frombuffer(text, np.uint8), "digest": np.frombuffer(sha256(text).encode(), np.uint8)}
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez(file, **(body | arrays))  # type: ignore[arg-type]
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def read_snapshot(path: Path) -> Snapshot | None:
+    """Read a snapshot.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    tuple or None
+        The snapshot; None if there is none.
+
+    Raises
+    ------
+    SnapshotError
+        If it is damaged.
+    """
+    try:
+        with (
+            path.open("rb") as handle,
+            np.load(handle, allow_pickle=False) as file,
+        ):  # every member's checksum is looked at
+            arrays = {name: file[name] for name in file.files}
+        text = arrays.pop("words").tobytes()
+        if sha256(text).encode() != arrays.pop("digest").tobytes():
+            raise SnapshotError(f"{path}: differs from what was written")
+        words = json.loads(text)
+        if words.pop("arrays") != sorted(arrays):
+            raise SnapshotError(f"{path}: differs from what was written")
+    except FileNotFoundError:
+        return None
+    except SnapshotError:
+        raise
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise SnapshotError(f"{path}: cannot be read ({error}); --fresh begins anew") from None
+    if (words["format"], words["version"]) != (FORMAT, VERSION):
+        raise SnapshotError(f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew")
+    return words, arrays
+
+
+def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str) -> set[str]:
+    """Bring a new detector and intake to the state of a snapshot.
+
+    Parameters
+    ----------
+    snapshot : tuple
+        From :func:`read_snapshot`.
+    detector, intake
+        Made with the same recipe, model and settings.
+    fingerprint : str
+        What the snapshot must belong to.
+
+    Returns
+    -------
+    set of str
+        Files that were read.
+
+    Raises
+    ------
+    SnapshotError
+        If it belongs to something else.
+    """
+    words, arrays = snapshot
+    if words["fingerprint"] != fingerprint:
+        raise SnapshotError("the snapshot belongs to another run, recipe, model or setting; --fresh begins anew")
+    prefix = "background."
+    detector.background.restore({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
+    detector.history = [
+        CleanedScan(number, arrays[f"scan{i}.pose"], arrays[f"scan{i}.magnitude"], arrays.get(f"scan{i}.coherent"))
+        for i, number in enumerate(words["history"])
+    ]
+    detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
+    detector.passed = [LiveAlarm(**one) for one in words["passed"]]
+    detector.magnitudes = list(words["magnitudes"])
+    detector.origin = None if words["origin"] is None else (words["origin"][0], words["origin"][1])
+    newest = words["newest"]
+    detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
+    for name in _SCALARS:
+        value = words["scalars"][name]
+        setattr(detector, name, -np.inf if value is None else value)
+    intake.restore(words["intake"])
+    return set(words["names"])
+
+
+class SnapshotWriter:
+    """Writes snapshots in a thread of its own, one at a time; while one is being written others are passed over.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None
+
+    def offer(self, snapshot: Snapshot) -> None:
+        """Write a snapshot, unless the last one is still being written.
+
+        Parameters
+        ----------
+        snapshot : tuple
+            From :func:`take_snapshot`.
+        """
+        if self._thread is None or not self._thread.is_alive():
+            self.raise_error()
+            self._thread = threading.Thread(target=self._write, args=(snapshot,), name="snapshot")
+            self._thread.start()
+
+    def last(self, snapshot: Snapshot) -> None:
+        """Write the last snapshot and wait for it.
+
+        Parameters
+        ----------
+        snapshot : tuple
+            From :func:`take_snapshot`.
+        """
+        if self._thread is not None:
+            self._thread.join()
+        self._write(snapshot)
+        self.raise_error()
+
+    def raise_error(self) -> None:
+        """Raise what went wrong in the thread."""
+        if self._error is not None:
+            raise self._error
+
+    def _write(self, snapshot: Snapshot) -> None:
+        try:
+            write_snapshot(self._path, snapshot)
+        except OSError as error:
+            self._error = error
+
+
+def _plain(value: float) -> float | int | None:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

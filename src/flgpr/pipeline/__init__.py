@@ -1,1 +1,0 @@
-"""From a run to a result folder: recipes, stage order, reports."""

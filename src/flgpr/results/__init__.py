@@ -1,0 +1,1 @@
+"""Result folders, their scores, and the files that the viewer reads."""

@@ -1,0 +1,332 @@
+"""The result folder: what detection found, how, and from what."""
+
+from __future__ import annotations
+
+import io
+import platform
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import flgpr
+from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
+from flgpr.chain.lane_chain import MAIN, Detection
+from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.io import (
+    canonical_json,
+    check_free_folder,
+    inside,
+    read_limited,
+    read_table,
+    replace_folder,
+    seal,
+    sha256,
+    unseal,
+    write_geojson,
+    write_table,
+    write_whole,
+)
+from flgpr.model import Lane
+from flgpr.results.view_files import plain_json, write_view
+
+FORMAT, VERSION = "flgpr-result", 2
+MODEL = "model"
+"""Folder of the classifier inside a result."""
+SECTIONS = "sections.json"
+"""What lists the result folders of a lane that was taken in sections."""
+_LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
+
+
+class ResultError(ValueError):
+    """A result folder is incomplete, altered or not a result folder at all."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A result folder, read.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it lies.
+    manifest : dict
+        Version, run, recipe and digests.
+    recipe : Recipe
+        What was run.
+    lane : Lane
+        The lane it was run for.
+    detections : list of Detection
+        Main result and variants.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+    recipe: Recipe
+    lane: Lane
+    detections: list[Detection]
+
+    def classifier(self) -> Classifier | None:
+        """Load the classifier that scored the alarms; None if none did."""
+        return load_classifier(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
+
+
+def write_result(
+    folder: str | Path,
+    detections: list[Detection],
+    recipe_text: str,
+    lane: Lane,
+    run: dict[str, Any],
+    classifier: Classifier | None = None,
+    section: dict[str, Any] | None = None,
+) -> Path:
+    """Write a result folder; it appears whole or not at all.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to make. An older result there is replaced, anything else is left alone.
+    detections : list of Detection
+        Main result and variants.
+    recipe_text : str
+        TOML of the recipe.
+    lane : Lane
+        The lane it was run for.
+    run : dict
+        Description of the run, from ``describe_run``.
+    classifier : Classifier, optional
+        What scored the alarms; it is kept with the result.
+    section : dict, optional
+        What part of a longer lane it is, from :func:`flgpr.chain.sections.section_note`.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no result lies at the path.
+    """
+    folder = check_free(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    for detection in detections:
+        home = partial if detection.name == MAIN else partial / "variants" / detection.name
+        home.mkdir(parents=True, exist_ok=True)
+        write_table(detection.alarms, home / "alarms.csv")
+        write_geojson(detection.alarms, home / "alarms.geojson")
+        write_whole(home / "run_view.npz", _view_bytes(detection.view))
+        if detection.features is not None:
+            write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
+    write_view(partial, detections, lane, run)
+    write_whole(partial / "recipe.toml", recipe_text)
+    if classifier is not None:
+        save_classifier(classifier, partial / MODEL)
+    content = plain_json(_content(partial, detections, recipe_text, lane, run))
+    if section is not None:
+        content["section"] = section
+    write_whole(partial / "manifest.json", _manifest(content, {}))
+    replace_folder(partial, folder)
+    return folder
+
+
+def check_free(folder: str | Path) -> Path:
+    """Make sure that a result may be written at a place.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The place.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    FileExistsError
+        If something that is no result lies there.
+    """
+    return check_free_folder(folder, ("manifest.json", SECTIONS), "result")
+
+
+def _content(
+    home: Path, detections: list[Detection], recipe_text: str, lane: Lane, run: dict[str, Any]
+) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "flgpr": flgpr.__version__,
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in _LIBRARIES},
+        "recipe_sha256": sha256(recipe_text.encode()),
+        "lane": {name: getattr(lane, name) for name in ("x_min", "x_max", "y_min", "y_max")},
+        "run": run,
+        "detections": [{"name": d.name, "title": d.title, "notes": d.notes} for d in detections],
+        "files": {
+            file.relative_to(home).as_posix(): sha256(file.read_bytes())
+            for file in sorted(home.rglob("*"))
+            if file.is_file()
+        },
+    }
+
+
+def _manifest(content: dict[str, Any], added: dict[str, list[str | None]]) -> bytes:
+    """Seal the content, its identity, and the digests of what is added to the folder later."""
+    return seal({**content, "identity": sha256(canonical_json(content)), "added": added})
+
+
+def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
+    """Add files to a result, or replace files added before: pages and scores.
+
+    The manifest first allows the old and the new digests, then the files are written, then the manifest allows the new
+    ones only. So the result can be read whenever this is interrupted.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Result folder.
+    files : mapping of str to bytes or str
+        Content by name.
+
+    Raises
+    ------
+    ResultError
+        If it is no result folder, or its manifest is altered.
+    """
+    folder = Path(folder)
+    manifest = read_result_manifest(folder)
+    data = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    for name in data:
+        (folder / name).parent.mkdir(exist_ok=True)
+    content = {name: value for name, value in manifest.items() if name not in ("identity", "added", "sha256")}
+    added: dict[str, list[str | None]] = dict(manifest["added"])
+    both = {name: [*added.get(name, [None]), sha256(body)] for name, body in data.items()}
+    write_whole(folder / "manifest.json", _manifest(content, added | both))
+    for name, body in data.items():
+        write_whole(folder / name, body)
+    write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
+
+
+def read_result_manifest(folder: str | Path) -> dict[str, Any]:
+    """Read the manifest of a result folder; its files are not looked at.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Returns
+    -------
+    dict
+        The manifest. ``identity`` stays the same when files are added.
+
+    Raises
+    ------
+    ResultError
+        If it is missing, altered, or of another format.
+    """
+    folder = Path(folder)
+    try:
+        manifest = unseal(read_limited(folder / "manifest.json"))
+        if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        return manifest
+    except OSError as error:
+        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise ResultError(f"{folder}: manifest.json is altered: {error}") from None
+
+
+def read_result(folder: str | Path) -> Result:
+    """Read a result folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Returns
+    -------
+    Result
+        Its content.
+
+    Raises
+    ------
+    ResultError
+        If it is no result folder, or one of the files it was written with is missing or altered.
+    """
+    folder = Path(folder)
+    manifest = read_result_manifest(folder)
+    try:
+        for name, digest in manifest["files"].items():
+            _check_file(folder, name, [digest])
+        for name, digests in manifest["added"].items():
+            _check_file(folder, name, digests)
+        lane = Lane(**manifest["lane"])
+        detections = [_read_detection(folder, entry) for entry in manifest["detections"]]
+        recipe = parse_recipe((folder / "recipe.toml").read_text(encoding="utf-8"), str(folder / "recipe.toml"))
+    except FileNotFoundError as error:
+        raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+    except ResultError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, OSError) as error:
+        raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
+    return Result(folder, manifest, recipe, lane, detections)
+
+
+def _check_file(folder: Path, name: str, digests: list[str | None]) -> None:
+    try:
+        path = inside(folder, name)
+    except ValueError as error:
+        raise ResultError(str(error)) from None
+    if None in digests and not path.exists():
+        return
+    if sha256(path.read_bytes()) not in digests:
+        raise ResultError(f"{folder}: {name} differs from what was written")
+
+
+def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
+    home = folder if entry["name"] == MAIN else inside(folder, f"variants/{entry['name']}")
+    try:
+        view = _read_view(home / "run_view.npz")
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ResultError(f"{folder}: run_view.npz cannot be read ({error!r})") from None
+    alarms = read_table(home / "alarms.csv", "alarms")
+    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
+
+
+def _read_view(path: Path) -> xr.DataArray:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        return xr.DataArray(
+            arrays["magnitude"],
+            dims=("polarization", "subband", "y", "x"),
+            coords={
+                **{name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")},
+                "y": arrays["y"],
+                "x": arrays["x"],
+                "looks": (("y", "x"), arrays["looks"]),
+            },
+            name="run_view",
+        )
+
+
+def _view_bytes(view: xr.DataArray) -> bytes:
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {name: np.asarray(view[name].values) for name in ("y", "x", "looks")}
+    arrays |= {name: np.asarray(view[name].values, dtype=str) for name in ("polarization", "subband")}
+    arrays["magnitude"] = view.values.astype(np.float32)
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()

@@ -1,0 +1,160 @@
+"""The scores as the viewer shows them: labels of alarms, outcomes of targets, ROC curves of every subset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.io import canonical_json, sha256
+from flgpr.results.result import Result
+from flgpr.results.score import Score
+from flgpr.results.view_files import plain_json
+from flgpr.scoring import Match, match, pd_mean, roc_of
+
+SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
+_SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
+_OWN = ("pd", "n_detected", "pd_low", "pd_high")
+_MOST_DEPTHS = 6
+
+
+VIEW_SCORE = "view/score.json"
+
+
+def view_score(result: Result, scored: list[Score], truth: pd.DataFrame, objects: pd.DataFrame | None = None) -> bytes:
+    """Make ``view/score.json``, which names the result it belongs to and its own digest.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+    scored : list of Score
+        Its scores.
+    truth : DataFrame
+        Truth table.
+    objects : DataFrame, optional
+        Objects to show.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
+    classes = depth_classes(truth)
+    score = result.recipe.score
+    content = plain_json(
+        {
+            "result_sha256": result.manifest["identity"],
+            "halo": score.halo,
+            "truth": _columns(truth),
+            "objects": None if objects is None else _columns(objects),
+            "kinds": sorted({str(kind) for kind in truth["kind"]}),
+            "depths": [label for label, _ in classes],
+            "target_depth": depth_labels(truth, classes),
+            "detections": {
+                one.detection.name: _scored(
+                    one, match(one.detection.alarms, truth, result.lane, score.halo), classes, score.area
+                )
+                for one in scored
+            },
+        }
+    )
+    body = canonical_json(content)
+    head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
+    return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
+
+
+def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
+    """Divide targets by depth: each depth for itself while they are few, else four quarters.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+
+    Returns
+    -------
+    list of (str, (float, float))
+        Label and the least and largest depth, m, both included.
+    """
+    depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
+    if len(depths) <= _MOST_DEPTHS:
+        return [(f"{_centimetres(depth)} cm", (depth - 5e-5, depth + 5e-5)) for depth in depths]
+    edges = np.quantile(depths, [0.25, 0.5, 0.75, 1.0], method="lower")
+    lows = [float(depths[0]), *(float(depths[depths > edge][0]) for edge in edges[:-1])]
+    return [
+        (f"{_centimetres(low)} to {_centimetres(high)} cm", (low - 5e-5, float(high) + 5e-5))
+        for low, high in zip(lows, edges, strict=True)
+    ]
+
+
+def depth_labels(truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]) -> list[str | None]:
+    """Name each target's depth class.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        Truth table.
+    classes : list
+        From :func:`depth_classes`.
+
+    Returns
+    -------
+    list of str or None
+        Labels; None where the depth is unknown.
+    """
+    return [
+        next((label for label, (low, high) in classes if low <= depth <= high), None)
+        for depth in truth["depth"].to_numpy(dtype=np.float64)
+    ]
+
+
+def _centimetres(depth: float) -> str:
+    return f"{100 * depth:.3g}"
+
+
+def _scored(one: Score, matched: Match, classes: list[tuple[str, tuple[float, float]]], area: Any) -> Mapping[str, Any]:
+    truth = matched.truth
+    kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
+    depths: list[str | None] = [None, *(label for label, _ in classes)]
+    of_target = np.array([label or "" for label in depth_labels(truth, classes)], dtype=object)
+    curves = []
+    for kind, depth in product(kinds, depths):
+        chosen = np.ones(len(truth), dtype=bool)
+        if kind is not None:
+            chosen &= (truth["kind"].astype(str) == kind).to_numpy()
+        if depth is not None:
+            chosen &= of_target == depth
+        if chosen.any() or not len(truth):
+            curves.append({"kind": kind, "depth": depth, **_curve(matched, chosen, area)})
+    return {
+        "label": one.labels["label"].tolist(),
+        "target": one.labels["target"].tolist(),
+        "distance": one.labels["distance"].tolist(),
+        "outcomes": _columns(one.outcomes),
+        "shared": _shared(matched, area),
+        "curves": curves,
+    }
+
+
+def _shared(matched: Match, area: Any) -> dict[str, Any]:
+    curve = roc_of(matched, area=area)
+    attrs = {"area": float(curve.iloc[-1]["area"]), "level": curve.attrs["level"]}
+    return {**attrs, "threshold": curve["threshold"].tolist(), **_rounded(curve, _SHARED)}
+
+
+def _curve(matched: Match, chosen: Any, area: Any) -> dict[str, Any]:
+    curve = roc_of(matched, chosen if len(chosen) else None, area=area)
+    mean = pd_mean(curve) if len(chosen) else None
+    return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
+
+
+def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[float]]:
+    return {name: [float(f"{value:.5g}") for value in curve[name]] for name in names}
+
+
+def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
+    return {str(name): table[name].tolist() for name in table.columns}

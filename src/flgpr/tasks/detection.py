@@ -1,0 +1,185 @@
+"""Detection on stored runs: files in, files out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from flgpr.chain.fitting import recipe_for
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.execution.lane_run import Note, detect_lane, homes_at, unnoted
+from flgpr.execution.lane_work import make_job
+from flgpr.execution.survey import area_of, detect_survey, executor_for, lane_names
+from flgpr.io import MAX_MEMORY, read_lane
+from flgpr.results.result import Result, read_result
+
+PathLike = str | Path
+
+
+def detect_run(
+    run: PathLike,
+    recipe: PathLike | None,
+    output: PathLike,
+    lane: PathLike | None = None,
+    track: Track = silent,
+    report: bool = True,
+    model: PathLike | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    note: Note = unnoted,
+    max_memory: int = MAX_MEMORY,
+) -> Result:
+    """Detect on a stored run and write a result folder with its report.
+
+    This works block by block and can be stopped and gone on with, see :func:`flgpr.execution.lane_run.detect_lane`.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    recipe : str or path or None
+        Name of a packaged recipe, or a TOML file; None makes one for the run, see
+        :func:`flgpr.chain.fitting.fit_recipe`.
+    output : path
+        Result folder to make.
+    lane : path, optional
+        TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
+    track : Track
+        Shows progress.
+    report : bool
+        Whether to write ``report.html`` now; scoring writes it anew anyway.
+    model : path, optional
+        Folder of a trained classifier, for recipes with features.
+    workers : int, optional
+        Number of processes; default this one. The result is the same, bit for bit.
+    scheduler : str, optional
+        Address of a Dask scheduler in place of workers.
+    note : callable
+        Takes a report of every piece of work that was done.
+    max_memory : int
+        Memory that each process may take, bytes; a lane that would take more is refused before anything is decoded, see
+        :func:`detect_long`.
+
+    Returns
+    -------
+    Result
+        The result as written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output would overwrite something else; nothing is written then.
+    """
+    options = (track, report, model, workers, scheduler, note, max_memory)
+    return read_result(detect_long(run, recipe, output, lane, *options, section=math.inf)[0])
+
+
+def detect_long(
+    run: PathLike,
+    recipe: PathLike | None,
+    output: PathLike,
+    lane: PathLike | None = None,
+    track: Track = silent,
+    report: bool = True,
+    model: PathLike | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    note: Note = unnoted,
+    max_memory: int = MAX_MEMORY,
+    section: float | None = None,
+) -> list[Path]:
+    """Detect on a stored run of any length.
+
+    Parameters
+    ----------
+    run, recipe, output, lane, track, report, model, workers, scheduler, note, max_memory
+        As for :func:`detect_run`. A lane that would take more memory is taken in sections, unless the recipe has
+        variants: ``output`` then holds a result folder per section and a table of all alarms, see
+        :mod:`flgpr.execution.lane_run`.
+    section : float, optional
+        Longest section that is wanted, m; default as long as the memory allows; infinity for one piece or not at all.
+
+    Returns
+    -------
+    list of Path
+        The result folder, or those of the sections in their order.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output would overwrite something else; nothing is written then.
+    """
+    text = _text_of(recipe, run, model, max_memory)
+    parsed = parse_recipe(text, str(recipe))
+    area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
+    job = make_job(run, text, area, output, report, model, max_memory)
+    with executor_for(workers, scheduler) as executor:
+        return detect_lane(job, executor, track, note, section)
+
+
+def detect_runs(
+    runs: Sequence[PathLike],
+    recipe: PathLike | None,
+    output: PathLike,
+    lanes: Sequence[PathLike] | None = None,
+    track: Track = silent,
+    report: bool = True,
+    model: PathLike | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    lanes_at_once: int | None = None,
+    note: Note = unnoted,
+    max_memory: int = MAX_MEMORY,
+    section: float | None = None,
+) -> list[Path]:
+    """Detect on many stored runs; goes on where it was stopped.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores with different names.
+    recipe : str or path or None
+        Name of a packaged recipe, or a TOML file. None makes one for the first run, which the others must fit.
+    output : path
+        Folder that takes a result folder per run, named like it, and ``survey.json``.
+    lanes : sequence of path, optional
+        TOML of each lane, in the same order, in place of the recipe's.
+    track, report, model, workers, scheduler, note, max_memory, section
+        As for :func:`detect_long`.
+    lanes_at_once : int, optional
+        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
+
+    Returns
+    -------
+    list of Path
+        The result folders, in the order of the runs; a lane in sections has one for each.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output would overwrite something else.
+    """
+    if not runs:
+        raise ValueError("runs must hold at least one run, got none")
+    lane_names(runs)  # refuses runs of one name
+    text = _text_of(recipe, runs[0], model, max_memory)
+    if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
+        raise ValueError(
+            f"lanes must be given or a recipe: {runs[0]} is so short that the recipe made for it has its lane"
+        )
+    who = executor_for(workers, scheduler)
+    folders = detect_survey(
+        runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note, section
+    )
+    return [home for folder in folders for home in homes_at(folder)]
+
+
+def _text_of(recipe: PathLike | None, run: PathLike, model: PathLike | None, max_memory: int) -> str:
+    """Text of a recipe, or of the one made for a run."""
+    if recipe is not None:
+        return recipe_text(recipe)
+    if model is not None:
+        raise ValueError("recipe must be given with a model: the one it was trained with, got none")
+    return recipe_for(run, max_memory=max_memory)

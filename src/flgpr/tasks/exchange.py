@@ -1,0 +1,275 @@
+"""Import and export as functions: files in, files out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+
+from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table
+from flgpr.io.anchor import Anchor, read_anchor
+from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.georeferenced import (
+    georeference,
+    write_earth_csv,
+    write_earth_geojson,
+    write_geopackage,
+    write_geotiff,
+    write_kml,
+)
+from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.model.track import reference_track
+from flgpr.results.result import read_result
+
+PathLike = str | Path
+TABLE_FORMATS = {"geojson": ".geojson", "gpkg": ".gpkg", "kml": ".kml", "csv": ".csv"}
+FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
+
+
+def import_with_mapping(
+    mapping: PathLike,
+    output: PathLike,
+    data: list[PathLike] | None = None,
+    survey: PathLike | None = None,
+    track: PathLike | None = None,
+    anchor: PathLike | None = None,
+    clock_offset: float = 0.0,
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    latency: float = 0.0,
+    max_memory: int = MAX_MEMORY,
+) -> Imported:
+    """Import data files by a mapping and store the run. A stopped import goes on with the scan it was at.
+
+    Parameters
+    ----------
+    mapping : path
+        TOML.
+    output : path
+        Run store to make.
+    data : list of path, optional
+        Data files in place of the mapping's own.
+    survey : path, optional
+        CSV of surveyed poses, a line per scan; see :func:`flgpr.io.read_survey`.
+    track : path, optional
+        CSV track; any other ending is read as an NMEA log, which needs the anchor.
+    anchor : path, optional
+        TOML that ties the lane to the Earth.
+    clock_offset : float
+        The track's clock less the radar's, s.
+    lever_arm : tuple of float
+        Positioning antenna in the vehicle frame, m.
+    latency : float
+        How late the track's time stamps are, s.
+    max_memory : int
+        Largest array that is read, bytes.
+
+    Returns
+    -------
+    Imported
+        Run, track and notes; a track is also written beside the run as ``NAME-track.csv``.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the store exists; nothing is written then.
+    """
+    _fresh(Path(output))
+    pose = read_survey(survey) if survey is not None else None
+    moved = None
+    if track is not None:
+        moved = reference_track(_track(Path(track), anchor), lever_arm, latency)
+    arrived = import_mapped(
+        mapping,
+        [Path(one) for one in data] if data else None,
+        limit=max_memory,
+        pose=pose,
+        track=moved,
+        clock_offset=clock_offset,
+    )
+    store, run = Path(output), _tied(arrived.run, anchor)
+    if arrived.track is not None:  # before the run, whose presence says that all is there
+        write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
+    save_run(run, store, resume=True)
+    return arrived
+
+
+def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
+    """Import a CPHD file and store the run.
+
+    Parameters
+    ----------
+    path : path
+        CPHD file.
+    output : path
+        Run store to make.
+    anchor : path, optional
+        TOML that ties the lane to the Earth; needed for files of other makers.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the store exists.
+    """
+    _fresh(Path(output))
+    run = _tied(read_cphd(path, _anchor(anchor)), anchor)
+    save_run(run, output, resume=True)
+    return run
+
+
+def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
+    """Export a stored run as CPHD.
+
+    Parameters
+    ----------
+    run : path
+        Run store.
+    output : path
+        CPHD file to write.
+    anchor : path
+        TOML that ties the lane to the Earth.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    _fresh(Path(output))
+    return write_cphd(open_run(run), output, read_anchor(anchor))
+
+
+def export_table(
+    table: PathLike, output: PathLike, to: str, anchor: PathLike, kind: str = "truth", time: str | None = None
+) -> Path:
+    """Export a table of alarms, truth or objects to the Earth.
+
+    Parameters
+    ----------
+    table : path
+        CSV.
+    output : path
+        File to write.
+    to : {"geojson", "gpkg", "kml", "csv"}
+        Format.
+    anchor : path
+        TOML that ties the lane to the Earth.
+    kind : {"alarms", "truth", "objects"}
+        What the table holds.
+    time : str, optional
+        When, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    rows = read_table(table, kind)
+    digest = sha256(Path(table).read_bytes())
+    return _write_points(rows, Path(output), to, read_anchor(anchor), kind, f"sha256:{digest}", time)
+
+
+def export_result(
+    result: PathLike, output: PathLike, to: str, anchor: PathLike, detection: str = "main", time: str | None = None
+) -> Path:
+    """Export the alarms or the run-view of a result to the Earth.
+
+    Parameters
+    ----------
+    result : path
+        Result folder.
+    output : path
+        File to write.
+    to : {"geojson", "gpkg", "kml", "csv", "geotiff"}
+        Format; "geotiff" writes the run-view, the others the alarms as evidence points.
+    anchor : path
+        TOML that ties the lane to the Earth.
+    detection : str
+        "main" or the name of a variant.
+    time : str, optional
+        When the data were taken, ISO 8601 with a time zone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid or the output exists.
+    """
+    if to not in (*TABLE_FORMATS, "geotiff"):
+        raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
+    held = read_result(result)
+    chosen = [one for one in held.detections if one.name == detection]
+    if not chosen:
+        known = ", ".join(one.name for one in held.detections)
+        raise ValueError(f"detection must be one of {known}, got {detection!r}")
+    identity = f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}"
+    target, tie = Path(output), read_anchor(anchor)
+    if to == "geotiff":
+        _fresh(target)
+        write_geotiff(chosen[0].view, target, tie, identity)
+        return target
+    return _write_points(chosen[0].alarms, target, to, tie, "alarms", identity, time)
+
+
+def _write_points(
+    rows: pd.DataFrame, output: Path, to: str, anchor: Anchor, kind: str, identity: str, time: str | None
+) -> Path:
+    if to not in TABLE_FORMATS:
+        raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
+    _fresh(output)
+    points = georeference(rows, anchor, kind, identity, time)
+    if to == "geojson":
+        about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": anchor.sigma, "processing_id": identity}
+        write_earth_geojson(points, output, about)
+    elif to == "gpkg":
+        write_geopackage(points, output, kind)
+    elif to == "kml":
+        write_kml(points, output, f"{kind} {identity}")
+    else:
+        write_earth_csv(points, output)
+    return output
+
+
+def _track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
+    if path.suffix.lower() == ".csv":
+        return read_track(path)
+    tie = _anchor(anchor)
+    if tie is None:
+        raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
+    return read_nmea(path, tie)
+
+
+def _tied(run: xr.Dataset, anchor: PathLike | None) -> xr.Dataset:
+    """Let a run remember where its lane lies, so that results and the viewer know it too."""
+    tie = _anchor(anchor)
+    return run if tie is None else run.assign_attrs(georeference=tie.georeference())
+
+
+def _anchor(anchor: PathLike | None) -> Anchor | None:
+    return None if anchor is None else read_anchor(anchor)
+
+
+def _fresh(path: Path) -> None:
+    if path.exists():
+        raise FileExistsError(f"output must not exist yet, got {path}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"the folder of the output must exist, got {path.parent}")

@@ -1,0 +1,179 @@
+"""The bridge to a full-wave solver as files: decks out, results in."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from flgpr.chain.progress import Track, silent
+from flgpr.io import GprmaxRun, RunWriter, lane_text, save_run, write_geojson, write_table, write_whole
+from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
+from flgpr.model import Sensor
+from flgpr.simulate import Decks, Scene, draw_world, make_decks
+
+_TOLD = """\
+A scene of flgpr as input files of gprMax (https://www.gprmax.com), version 3 or 4.
+
+    sh run.sh                                   # every input file that has no result yet
+    flgpr import gprmax . -o ../fullwave.zarr   # when all are done
+
+scanNNN-txNN-H.in   scan, transmitter and its polarization
+air-....in          the same antennas in air alone: the direct wave, which the import takes off
+scene.txt           soil, surface, objects and targets, included by every scan
+manifest.json       what the import needs to put the results together; what was left out stands there, too
+
+"""
+_SCRIPT = """\
+#!/bin/sh
+# Runs gprMax on every input file that has no result yet; PYTHON may name the interpreter that has it.
+cd "$(dirname "$0")" || exit 1
+for deck in *.in; do
+  name=${deck%.in}
+  [ -e "$name.h5" ] || [ -e "$name.out" ] || ${PYTHON:-python} -m gprMax "$deck" || exit 1
+done
+"""
+_BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson", "lane.toml")
+
+
+def write_gprmax_decks(
+    scene: Scene,
+    sensor: Sensor,
+    seed: int,
+    folder: str | Path,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
+) -> Decks:
+    """Write a scene's gprMax input files into a new folder, with truth, objects and lane.
+
+    Parameters
+    ----------
+    scene, sensor, seed, cells_per_wavelength, max_cells
+        As in :func:`flgpr.simulate.make_decks`.
+    folder : str or Path
+        Folder to make.
+
+    Returns
+    -------
+    Decks
+        What was written, and what was left out.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder exists.
+    ValueError
+        If the model would be too large or cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists():
+        raise FileExistsError(f"output must not exist yet, got {folder}")
+    decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        for name, text in decks.files.items():
+            (partial / name).write_text(text, encoding="utf-8")
+        (partial / "manifest.json").write_text(json.dumps(decks.manifest, indent=1), encoding="utf-8")
+        (partial / "run.sh").write_text(_SCRIPT, encoding="utf-8")
+        left_out = "".join(f"- {one}\n" for one in decks.omissions)
+        words = _TOLD + "Size:\n" + "".join(f"- {one}\n" for one in decks.summary) + f"\nNot written:\n{left_out}"
+        (partial / "README.txt").write_text(words, encoding="utf-8")
+        world = draw_world(scene, seed)
+        for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
+            write_table(table, partial / f"{name}.csv")
+            write_geojson(table, partial / f"{name}.geojson")
+        write_whole(partial / "lane.toml", lane_text(scene.lane))
+        partial.rename(folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return decks
+
+
+def import_gprmax_results(
+    folder: str | Path, output: str | Path, keep_direct: bool = False, track: Track = silent
+) -> list[Path]:
+    """Read the results of a folder of gprMax decks into a run; truth, objects and lane are written beside it.
+
+    Parameters
+    ----------
+    folder : str or Path
+        What :func:`write_gprmax_decks` made, with the results of all input files.
+    output : str or Path
+        Run store to make.
+    keep_direct : bool
+        Leave the direct wave in the data.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    FileNotFoundError, FileExistsError
+        If there is no such folder, or the store exists.
+    ValueError
+        If results are missing or damaged.
+    """
+    results, store = GprmaxRun(folder, keep_direct), Path(output)
+    told = results.manifest
+    attrs = {
+        "source": "gprMax, decks by flgpr",
+        "title": told["title"],
+        "direct_wave": "kept" if keep_direct else "taken off",
+        "fullwave": {name: told.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
+    }
+    parts = (results.frequency, told["polarization"], told["tx_position"], told["rx_position"], attrs)
+    with RunWriter(store, *parts) as writer:
+        for scan in track(range(len(results)), "reading results", len(results)):
+            writer.append(results.scan(scan), told["pose"][scan], told["time"][scan])
+    written = [store]
+    for name in _BESIDE:
+        source = Path(folder) / name
+        if source.is_file():
+            target = store.with_name(f"{store.stem}-{name}")
+            write_whole(target, source.read_bytes())
+            written.append(target)
+    return written
+
+
+def import_gprmax_models(
+    paths: Sequence[str | Path],
+    output: str | Path,
+    band: tuple[float, float],
+    transmit: str,
+    ground: float,
+    horizontal: str = "x",
+    vertical: str = "z",
+    waveform: tuple[str, float] | None = None,
+) -> list[Path]:
+    """Read results of anybody's gprMax models into a run, a file per scan.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Result files in the order of the scans.
+    output : str or Path
+        Run store to make.
+    band, transmit, ground, horizontal, vertical, waveform
+        As in ``GprmaxTold``.
+
+    Returns
+    -------
+    list of Path
+        The store.
+
+    Raises
+    ------
+    FileNotFoundError, FileExistsError, ValueError
+        If an input is not valid, or the store exists.
+    """
+    if Path(output).exists():
+        raise FileExistsError(f"output must not exist yet, got {output}")
+    told = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
+    return [save_run(import_gprmax_files(paths, told), output)]

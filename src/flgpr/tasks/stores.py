@@ -1,0 +1,215 @@
+"""Making runs and telling what they hold, as functions: files in, files out."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from flgpr.chain.progress import Track, silent
+from flgpr.io import import_fullwave, save_run, write_geojson, write_table
+from flgpr.model import load_sensor
+from flgpr.simulate import Scene, load_scene
+from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
+from flgpr.tasks.fullwave import write_gprmax_decks
+from flgpr.tasks.simulation import preview_figure, simulate_to_store
+
+PathLike = str | Path
+
+
+def simulate_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    errors: bool = True,
+    track: Track = silent,
+    resume: bool = True,
+    truth: PathLike | None = None,
+) -> list[Path]:
+    """Simulate a scene file into a run store, or draw it.
+
+    Parameters
+    ----------
+    scene : path
+        Scene (TOML).
+    sensor : str or path
+        Sensor preset or TOML file.
+    seed : int
+        Seed.
+    output : path, optional
+        Run store to make, see :func:`flgpr.tasks.simulation.simulate_to_store`.
+    preview : path, optional
+        PNG to write.
+    errors : bool
+        Whether the sensor's errors are added.
+    track : Track
+        Shows progress.
+    resume : bool
+        Go on with what a stopped call left; otherwise begin again.
+    truth : path, optional
+        CSV of the truth in place of the one beside the store.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If an input is not valid or the store exists.
+    """
+    world, array = load_scene(scene), load_sensor(sensor)
+    written = []
+    if preview is not None:
+        written.append(_write_preview(world, seed, preview))
+    if output is not None:
+        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth)
+    return written
+
+
+def make_signature(
+    body: PathLike, output: PathLike | None = None, workers: int = 1, track: Track = silent
+) -> list[Path]:
+    """Compute the table of a body's scattering in the ground, which a scene's targets may name.
+
+    Parameters
+    ----------
+    body : str or path
+        Packaged body or TOML file.
+    output : path, optional
+        Table to write, by default the body's name with ``.npz``; ``OUTPUT.work`` beside it keeps what a stopped call
+        has done, and goes when the table is whole.
+    workers : int
+        Processes.
+    track : Track
+        Shows progress.
+
+    Returns
+    -------
+    list of Path
+        The table.
+
+    Raises
+    ------
+    ValueError
+        If the body is not valid or cannot be solved.
+    FileExistsError
+        If the output exists.
+    """
+    described = load_body(body)
+    path = Path(f"{described.name}.npz" if output is None else output)
+    if path.exists():
+        raise FileExistsError(f"output {path} exists")
+    work = path.with_name(path.name + ".work")
+    pieces = PERMITTIVITY.size * FREQUENCY.size
+    bar = iter(track(range(pieces), f"signature of {described.name}", pieces))
+    shown = 0
+
+    def show(done: int, _: int) -> None:
+        nonlocal shown
+        while shown < done:
+            next(bar, None)
+            shown += 1
+
+    table = build_table(described, work, workers, show)
+    next(bar, None)
+    part = path.with_name(path.name + ".part")
+    save_table(table, part)
+    part.rename(path)
+    shutil.rmtree(work)
+    return [path]
+
+
+def list_bodies() -> list[str]:
+    """Tell the packaged bodies, a line each: name, size and source."""
+    bodies = [load_body(name) for name in packaged_bodies()]
+    return [
+        f"{body.name:18} {2 * body.radius * body.elongation * 100:5.1f} cm across, {body.height * 100:4.1f} cm high: "
+        f"{body.source}"
+        for body in bodies
+    ]
+
+
+def write_gprmax_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
+) -> tuple[list[Path], list[str]]:
+    """Write a scene file as gprMax input files, or draw it.
+
+    Parameters
+    ----------
+    scene, sensor, seed, preview
+        As in :func:`simulate_lane`.
+    output : path, optional
+        Folder to make, see :func:`flgpr.tasks.fullwave.write_gprmax_decks`.
+    cells_per_wavelength, max_cells : float
+        As there.
+
+    Returns
+    -------
+    written : list of Path
+        What was written.
+    lines : list of str
+        Size of the model, and what was left out, in words.
+
+    Raises
+    ------
+    ValueError, FileExistsError
+        If an input is not valid or the folder exists.
+    """
+    world, array = load_scene(scene), load_sensor(sensor)
+    written, lines = [], []
+    if preview is not None:
+        written.append(_write_preview(world, seed, preview))
+    if output is not None:
+        decks = write_gprmax_decks(world, array, seed, output, cells_per_wavelength, max_cells)
+        lines = [*decks.summary, *(f"left out: {one}" for one in decks.omissions)]
+        written.append(Path(output))
+    return written, lines
+
+
+def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
+    preview_figure(scene, seed).savefig(path, dpi=100, format="png", metadata={"Software": None})
+    return Path(path)
+
+
+def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
+    """Import a full-wave archive: run, and truth and objects if the archive tells.
+
+    Parameters
+    ----------
+    archive : path
+        The .npz archive, see :func:`flgpr.io.import_fullwave`.
+    output : path
+        Run store to make; ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If the archive is not valid or the store exists.
+    """
+    store = Path(output)
+    if store.exists():
+        raise FileExistsError(f"output must not exist yet, got {store}")
+    lane, written = import_fullwave(archive), [store]
+    store.parent.mkdir(parents=True, exist_ok=True)
+    for name, table in (("truth", lane.truth), ("objects", lane.objects)):
+        if table is not None:
+            path = store.with_name(f"{store.stem}-{name}.csv")
+            write_table(table, path)
+            write_geojson(table, path.with_suffix(".geojson"))
+            written.append(path)
+    save_run(lane.run, store, resume=True)
+    return written

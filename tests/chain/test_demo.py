@@ -1,0 +1,151 @@
+import json
+import re
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr import tasks
+from flgpr.chain.detect import detect
+from flgpr.chain.recipe import load_recipe, recipe_text
+from flgpr.io import open_run, read_table, sample_lane, save_run, seal, sha256, unseal
+from flgpr.results.result import ResultError, read_result
+from flgpr.scoring import roc
+
+
+def outcome(scored, name):
+    one = next(one for one in scored if one.detection.name == name)
+    return one.outcomes.set_index("target_id")
+
+
+def test_both_metal_mines_stand_above_every_false_alarm(demo):
+    table = outcome(demo[1], "main")
+    metal = table[table["kind"] == "metal"]
+    assert metal["detected"].all()
+    assert (metal["n_false"] == 0).all()
+    assert (metal["distance"] < 0.2).all()
+
+
+def test_subtracting_the_roadside_leaves_the_mines_and_takes_the_post_away(demo):
+    result, scored = demo
+    suppressed = next(d for d in result.detections if d.name == "roadside-suppressed")
+    post = read_table(sample_lane() / "objects.csv", "objects").query("kind == 'post'").iloc[0]
+    near = np.hypot(suppressed.alarms["x"] - post["x"], suppressed.alarms["y"] - post["y"]) < 0.3
+    assert not near.any()
+    assert suppressed.notes["mask_peak_reduced_by_db"] > 20
+    assert np.hypot(*(np.array(suppressed.notes["mask_centre"]) - post[["x", "y"]].astype(float))) < 0.2
+    assert outcome(scored, "roadside-suppressed")["detected"].all()
+
+
+def test_alarms_tell_what_the_roadside_made(demo):
+    alarms = demo[0].detections[0].alarms
+    post = np.hypot(alarms["x"] + 1.2, alarms["y"] - 4.0) < 0.2
+    assert alarms["roadside"][post].item() == pytest.approx(1, abs=0.1)
+    mine = np.hypot(alarms["x"] + 0.4, alarms["y"] - 3.0) < 0.2
+    assert alarms["roadside"][mine].item() < 0.05
+
+
+def test_the_roc_file_holds_what_scoring_computes(demo):
+    result, _ = demo
+    stored = json.loads((result.folder / "roc.json").read_text())
+    truth = read_table(sample_lane() / "truth.csv", "truth")
+    curve = roc(result.detections[0].alarms, truth, result.lane, halo=0.5)
+    points = pd.DataFrame(stored["main"]["points"])
+    assert points["threshold"].iloc[0] is None or np.isnan(points["threshold"].iloc[0])
+    np.testing.assert_allclose(points["pd"], curve["pd"])
+    np.testing.assert_allclose(points["far"], curve["far"])
+    area = 2.0 * 4.2 - 3 * np.pi * 0.25
+    assert 0 <= points["area"].iloc[0] - area < 0.1  # the halos overlap nowhere, one crosses no border
+
+
+def test_the_report_needs_nothing_beside_it(demo):
+    page = (demo[0].folder / "report.html").read_text(encoding="utf-8")
+    assert page.count('src="data:image/png;base64,') == 5
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "http" not in re.sub(r'data:image/png;base64,[^"]*', "", page)
+    for word in ("mine-3", "95 %", "recipe.toml", "SHA-256", "roadside"):
+        assert word in page
+
+
+def test_geojson_and_csv_hold_the_same_alarms(demo):
+    folder = demo[0].folder
+    table = read_table(folder / "alarms.csv", "alarms")
+    features = json.loads((folder / "alarms.geojson").read_text())["features"]
+    assert [f["geometry"]["coordinates"] for f in features] == table[["x", "y"]].to_numpy().tolist()
+    assert [f["properties"]["confidence"] for f in features] == table["confidence"].tolist()
+    assert table["confidence"].is_monotonic_decreasing
+
+
+def test_the_same_input_gives_the_same_bytes(demo, tmp_path):
+    again = tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "again")
+    assert again.manifest["identity"] == demo[0].manifest["identity"]
+    assert again.manifest["files"] == demo[0].manifest["files"]
+
+
+def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
+    assert tasks.replay(demo[0].folder) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    run = open_run(sample_lane() / "run.zarr").load()
+    save_run(run.assign(signal=1.5 * run["signal"]), tmp_path / "louder.zarr")
+    with pytest.raises(ValueError, match="must be the one the result was made of"):
+        tasks.replay(demo[0].folder, tmp_path / "louder.zarr")
+
+
+def test_replay_tells_a_result_that_differs(demo, tmp_path):
+    other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
+    (tmp_path / "taylor.toml").write_text(other)
+    tasks.detect_run(sample_lane() / "run.zarr", tmp_path / "taylor.toml", tmp_path / "result", report=False)
+    folder = tmp_path / "result"
+    (folder / "recipe.toml").write_text(recipe_text("demo"))
+    manifest = unseal((folder / "manifest.json").read_bytes())
+    del manifest["sha256"]
+    manifest["files"]["recipe.toml"] = sha256(recipe_text("demo").encode())
+    (folder / "manifest.json").write_bytes(seal(manifest))
+    outcome = tasks.replay(folder)
+    assert not outcome["identical"]
+    assert not outcome["agrees"]
+    assert "run_view.npz" in outcome["files"]
+
+
+def test_detection_needs_no_truth_and_scoring_adds_it_later(demo, tmp_path):
+    alone = tmp_path / "lane"
+    shutil.copytree(sample_lane() / "run.zarr", alone / "run.zarr")
+    result = tasks.detect_run(alone / "run.zarr", "demo", tmp_path / "result")
+    pd.testing.assert_frame_equal(result.detections[0].alarms, demo[0].detections[0].alarms)
+    assert not (tmp_path / "result" / "roc.json").exists()
+    assert "Not scored" in (tmp_path / "result" / "report.html").read_text()
+
+
+def test_a_nan_sweep_masks_its_scan_and_is_counted(tmp_path):
+    run = open_run(sample_lane() / "run.zarr").load()
+    run["signal"][1, 2, 7, 50] = np.nan
+    run["valid"][1, 2, 7] = False
+    save_run(run, tmp_path / "run.zarr")
+    result = tasks.detect_run(tmp_path / "run.zarr", "demo", tmp_path / "result")
+    assert result.manifest["run"]["masked_scans"] == [1]
+    assert result.manifest["run"]["missing_sweeps"] == 1
+    assert result.detections[0].view["looks"].max() == 2
+    assert "1 sweeps are missing" in (tmp_path / "result" / "report.html").read_text()
+
+
+def test_an_altered_result_is_refused(demo, tmp_path):
+    shutil.copytree(demo[0].folder, tmp_path / "result")
+    (tmp_path / "result" / "alarms.csv").write_text("x,y,confidence\n0,3,99\n")
+    with pytest.raises(ResultError, match=r"alarms\.csv differs"):
+        read_result(tmp_path / "result")
+    (tmp_path / "result" / "manifest.json").unlink()
+    with pytest.raises(ResultError, match=r"manifest\.json"):
+        read_result(tmp_path / "result")
+
+
+def test_output_never_overwrites_other_files(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(FileExistsError, match="other files"):
+        tasks.demo(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_channel_the_run_lacks_is_named():
+    run = open_run(sample_lane() / "run.zarr").isel(polarization=[3])
+    with pytest.raises(ValueError, match=r"prescreen\.polarization.*VV.*'HH'"):
+        detect(run, load_recipe("demo"))

@@ -1,0 +1,51 @@
+import pytest
+
+from flgpr.chain.recipe import line_of, load_recipe, parse_recipe, recipe_names, recipe_text
+
+DEMO = recipe_text("demo")
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_packaged_recipes_are_valid(name):
+    assert load_recipe(name).name == name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("radius = 0.375", "radius = -1", ["prescreen.radius", "greater than 0"]),
+        ("radius = 0.375", "radius = 0.375\ncolour = 1", ["prescreen.colour"]),
+        ('polarization = "HH"', 'polarization = "LR"', ["polarization", "'LR'"]),
+        ("x_max = 1.0", "x_max = -1.0", ["lane", "empty lane"]),
+        ('window = "hann"', 'window = "square"', ["image.window", "'square'"]),
+        ('subband = "0.45-1.5"', 'subband = "F9"', ["subband", "'F9'"]),
+        ("y = [1.2, 5.84]", "y = [5.84, 1.2]", ["image.y", "increase"]),
+        ("guard = [9, 7]", "guard = [8, 7]", ["odd"]),
+        ('name = "demo"', "name = ", ["TOML"]),
+    ],
+)
+def test_a_broken_recipe_names_the_entry_and_the_rule(old, new, words):
+    assert old in DEMO
+    with pytest.raises(ValueError) as error:
+        parse_recipe(DEMO.replace(old, new), "mine.toml")
+    for word in ["mine.toml", *words]:
+        assert word in str(error.value)
+
+
+def test_an_unknown_recipe_lists_the_packaged_ones():
+    with pytest.raises(ValueError, match="demo"):
+        load_recipe("no-such")
+
+
+def test_a_fault_is_told_with_its_line():
+    text = DEMO.replace("density = 0.75", "density = -0.75")
+    line = text[: text.index("density = -0.75")].count("\n") + 1
+    with pytest.raises(ValueError, match=rf"line {line}: prescreen\.density"):
+        parse_recipe(text)
+
+
+def test_lines_are_found_in_nested_quoted_and_repeated_tables():
+    text = 'a = 1\n[b]\nc = 2\n[b.d]\n"0.4-1" = 3\n[[e]]\nf = 4\n'
+    assert [line_of(text, place) for place in (["a"], ["b", "c"], ["b", "d", "0.4-1"], ["e", "f"])] == [1, 3, 5, 7]
+    assert line_of(text, ["b", "missing"]) == 2
+    assert line_of(text, ["missing"]) is None

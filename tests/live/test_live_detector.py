@@ -1,0 +1,270 @@
+"""Detection scan by scan: against batch, out of order, after gaps, and from a snapshot on."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial import cKDTree
+
+from flgpr.chain.classifier import Classifier
+from flgpr.chain.detect import detect
+from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.detect import FisherDiscriminant, HistogramNormalizer
+from flgpr.io import Scan, describe_for_live
+from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.intake import Intake
+from flgpr.live.state import (
+    SnapshotError,
+    read_snapshot,
+    restore_snapshot,
+    take_snapshot,
+    write_snapshot,
+)
+from live_lane import LANE, SCANS, STEP, TARGETS, make_lane_run, small_recipe
+
+SETTLED = 8.0  # m: the first sixteen scans or so have taught the background
+
+
+@pytest.fixture(scope="module")
+def run():
+    return make_lane_run()
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    return parse_recipe(small_recipe())
+
+
+@pytest.fixture(scope="module")
+def scans(run):
+    time, pose, signal = (run[name].values for name in ("time", "pose", "signal"))
+    return [Scan(k, float(time[k]), pose[k], signal[k]) for k in range(SCANS)]
+
+
+def start(run, recipe, **options):
+    return LiveDetector(describe_for_live(run), recipe, options.pop("lane", LANE), **options)
+
+
+def play(detector, scans):
+    updates = [detector.add(scan) for scan in scans]
+    detector.finish()
+    return updates
+
+
+@pytest.fixture(scope="module")
+def played(run, recipe, scans):
+    detector = start(run, recipe)
+    return detector, play(detector, scans)
+
+
+@pytest.fixture(scope="module")
+def batch(run, recipe):
+    return detect(run, recipe, LANE)[0].alarms
+
+
+def seen(table, scans):
+    """Alarms on ground that at least three scans saw, after the estimates have settled."""
+    last = scans[-3].pose[1] + 4.5
+    return table[(table["y"] > SETTLED) & (table["y"] < last - 0.5)]
+
+
+def near(table, other, radius=0.25):
+    away, _ = cKDTree(other[["x", "y"]]).query(table[["x", "y"]])
+    return away < radius
+
+
+def test_live_agrees_with_batch_once_it_has_settled(played, batch, scans):
+    live, whole = seen(played[0].table(), scans), seen(batch, scans)
+    assert len(whole) > 15
+    assert near(whole, live).mean() >= 0.8
+    top = whole.head(8)
+    assert near(top, live).all()
+    # Confidences agree as well, not only places.
+    _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
+    ratio = live["confidence"].to_numpy()[at] / top["confidence"].to_numpy()
+    assert np.abs(np.log(ratio)).max() < np.log(1.35)
+
+
+def test_with_the_whole_background_live_finds_what_batch_finds(run, recipe, scans, batch):
+    """The estimates make the difference: learnt from the same lane before, the alarms are nearly the same."""
+    detector = start(run, recipe)
+    for scan in scans:
+        detector.background.add(detector._image(scan))
+    play(detector, scans)
+    live, whole = seen(detector.table(), scans), seen(batch, scans)
+    assert near(whole, live, 0.15).mean() >= 0.9
+
+
+def test_mines_are_raised_ahead_of_the_vehicle_and_named_once(played):
+    _, updates = played
+    events = [(scan, alarm) for scan, update in enumerate(updates) for alarm in update.alarms]
+    for x, y in TARGETS:
+        own = [(scan, a) for scan, a in events if np.hypot(a.x - x, a.y - y) < 0.2]
+        assert own[0][1].state == "new"
+        assert own[0][1].first_left > 2.5
+        assert len({a.alarm_id for _, a in own}) == 1
+    states = {}
+    for _, alarm in events:
+        assert states.get(alarm.alarm_id) not in ("final", "withdrawn")
+        assert (alarm.state == "new") == (alarm.alarm_id not in states) or alarm.state == "final"
+        states[alarm.alarm_id] = alarm.state
+
+
+def test_the_alarms_are_those_of_the_events(played):
+    detector, updates = played
+    told = {}
+    for update in updates:
+        for alarm in update.alarms:
+            told[alarm.alarm_id] = alarm
+    standing = {name: one for name, one in told.items() if one.state != "withdrawn"}
+    table = detector.table().set_index("alarm_id")
+    assert set(table.index) == set(standing)
+    for name, one in standing.items():
+        assert table.loc[name, "confidence"] == one.confidence
+    assert table["confidence"].is_monotonic_decreasing
+
+
+def test_the_view_is_the_run_view_of_the_scans_in_memory(played, batch, run, recipe, scans):
+    """Rows that came last for a place make up a run-view like batch's."""
+    _, updates = played
+    found = np.full((200, 25), np.nan)
+    for update in updates:
+        if update.view is not None:
+            skip = max(-update.row, 0)
+            found[update.row + skip : update.row + len(update.view)] = update.view[skip:]
+    whole = detect(run, recipe, LANE)[0].view.sel(polarization="HH", subband="F1").values
+    rows = slice(70, 150)
+    both = np.isfinite(found[rows]) & np.isfinite(whole[rows])
+    assert both.mean() > 0.95
+    ratio = 20 * np.log10(found[rows][both] / whole[rows][both])
+    assert np.median(np.abs(ratio)) < 1.0
+
+
+def test_neighbours_that_change_places_change_little(run, recipe, scans, played):
+    order = list(scans)
+    for at in range(10, 38, 6):
+        order[at], order[at + 1] = order[at + 1], order[at]
+    detector = start(run, recipe)
+    updates = play(detector, order)
+    assert {update.outcome for update in updates} == {"taken", "warm-up"}
+    mine, usual = seen(detector.table(), scans), seen(played[0].table(), scans)
+    assert near(usual.head(10), mine, 0.2).all()
+
+
+def test_late_and_standing_scans_are_told_and_change_nothing(run, recipe, scans):
+    detector = start(run, recipe)
+    for scan in scans[:30]:
+        detector.add(scan)
+    before = take_snapshot(detector, Intake(detector.description), set(), "")
+    assert detector.add(scans[2]).outcome == "late"
+    again = Scan(30, 9.0, scans[29].pose + [0.0, 0.1, 0, 0, 0, 0], scans[29].signal)
+    assert detector.add(again).outcome == "still"
+    assert take_snapshot(detector, Intake(detector.description), set(), "")[0] == before[0]
+
+
+def test_after_a_long_gap_the_passed_alarms_are_final(run, recipe, scans):
+    detector = start(run, recipe, lane=None)
+    for scan in scans[:20]:
+        detector.add(scan)
+    still_open = set(detector.alarms)
+    assert still_open
+    far = [Scan(100 + k, 0.0, one.pose + [0, 200.0, 0, 0, 0, 0], one.signal) for k, one in enumerate(scans[20:26])]
+    updates = [detector.add(one) for one in far]
+    assert {a.alarm_id for a in updates[0].alarms if a.state == "final"} == still_open
+    assert max(update.view.shape[0] for update in updates) < 700
+    assert all(one.pose[1] > 150 for one in detector.history)
+
+
+def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
+    rng = np.random.default_rng(3)
+    names = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
+    values = rng.normal(size=(80, 3)) + 2 * (np.arange(80) < 30)[:, None] + [3, 3, 1]
+    label = (np.arange(80) < 30).astype(int)
+    normalizer = HistogramNormalizer().fit(values)
+    model = Classifier(names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label))
+    detector = start(run, recipe, classifier=model)
+    assert detector.subbands == ["F1"]
+    play(detector, scans)
+    live = seen(detector.table(), scans)
+    whole = seen(detect(run, recipe, LANE, classifier=model)[0].alarms, scans)
+    top = whole.head(6)
+    assert near(top, live).all()
+    _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
+    spread = whole["confidence"].std()
+    assert np.abs(live["confidence"].to_numpy()[at] - top["confidence"].to_numpy()).max() < spread
+
+
+def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, tmp_path):
+    whole = start(run, recipe)
+    expected = [whole.add(scan) for scan in scans]
+    first, intake = start(run, recipe), Intake(describe_for_live(run))
+    for scan in scans[:23]:
+        first.add(scan)
+    write_snapshot(tmp_path / "s.npz", take_snapshot(first, intake, {"scan-000022.scan"}, "mark"))
+    second = start(run, recipe)
+    assert restore_snapshot(read_snapshot(tmp_path / "s.npz"), second, intake, "mark") == {"scan-000022.scan"}
+    for scan, update in zip(scans[23:], expected[23:], strict=True):
+        mine = second.add(scan)
+        assert mine.alarms == update.alarms
+        np.testing.assert_array_equal(mine.view, update.view)
+    pd.testing.assert_frame_equal(second.table(), whole.table())
+
+
+def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, tmp_path):
+    detector, intake = start(run, recipe), Intake(describe_for_live(run))
+    for scan in scans[:6]:
+        detector.add(scan)
+    path = tmp_path / "s.npz"
+    assert read_snapshot(path) is None
+    write_snapshot(path, take_snapshot(detector, intake, set(), "mark"))
+    with pytest.raises(SnapshotError, match="another run"):
+        restore_snapshot(read_snapshot(path), start(run, recipe), intake, "other")
+    data = path.read_bytes()
+    refused = 0
+    for at in np.linspace(200, len(data) - 1, 60).astype(int):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+        try:
+            words, arrays = read_snapshot(path)
+        except SnapshotError:
+            refused += 1
+        else:  # bytes of the archive that nobody reads, such as a member's date
+            clean = take_snapshot(detector, intake, set(), "mark")
+            assert words == clean[0]
+            for name, value in clean[1].items():
+                np.testing.assert_array_equal(arrays[name], value)
+    assert refused > 50
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(SnapshotError, match="--fresh"):
+        read_snapshot(path)
+
+
+def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
+    assert start(run, recipe).subbands == ["F1"]
+    names = ("C_HH_F1", "P_H_F2")
+    model = Classifier(names, HistogramNormalizer(), FisherDiscriminant())
+    assert start(run, recipe, classifier=model).subbands == ["F1", "F2"]
+    with pytest.raises(ValueError, match=r"paper\.P_H_F1"):
+        start(run, recipe, classifier=Classifier(("paper.P_H_F1",), HistogramNormalizer(), FisherDiscriminant()))
+
+
+def test_recipes_that_cannot_run_live_are_refused(run, recipe, scans):
+    with pytest.raises(ValueError, match="self_signature"):
+        start(run, load_recipe("demo"))
+    alone = run.isel(polarization=[1])
+    with pytest.raises(ValueError, match=r"prescreen\.polarization.*VV.*'HH'"):
+        start(alone, recipe)
+    with pytest.raises(ValueError, match="pose"):
+        start(run, recipe).add(Scan(0, 0.0, None, scans[0].signal))
+    for settings in ({"looks": 0}, {"least_step": 0.0}):
+        with pytest.raises(ValueError, match=next(iter(settings))):
+            LiveSettings(**settings)
+
+
+def test_the_density_rule_counts_on_the_ground_seen(run, recipe, scans):
+    detector = start(run, recipe)
+    for scan in scans:
+        detector.add(scan)
+    area = detector.seen_area
+    width = 2.4 + 0.1
+    assert area == pytest.approx(width * (detector.closed - LANE.y_min), rel=0.15)
+    most = 0.75 * (area + width * (4.5 + STEP)) / (np.pi * 0.4**2)
+    assert len(detector.table()) <= most * 1.2

@@ -1,0 +1,151 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from flgpr.chain.lane_chain import Detection
+from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.io import open_run, sample_lane, save_run
+from flgpr.results.description import describe_run
+from flgpr.results.result import write_result
+from flgpr.tasks import exchange
+from io_geodesy import LANE, distance, on_the_ellipsoid
+
+
+def anchor_text():
+    points = [
+        f"[[point]]\nlane = [{x}, {y}]\nlongitude = {lon!r}\nlatitude = {lat!r}\nheight = 0.0\n"
+        for (x, y, _), (lon, lat) in zip(LANE.tolist(), on_the_ellipsoid(LANE).tolist(), strict=True)
+    ]
+    return 'crs = "EPSG:4326"\naccuracy = 0.02\n' + "".join(points)
+
+
+@pytest.fixture(scope="module")
+def anchor(tmp_path_factory):
+    path = tmp_path_factory.mktemp("anchor") / "anchor.toml"
+    path.write_text(anchor_text())
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A result as the demo recipe would write it, of three alarms."""
+    alarms = pd.DataFrame(
+        {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 1.1], "y": [3.0, 3.5, 4.2], "confidence": [9.0, 4.0, 2.5]}
+    )
+    x, y = np.arange(-1.5, 1.51, 0.1), np.arange(2.0, 5.01, 0.1)
+    view = xr.DataArray(
+        np.random.default_rng(0).random((1, 1, y.size, x.size), np.float32),
+        dims=("polarization", "subband", "y", "x"),
+        coords={"polarization": ["HH"], "subband": ["F1"], "y": y, "x": x, "looks": (("y", "x"), np.ones((31, 31)))},
+    )
+    text = recipe_text("demo")
+    lane = parse_recipe(text, "demo").lane.lane()
+    run = describe_run(open_run(sample_lane() / "run.zarr"))
+    detection = Detection("main", "as it stands", alarms, view, {})
+    return write_result(tmp_path_factory.mktemp("result") / "demo", [detection], text, lane, run)
+
+
+def test_alarms_leave_as_evidence_points(result, anchor, tmp_path):
+    exchange.export_result(result, tmp_path / "a.geojson", "geojson", anchor, time="2026-11-21T10:00:00Z")
+    told = json.loads((tmp_path / "a.geojson").read_text())
+    alarms = pd.read_csv(result / "alarms.csv")
+    assert len(told["features"]) == len(alarms) > 0
+    first = told["features"][0]
+    assert first["geometry"]["type"] == "Point"
+    assert first["properties"]["nature"] == "evidence point"
+    for name in ("confidence", "crs", "time", "processing_id", "anchor_sigma"):
+        assert first["properties"][name]
+    got = np.array([f["geometry"]["coordinates"][:2] for f in told["features"]])
+    want = on_the_ellipsoid(np.column_stack([alarms["x"], alarms["y"], 0 * alarms["x"]]))
+    assert distance(got, want).max() < 0.01
+    with pytest.raises(FileExistsError):
+        exchange.export_result(result, tmp_path / "a.geojson", "geojson", anchor)
+
+
+def test_every_format_is_written(result, anchor, tmp_path):
+    for name in ("kml", "csv"):
+        assert exchange.export_result(result, tmp_path / f"a.{name}", name, anchor).stat().st_size > 100
+    pytest.importorskip("rasterio")
+    pytest.importorskip("pyogrio")
+    pytest.importorskip("geopandas")
+    for name in ("gpkg", "geotiff"):
+        assert exchange.export_result(result, tmp_path / f"a.{name}", name, anchor).stat().st_size > 100
+    with pytest.raises(ValueError, match="to must be one of"):
+        exchange.export_result(result, tmp_path / "a.shp", "shp", anchor)
+    with pytest.raises(ValueError, match="detection must be one of main"):
+        exchange.export_result(result, tmp_path / "b.csv", "csv", anchor, detection="best")
+
+
+def test_truth_is_exported_from_its_file(anchor, tmp_path):
+    exchange.export_table(sample_lane() / "truth.csv", tmp_path / "t.csv", "csv", anchor, "truth")
+    table = pd.read_csv(tmp_path / "t.csv")
+    assert set(table["nature"]) == {"emplaced target"}
+    assert table["processing_id"][0].startswith("sha256:")
+
+
+def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
+    pytest.importorskip("sarkit")
+    save_run(small_run, tmp_path / "a.zarr")
+    exchange.export_run(tmp_path / "a.zarr", tmp_path / "a.cphd", anchor)
+    exchange.import_cphd(tmp_path / "a.cphd", tmp_path / "b.zarr")
+    back = open_run(tmp_path / "b.zarr").load()
+    np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=1e-6)
+    assert back.drop_vars("signal").identical(small_run.drop_vars("signal"))
+
+
+MAPPING = """
+title = "made up"
+polarization = ["HH"]
+files.data = "a.npz"
+[signal]
+variable = "s"
+dims = ["scan", "frequency"]
+[frequency]
+values = [1.0, 1.1, 1.2]
+unit = "GHz"
+[antenna_position]
+values = [[0, 0, 0]]
+unit = "m"
+[time]
+variable = "t"
+unit = "s"
+"""
+
+
+def test_import_with_a_track_or_a_survey(tmp_path):
+    np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([5.0, 6.0, 7.0]))
+    (tmp_path / "m.toml").write_text(MAPPING)
+    fixes = "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n0,0,0,2,0,0,0\n100,0,200,2,0,0,0\n"
+    (tmp_path / "t.csv").write_text(fixes)
+    exchange.import_with_mapping(
+        tmp_path / "m.toml", tmp_path / "r.zarr", track=tmp_path / "t.csv", clock_offset=10.0, lever_arm=(0, -1, 0.5)
+    )
+    run = open_run(tmp_path / "r.zarr")
+    np.testing.assert_allclose(run["pose"].values[:, 1], [31, 33, 35])
+    np.testing.assert_allclose(run["pose"].values[:, 2], 1.5)
+    assert (tmp_path / "r-track.csv").is_file()
+    (tmp_path / "s.csv").write_text("x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 2)
+    with pytest.raises(ValueError, match="pose"):
+        exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "q.zarr", survey=tmp_path / "s.csv")
+    assert not (tmp_path / "q.zarr").exists()
+    with pytest.raises(FileExistsError):
+        exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", survey=tmp_path / "s.csv")
+
+
+def test_an_anchored_import_remembers_where_its_lane_lies(anchor, tmp_path):
+    """What the viewer's cursor shows is where the anchor's points were surveyed."""
+    np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([5.0, 6.0, 7.0]))
+    (tmp_path / "m.toml").write_text(MAPPING)
+    (tmp_path / "s.csv").write_text("x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 3)
+    files = {"survey": tmp_path / "s.csv", "anchor": anchor}
+    exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", **files)
+    run = open_run(tmp_path / "r.zarr")
+    tied = run.attrs["georeference"]
+    origin, ahead = on_the_ellipsoid(np.array([[0.0, 0.0, 0.0], [0.0, 50.0, 0.0]]))
+    assert (tied["longitude"], tied["latitude"]) == pytest.approx(tuple(origin), abs=1e-8)
+    east, north = (ahead - origin) * [111_320 * np.cos(np.radians(origin[1])), 111_200]
+    assert np.degrees(np.arctan2(east, north)) % 360 == pytest.approx(tied["azimuth"] % 360, abs=0.3)
+    assert describe_run(run)["georeference"] == tied
