@@ -117,19 +117,24 @@ GAP, SOLID = [(0.015, 1.0), (0.135, 2.9)], [(0.15, 2.9)]
 @pytest.mark.parametrize("soil", [0, 1])
 @pytest.mark.parametrize(("name", "layers"), [("plastic-at", GAP), ("plastic-at-solid", SOLID)])
 def test_bands_above_the_tables_have_their_level_in_dry_soil(name, layers, soil, sine):
-    """X band takes plastic from its layers; where they meet near 3 GHz both are alike in soils up to ε = 3.1."""
-    np.testing.assert_allclose(tabulated_over_layers(name, layers, soil, sine), 0, atol=3)
+    """X band takes plastic from its layers: near 3 GHz, in soils up to ε = 3.1, VV is within 2 dB of the tables.
+
+    HH of a gap is too, but a solid body's is up to 5.4 dB too weak: a phase of a radian is gathered on the way through.
+    """
+    hh, vv = tabulated_over_layers(name, layers, soil, sine)
+    assert 0 < hh < (5.5 if layers is SOLID else 2.1)
+    assert 0 < vv < 2
 
 
 @pytest.mark.parametrize(
     ("name", "layers", "permittivity", "hh", "vv"),
     [
-        ("plastic-at", GAP, 4.0, 4.2, 1.7),
-        ("plastic-at", GAP, 5.3, 10.5, 5.5),
-        ("plastic-at", GAP, 12.0, 20.3, 13.2),
-        ("plastic-at-solid", SOLID, 4.0, 12.9, 1.6),
-        ("plastic-at-solid", SOLID, 5.3, 19.6, 7.1),
-        ("plastic-at-solid", SOLID, 12.0, 24.5, 8.6),
+        ("plastic-at", GAP, 4.0, 3.8, 2.1),
+        ("plastic-at", GAP, 5.3, 9.8, 5.3),
+        ("plastic-at", GAP, 12.0, 19.6, 12.8),
+        ("plastic-at-solid", SOLID, 4.0, 11.1, 0.4),
+        ("plastic-at-solid", SOLID, 5.3, 18.5, 5.1),
+        ("plastic-at-solid", SOLID, 12.0, 24.0, 7.6),
     ],
 )
 def test_bands_above_the_tables_are_too_weak_in_denser_soil_by_known_decibels(name, layers, permittivity, hh, vv):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flgpr.chain.fitting import check_fit
+from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe, lane_of, parse_recipe
 from flgpr.execution.cluster import Cluster
@@ -119,6 +120,7 @@ def detect_survey(
         area = area_of(run, recipe, lane, max_memory)
         jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory))
         check_free(home / name)
+        plan_sections(sizes_of(open_run(run, max_memory)), recipe, area, max_memory, section)  # refuses beforehand
     home.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
     with ExitStack() as stack:
