@@ -74,8 +74,8 @@ class Pass:
     whole: bool = False
 
 
+# Goes through a block for an accumulator, which may begin with what was kept of it.
 Going = Callable[[range, Gathered], Iterator[int]]
-"""Goes through a block for an accumulator, which may begin with what was kept of it."""
 
 
 def plainly(block: range, gathered: Gathered) -> Iterator[int]:  # noqa: ARG001
