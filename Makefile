@@ -4,10 +4,17 @@ BIN := $(VENV)/bin
 KILLS ?= 100
 CASES ?= 10000
 
-.PHONY: demo test lint docs robustness clean
+# What a change needs every time: it takes about a minute.
+QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
+    simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
+
+.PHONY: demo quick test lint docs robustness clean
 
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
+
+quick: lint
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile $(addprefix tests/,$(QUICK))
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
