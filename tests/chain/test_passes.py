@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.lane_chain import array_table, table_arrays
-from flgpr.chain.passes import BLOCK, Chain, Gathered, Pass, blocks_of, bundled, group_of
+from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, blocks_of, bundled, group_of
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -102,7 +102,7 @@ class Counted:
         def merge(other):
             state.update({name: state[name] + other[name] for name in state})
 
-        return Gathered(add, lambda exact: dict(state), merge, lambda: dict(state))
+        return Accumulator(add, lambda exact: dict(state), merge, lambda: dict(state))
 
     def _sum(self, block):
         return self._gathered(float)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import xarray as xr
 
 from flgpr.chain.classifier import Classifier
-from flgpr.chain.fitting import check_fit
+from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import Detection, LaneChain
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, lane_of
+from flgpr.chain.recipe import Recipe
 from flgpr.chain.sections import Section
 from flgpr.model import Lane
 
@@ -48,7 +48,6 @@ def detect(
     ValueError
         If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
     """
-    check_fit(run, recipe)
-    chain = LaneChain(run, recipe, lane or lane_of(run, recipe), classifier, section=section)
+    chain = LaneChain(run, recipe, area_of(run, recipe, lane), classifier, section=section)
     chain.go(track)
     return chain.detections()

@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import Recipe, parse_recipe
+from flgpr.chain.recipe import Recipe, lane_of, parse_recipe
 from flgpr.io import MAX_MEMORY, open_run, write_whole
-from flgpr.model import SPEED_OF_LIGHT, complete_scans, vehicle_to_scan
+from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans, vehicle_to_scan
 
 FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
@@ -126,6 +126,32 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
             f"{image.y[0]:g} m for antennas {setup.height:.3g} m high; {_HINT}",
             stacklevel=2,
         )
+
+
+def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
+    """Check that a recipe fits a run and choose the lane: the one given, the recipe's, or the ground the scans cover.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run.
+    recipe : Recipe
+        The recipe.
+    lane : Lane, optional
+        Lane in place of the recipe's.
+
+    Returns
+    -------
+    Lane
+        The lane.
+
+    Raises
+    ------
+    ValueError
+        If the recipe does not fit the run, see :func:`check_fit`.
+    """
+    check_fit(run, recipe)
+    return lane if lane is not None else lane_of(run, recipe)
 
 
 def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from flgpr.chain.classifier import Classifier
 from flgpr.chain.contributions import contributions
 from flgpr.chain.evidence import Evidence, EvidenceSums
 from flgpr.chain.memory import CACHE
-from flgpr.chain.passes import Arrays, Chain, Gathered, Pass, bundled, group_of
+from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, bundled, group_of
 from flgpr.chain.recipe import Recipe, SuppressionTable
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, suppress_by_model
@@ -234,8 +234,9 @@ class LaneChain(Chain):
         self._images: dict[tuple[int, bool], xr.DataArray] = {}
         self._cleaned: dict[str, CleanedRun] = {}
 
+    @cached_property
     def reaching(self) -> list[int]:
-        """Tell which blocks reach the section, at least one."""
+        """Numbers of the blocks that reach the section, at least one."""
         windows = [self._rows(block) for block in self.blocks]
         return [number for number, rows in enumerate(windows) if rows.start < rows.stop] or [0]
 
@@ -341,7 +342,7 @@ class LaneChain(Chain):
             raise ValueError("a variant with suppress_roadside needs the table suppression")
         return self.recipe.suppression
 
-    def _roadside(self, block: range | None) -> Gathered:  # noqa: ARG002
+    def _roadside(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Find the ground beside the lane that outshines everything in it."""
         table, image, lane = self._suppression, self.imager.grid, self.lane
         place = self.run["pose"].values[self.imager.scans]
@@ -360,9 +361,9 @@ class LaneChain(Chain):
             mask = roadside_mask(sums.result()[0][0, 0], inside, round(table.grow / table.spacing))
             return {"points": grid.points()[mask]}
 
-        return Gathered(add, lambda _: sums.state(), sums.merge, result)
+        return Accumulator(add, lambda _: sums.state(), sums.merge, result)
 
-    def _share(self, block: range | None) -> Gathered:  # noqa: ARG002
+    def _share(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Tell what part of the alarms' amplitude, and of the brightest pixel in the mask, the roadside's model is."""
         alarms, points = self.raised(), self.known["roadside"]["points"]
         channel = {"polarization": self.recipe.prescreen.polarization, "subband": self.recipe.prescreen.subband}
@@ -391,21 +392,21 @@ class LaneChain(Chain):
         def state() -> Arrays:
             return {**sums, "peaks": peaks}
 
-        return Gathered(add, lambda _: state(), merge, state)
+        return Accumulator(add, lambda _: state(), merge, state)
 
-    def _signature(self, one: Variation, block: range | None) -> Gathered:  # noqa: ARG002
+    def _signature(self, one: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
         tool = self._estimator(one)
-        return Gathered(
+        return Accumulator(
             lambda place: tool.add_signature(self._image(place, one.suppressed).values),
             tool.first_sums,
             tool.take_first,
             tool.first_result,
         )
 
-    def _gain(self, one: Variation, block: range | None) -> Gathered:
+    def _gain(self, one: Variation, block: range | None) -> Accumulator:
         tool, first = self._estimator(one), self.known[one.of("signature")]
         tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
-        return Gathered(
+        return Accumulator(
             lambda place: tool.add_gain(self._image(place, one.suppressed).values),
             lambda _: tool.second_sums(),
             tool.take_second,
@@ -416,7 +417,7 @@ class LaneChain(Chain):
         table = self.recipe.background
         return BackgroundEstimator(*table.windows(self.recipe.image.spacing), table.median_step, one.signature)
 
-    def _view(self, one: Variation, block: range | None) -> Gathered:
+    def _view(self, one: Variation, block: range | None) -> Accumulator:
         sums, cleaned = self._view_sums(block), self._cleaned_by(one)
 
         def add(place: int) -> None:
@@ -433,9 +434,9 @@ class LaneChain(Chain):
             seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
             return {**self._cropped(values, looks), "seen": np.array(seen), **bundled({"maximum": table_arrays(own)})}
 
-        return Gathered(add, lambda _: sums.state(), sums.merge, result)
+        return Accumulator(add, lambda _: sums.state(), sums.merge, result)
 
-    def _features(self, one: Variation, block: range | None) -> Gathered:
+    def _features(self, one: Variation, block: range | None) -> Accumulator:
         cleaned, alarms = self._cleaned_by(one), self.raised(one)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
         sums = self._feature_sums(alarms.iloc[near], cleaned.grid)
@@ -464,32 +465,32 @@ class LaneChain(Chain):
                 theirs = group_of(state, name)
                 some.merge(theirs | {"row": np.searchsorted(near, theirs["row"])})
 
-        return Gathered(add, state, merge, lambda: table_arrays(self._feature_table(sums)))
+        return Accumulator(add, state, merge, lambda: table_arrays(self._feature_table(sums)))
 
-    def _evidence(self, one: Variation, block: range | None) -> Gathered:
-        before, cleaned = self._view_sums(block), self._cleaned_by(one)
+    def _evidence(self, one: Variation, block: range | None) -> Accumulator:
+        before, cleaned = (self._view_sums(block) if one.name == MAIN else None), self._cleaned_by(one)
         sums = self._evidence_sums(one, None if block is None else self._poses_near(block))
 
         def add(place: int) -> None:
             image = cleaned.scan(place)
-            if one.name == MAIN:
+            if before is not None:
                 before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
             sums.add(image.copy(data=cleaned.background.own_coherent(image.values, cleaned.gains[place])))
 
         def state() -> Arrays:
-            kept = {"evidence": sums.state()}
-            return bundled(kept | {"before": before.state()} if one.name == MAIN else kept)
+            kept = {} if before is None else {"before": before.state()}
+            return bundled(kept | {"evidence": sums.state()})
 
         def merge(state: Mapping[str, NDArray[Any]]) -> None:
             sums.merge(group_of(state, "evidence"))
-            if one.name == MAIN:
+            if before is not None:
                 before.merge(group_of(state, "before"))
 
         def result() -> Arrays:
-            view = self._cropped(*before.result()) if one.name == MAIN else {}
+            view = {} if before is None else self._cropped(*before.result())
             return view | bundled({"evidence": sums.state()})
 
-        return Gathered(add, lambda _: state(), merge, result)
+        return Accumulator(add, lambda _: state(), merge, result)
 
     def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums]:
         """Make the sums of the features, and of their variants by prefix; without features those of the contrast."""

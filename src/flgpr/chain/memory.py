@@ -139,20 +139,20 @@ def plan_sections(
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")
     grid, needed = recipe.run_view.grid(lane), memory_needed(sizes, recipe, lane)
-    if longest == math.inf and needed > limit and not recipe.variants:
-        raise ValueError(
-            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
-            f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
-        )
     wanted = grid.ny if longest is None or longest == math.inf else max(1, math.floor(longest / grid.dy + 1e-9))
     if wanted >= grid.ny and needed <= limit:
         return [Section(0, grid.ny)]
-    if recipe.variants:
+    if recipe.variants and needed > limit:
         raise ValueError(
             f"max-memory must be at least {needed / 1e9:.3g} GB for {sizes['scan']} scans with the recipe "
             f"{recipe.name!r}, got {limit / 1e9:.3g} GB: a recipe with variants takes a lane in one piece"
-            if needed > limit
-            else f"section needs a recipe without variants, got {recipe.name!r}"
+        )
+    if recipe.variants:
+        raise ValueError(f"section needs a recipe without variants, got {recipe.name!r}")
+    if longest == math.inf:
+        raise ValueError(
+            f"max-memory must be at least {needed / 1e9:.3g} GB for a lane of {lane.y_max - lane.y_min:.0f} m in one "
+            f"piece, got {limit / 1e9:.3g} GB: give more or take it in sections"
         )
     beyond, shortest = 2 * margin(recipe), min(math.ceil(SHORTEST / grid.dy), wanted, grid.ny)
     least = memory_needed(sizes, recipe, lane, min(shortest + beyond, grid.ny))

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 from numpy.typing import NDArray
 
@@ -21,30 +22,20 @@ BLOCK = 16
 Arrays = dict[str, NDArray[Any]]
 
 
-class Accumulator(Protocol):
-    """What one pass gathers."""
-
-    def add(self, place: int) -> None:
-        """Take in one scan, by its place among the complete ones."""
-
-    def state(self, exact: bool = False) -> Arrays:
-        """Give everything gathered so far; exactly, to go on with the same bits, or as the result needs it."""
-
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in the state of the scans that follow."""
-
-    def result(self) -> Arrays:
-        """Give what later passes may read."""
-
-
 @dataclass(frozen=True)
-class Gathered:
-    """An accumulator made of functions.
+class Accumulator:
+    """What one pass gathers, as four functions.
 
     Attributes
     ----------
-    add, state, merge, result : callable
-        Those of :class:`Accumulator`.
+    add : callable
+        Takes in one scan, by its place among the complete ones.
+    state : callable
+        Gives everything gathered so far; told True exactly, to go on with the same bits, else as the result needs it.
+    merge : callable
+        Takes in the state of the scans that follow.
+    result : callable
+        Gives what later passes may read.
     """
 
     add: Callable[[int], Any]
@@ -70,15 +61,15 @@ class Pass:
 
     name: str
     title: str
-    start: Callable[[range | None], Gathered]
+    start: Callable[[range | None], Accumulator]
     whole: bool = False
 
 
 # Goes through a block for an accumulator, which may begin with what was kept of it.
-Going = Callable[[range, Gathered], Iterator[int]]
+Going = Callable[[range, Accumulator], Iterator[int]]
 
 
-def plainly(block: range, gathered: Gathered) -> Iterator[int]:  # noqa: ARG001
+def plainly(block: range, gathered: Accumulator) -> Iterator[int]:  # noqa: ARG001
     """Go through a block from its beginning and keep nothing."""
     yield from block
 
@@ -120,10 +111,11 @@ class Chain:
 
     def numbers(self, name: str) -> list[int]:
         """Tell which blocks a pass goes through."""
-        return list(range(len(self.blocks))) if self.passes[name].whole else self.reaching()
+        return list(range(len(self.blocks))) if self.passes[name].whole else self.reaching
 
+    @cached_property
     def reaching(self) -> list[int]:
-        """Tell which blocks see what is asked for, at least one."""
+        """Numbers of the blocks that see what is asked for, at least one."""
         return list(range(len(self.blocks)))
 
     def part(self, name: str, number: int, going: Going = plainly) -> Arrays:

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.chain.passes import Arrays, Gathered
+from flgpr.chain.passes import Accumulator, Arrays
 from flgpr.io import canonical_json, sha256, write_whole
 
 SUFFIX = ".arrays"
@@ -292,14 +292,14 @@ class Kept:
         self.work, self.name = work, f"{part}-kept"
         self.every = KEEP_EVERY if every is None else every
 
-    def __call__(self, block: range, gathered: Gathered) -> Iterator[int]:
+    def __call__(self, block: range, gathered: Accumulator) -> Iterator[int]:
         """Go through a block, from where it was left.
 
         Parameters
         ----------
         block : range
             The block.
-        gathered : Gathered
+        gathered : Accumulator
             Takes in what was kept before, and gives what to keep.
 
         Yields

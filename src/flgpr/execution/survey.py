@@ -9,16 +9,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from flgpr.chain.fitting import check_fit
+from flgpr.chain.fitting import area_of
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import Recipe, lane_of, parse_recipe
+from flgpr.chain.recipe import parse_recipe
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
 from flgpr.execution.lane_run import Note, detect_lane, homes_at, is_done, unnoted
 from flgpr.execution.lane_work import make_job
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
-from flgpr.model import Lane
 from flgpr.results.result import check_free, read_result
 
 PathLike = str | Path
@@ -117,10 +116,11 @@ def detect_survey(
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane = None if lanes is None else read_lane(lanes[number])
-        area = area_of(run, recipe, lane, max_memory)
+        dataset = open_run(run, max_memory)
+        area = area_of(dataset, recipe, lane)
         jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory))
         check_free(home / name)
-        plan_sections(sizes_of(open_run(run, max_memory)), recipe, area, max_memory, section)  # refuses beforehand
+        plan_sections(sizes_of(dataset), recipe, area, max_memory, section)  # refuses beforehand
     home.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
     with ExitStack() as stack:
@@ -163,35 +163,6 @@ def lane_names(runs: Sequence[PathLike]) -> list[str]:
     if twice:
         raise ValueError(f"runs must have different names, got several {', '.join(twice)}")
     return names
-
-
-def area_of(run: PathLike, recipe: Recipe, lane: Lane | None, max_memory: int = MAX_MEMORY) -> Lane:
-    """Check that a recipe fits a run and choose the lane: the one given, the recipe's, or the ground the scans cover.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    recipe : Recipe
-        The recipe.
-    lane : Lane, optional
-        Lane in place of the recipe's.
-    max_memory : int
-        Memory that reading the run may take, bytes.
-
-    Returns
-    -------
-    Lane
-        The lane.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
-    """
-    dataset = open_run(run, max_memory)
-    check_fit(dataset, recipe)
-    return lane if lane is not None else lane_of(dataset, recipe)
 
 
 def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str, Any]]:

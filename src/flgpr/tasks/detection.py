@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from flgpr.chain.fitting import recipe_for
+from flgpr.chain.fitting import area_of, recipe_for
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.execution.lane_run import Note, detect_lane, homes_at, unnoted
 from flgpr.execution.lane_work import make_job
-from flgpr.execution.survey import area_of, detect_survey, executor_for, lane_names
-from flgpr.io import MAX_MEMORY, read_lane
+from flgpr.execution.survey import detect_survey, executor_for, lane_names
+from flgpr.io import MAX_MEMORY, open_run, read_lane
 from flgpr.results.result import Result, read_result
 
 PathLike = str | Path
@@ -113,7 +113,7 @@ def detect_long(
     """
     text = _text_of(recipe, run, model, max_memory)
     parsed = parse_recipe(text, str(recipe))
-    area = area_of(run, parsed, read_lane(lane) if lane is not None else None, max_memory)
+    area = area_of(open_run(run, max_memory), parsed, read_lane(lane) if lane is not None else None)
     job = make_job(run, text, area, output, report, model, max_memory)
     with executor_for(workers, scheduler) as executor:
         return detect_lane(job, executor, track, note, section)

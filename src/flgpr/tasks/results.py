@@ -20,13 +20,14 @@ from flgpr.chain.classifier import (
     train,
 )
 from flgpr.chain.detect import detect
+from flgpr.chain.fitting import area_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.sections import noted_section
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.lane_run import features_of_lane
 from flgpr.execution.lane_work import make_job
-from flgpr.execution.survey import area_of, executor_for
+from flgpr.execution.survey import executor_for
 from flgpr.io import (
     MAX_MEMORY,
     open_run,
@@ -156,7 +157,8 @@ def train_runs(
     check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
     with executor_for(workers, scheduler) as executor:
         for number, (run, targets) in enumerate(zip(runs, tables, strict=True)):
-            area = area_of(run, parsed, read_lane(lanes[number]) if lanes is not None else None, max_memory)
+            lane = read_lane(lanes[number]) if lanes is not None else None
+            area = area_of(open_run(run, max_memory), parsed, lane)
             beside = Path(output).with_name(f"{Path(output).name}-{number + 1}")
             jobs.append(make_job(run, text, area, beside, max_memory=max_memory))
             alarms, table = features_of_lane(jobs[-1], executor, track)
