@@ -21,13 +21,7 @@ _RANGE = 40.0  # dB
 
 @xr.register_dataset_accessor("flgpr")  # type: ignore[no-untyped-call]
 class RunAccessor:
-    """What a run can show of itself.
-
-    Attributes
-    ----------
-    plot : RunPlots
-        ``plot.geometry()``, ``plot.scan(k)``, ``plot.run_view()``.
-    """
+    """What a run can show of itself: ``imager``, ``plot.geometry()``, ``plot.scan(k)``, ``plot.run_view()``."""
 
     def __init__(self, run: xr.Dataset) -> None:
         self._run = run
@@ -46,20 +40,7 @@ class RunAccessor:
         return describe_run(check_run(self._run))
 
     def imager(self, grid: Grid | None = None, window: str = "hann") -> ScanImager:
-        """Make an imager of the run.
-
-        Parameters
-        ----------
-        grid : Grid, optional
-            Pixels in the scan frame. Default: 1 to 5 array heights ahead and 1.2 to either side.
-        window : str
-            Window over the whole band.
-
-        Returns
-        -------
-        ScanImager
-            Iterates over the images of all complete scans.
-        """
+        """Image all complete scans over the whole band, by default 1 to 5 array heights ahead, 1.2 to either side."""
         frequency = self._run["frequency"].values
         return ScanImager(
             self._run, grid or _grid(self._run), {"all": (float(frequency[0]), float(frequency[-1]))}, window
@@ -67,30 +48,13 @@ class RunAccessor:
 
 
 class RunPlots:
-    """Plots of a run; each takes axes to draw on and returns them.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    """
+    """Plots of a run; each takes axes to draw on and returns them."""
 
     def __init__(self, run: xr.Dataset) -> None:
         self._run = run
 
     def geometry(self, ax: Axes | None = None) -> Axes:
-        """Draw poses and, at the first and the last scan, the antennas, seen from above.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Where to draw.
-
-        Returns
-        -------
-        Axes
-            The axes.
-        """
+        """Draw poses and, at the first and the last scan, the antennas, seen from above."""
         ax = ax or _axes((5, 5))
         pose = self._run["pose"].values
         ax.plot(pose[:, 0], pose[:, 1], ".-", color="0.6", markersize=3, linewidth=0.8, label="scans")
@@ -108,29 +72,7 @@ class RunPlots:
     def scan(
         self, scan: int = 0, polarization: str | None = None, grid: Grid | None = None, ax: Axes | None = None
     ) -> Axes:
-        """Draw the image of one scan over the whole band.
-
-        Parameters
-        ----------
-        scan : int
-            Index; negative counts from the end.
-        polarization : str, optional
-            Default: the run's first.
-        grid : Grid, optional
-            Pixels in the scan frame.
-        ax : matplotlib axes, optional
-            Where to draw.
-
-        Returns
-        -------
-        Axes
-            The axes.
-
-        Raises
-        ------
-        ValueError
-            If there is no such scan or polarization, or a sweep of the scan is missing.
-        """
+        """Draw a scan's image over the whole band; a negative scan counts from the end."""
         count = self._run.sizes["scan"]
         if not -count <= scan < count:
             raise ValueError(f"scan must lie between 0 and {count - 1}, got {scan}")
@@ -146,28 +88,9 @@ class RunPlots:
     def run_view(
         self, polarization: str | None = None, lane: Lane | None = None, spacing: float = 0.1, ax: Axes | None = None
     ) -> Axes:
-        """Draw the run-view of uncleaned images over the whole band.
+        """Draw the run-view of uncleaned images over the whole band, of the first polarization unless told.
 
-        Parameters
-        ----------
-        polarization : str, optional
-            Default: the run's first.
-        lane : Lane, optional
-            What to draw. Default: what the images of the first and the last scan cover.
-        spacing : float
-            Pixel spacing, m.
-        ax : matplotlib axes, optional
-            Where to draw.
-
-        Returns
-        -------
-        Axes
-            The axes.
-
-        Raises
-        ------
-        ValueError
-            If there is no such polarization or no complete scan.
+        Without a lane it covers what the images of the first and the last scan do; ``spacing`` of the pixels is in m.
         """
         label = self._label(polarization)
         images = self._run.sel(polarization=[label]).flgpr.imager()

@@ -46,28 +46,13 @@ class Question:
 
 @dataclass
 class Design:
-    """What an array will see.
+    """What an array will see, in SI units.
 
-    Attributes
-    ----------
-    sensor : Sensor
-        The array.
-    facts : dict of str to float
-        Sizes and limits, SI units.
-    x, y : ndarray
-        Ground positions of the maps, m ahead of and across the array.
-    down, cross : (y, x) ndarray
-        Half-power widths of the point spread along y and x, m; NaN where no half-power point was met.
-    lobes : list of dict
-        Per distance: place and level of the highest lobe.
-    responses : dict of float to (y, x, power) arrays
-        Point spread over the ground of a point at each distance, dB below its peak.
-    close : dict of float to (y, x, power) arrays
-        The same close to the point, offsets in m.
-    ratio : dict of (kind, polarization) to (y, x) ndarray
-        Expected signal to clutter of a mine, dB.
-    ratio_x, ratio_y : ndarray
-        Its positions, m.
+    Maps are (y, x) over ground positions ``x``, ``y`` in m ahead of and across the array, ``ratio`` over its own.
+    ``down`` and ``cross`` are the half-power widths of the point spread along y and x, m, NaN where no half-power point
+    was met; ``lobes`` the place and level of the highest lobe at each distance; ``responses`` the ground around a point
+    at each distance as (y, x, power), dB below its peak, and ``close`` the same with offsets from the point; ``ratio``
+    the expected signal to clutter of a mine by kind and polarization, dB.
     """
 
     sensor: Sensor
@@ -85,24 +70,10 @@ class Design:
 
 
 class PointSpread:
-    """Image of a point on the ground by an array that stands level, over a band of uniform tones.
+    """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
 
     ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once: it depends on the difference
     of paths alone. Antenna patterns and spreading are left out, as image formation leaves them.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The array.
-    band : (float, float) or None
-        Hz; None takes all tones.
-    window : str
-        As in :class:`flgpr.imaging.ImagingOperator`.
-
-    Raises
-    ------
-    ValueError
-        If the band holds less than two tones or the window is not known.
     """
 
     def __init__(self, sensor: Sensor, band: tuple[float, float] | None = None, window: str = "hann") -> None:
@@ -182,27 +153,7 @@ def _half_power(offset: FloatArray, amplitude: FloatArray) -> float:
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
-    """Find out what an array will see.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The array; maps cover its footprint, clipped to 4 m across.
-    question : Question
-        Band, window, site and depth.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Design
-        The findings.
-
-    Raises
-    ------
-    ValueError
-        If the band holds less than two tones, or site or window are not known.
-    """
+    """Find out what an array will see, on maps of its footprint, clipped to 4 m across."""
     asked = question or Question()
     if asked.site not in sites():
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")

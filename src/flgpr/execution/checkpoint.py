@@ -37,25 +37,7 @@ class WorkError(ValueError):
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Write named arrays to a file that appears whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    arrays : mapping of str to ndarray
-        Numbers, booleans or text.
-
-    Returns
-    -------
-    int
-        Bytes written.
-
-    Raises
-    ------
-    ValueError
-        If an array holds anything else.
-    """
+    """Write named arrays of numbers, booleans or text to a file that appears whole or not at all; give its bytes."""
     head: list[dict[str, Any]] = []
     place, held = 0, []
     for name, value in arrays.items():
@@ -161,13 +143,7 @@ def _bytes(one: dict[str, Any]) -> int:
 
 
 class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
-    """A work folder as a mapping from names to groups of arrays.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder. To begin or go on with a job use :func:`begin`.
-    """
+    """A work folder as a mapping from names to groups of arrays; :func:`begin` begins or goes on with a job."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -200,41 +176,16 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         self._latest = None
 
     def part(self, stage: str, number: int) -> str:
-        """Name of a block's part.
-
-        Parameters
-        ----------
-        stage : str
-            The stage.
-        number : int
-            Number of the block.
-
-        Returns
-        -------
-        str
-            The name.
-        """
+        """Name of the part that a block of a stage leaves."""
         return f"{stage}-{number:06d}"
 
     def drop_parts(self, stage: str) -> None:
-        """Delete the parts of a stage that is folded.
-
-        Parameters
-        ----------
-        stage : str
-            The stage.
-        """
+        """Delete the parts of a stage that is folded."""
         for path in self.folder.glob(f"{stage}-*{SUFFIX}"):
             path.unlink()
 
     def drop_damaged(self) -> list[str]:
-        """Delete what is not whole.
-
-        Returns
-        -------
-        list of str
-            Names of what was deleted.
-        """
+        """Delete what is not whole, and give its names."""
         bad = []
         for name in list(self):
             try:
@@ -245,68 +196,23 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         return bad
 
     def path(self, name: str) -> Path:
-        """Tell where a group lies.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Path
-            The file.
-        """
+        """File of a group."""
         return self.folder / f"{name}{SUFFIX}"
 
     def size(self, name: str) -> int:
-        """Tell how large a group is.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        int
-            Bytes.
-        """
+        """Bytes of a group."""
         return self.path(name).stat().st_size
 
 
 class Kept:
-    """Goes through a block and keeps what was gathered every few seconds, so that a stop costs little of a long block.
-
-    Parameters
-    ----------
-    work : Checkpoint
-        The work folder.
-    part : str
-        Name of the block's part.
-    every : float
-        So many seconds of work may be lost besides the scan in flight; default ``KEEP_EVERY``.
-    """
+    """Goes through a block and keeps what was gathered every few seconds: a stop costs little of a long block."""
 
     def __init__(self, work: Checkpoint, part: str, every: float | None = None) -> None:
         self.work, self.name = work, f"{part}-kept"
         self.every = KEEP_EVERY if every is None else every
 
     def __call__(self, block: range, gathered: Accumulator) -> Iterator[int]:
-        """Go through a block, from where it was left.
-
-        Parameters
-        ----------
-        block : range
-            The block.
-        gathered : Accumulator
-            Takes in what was kept before, and gives what to keep.
-
-        Yields
-        ------
-        int
-            Its scans; one counts as gathered when the next is asked for.
-        """
+        """Give a block's scans from where it was left; one counts as gathered when the next is asked for."""
         begun = block.start
         if self.name in self.work:
             kept = dict(self.work[self.name])
@@ -329,26 +235,8 @@ class Kept:
 def begin(folder: Path, job: dict[str, Any]) -> Iterator[Checkpoint]:
     """Begin a job in a work folder, or go on with it where it was interrupted.
 
-    What belongs to another job, or is damaged, is deleted. While the context lasts no other process can begin.
-
-    Parameters
-    ----------
-    folder : Path
-        The work folder; its parent must exist.
-    job : dict
-        All that the job's outcome depends on, as JSON.
-
-    Yields
-    ------
-    Checkpoint
-        The work folder.
-
-    Raises
-    ------
-    WorkError
-        If another process works in the folder.
-    FileExistsError
-        If the folder holds other files.
+    ``job`` holds all that the outcome depends on, as JSON. What belongs to another job, or is damaged, is deleted.
+    While the context lasts no other process can begin. A folder with other files in it is refused.
     """
     folder.mkdir(exist_ok=True)
     with (folder / _LOCK).open("ab") as lock:
@@ -381,13 +269,7 @@ def _is_ours(path: Path) -> bool:
 
 
 def finish(folder: Path) -> None:
-    """Delete a work folder whose job is done.
-
-    Parameters
-    ----------
-    folder : Path
-        The work folder.
-    """
+    """Delete a work folder whose job is done."""
     done = folder.with_name(f"{folder.name}.done")
     shutil.rmtree(done, ignore_errors=True)
     folder.rename(done)

@@ -13,15 +13,10 @@ _PATIENCE = "20s"
 
 
 class Cluster:
-    """Hands the work to the workers of an existing Dask cluster.
+    """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
 
     A worker that is lost costs what it was at: what it has finished lies in the work folder. The run, the model and the
     folder of the output must have the same path on every worker, and the workers the same versions as this process.
-
-    Parameters
-    ----------
-    address : str
-        Address of the scheduler, such as ``tcp://host:8786``.
     """
 
     parallel = True
@@ -48,26 +43,10 @@ class Cluster:
             self._client = None
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Submit the work, a task for each set of arguments.
+        """Submit a task for each set of arguments, and yield what is done first.
 
-        Parameters
-        ----------
-        work : callable
-            A function of a module that the workers can import.
-        arguments : sequence of tuple
-            Its arguments, piece by piece.
-
-        Yields
-        ------
-        dict
-            What it returns, whichever is done first.
-
-        Raises
-        ------
-        LostWorkersError
-            If several workers are lost at the same piece.
-        Exception
-            What the work raised.
+        The function's module must be known to the workers. Several workers lost at the same piece are a
+        LostWorkersError.
         """
         futures = [self._client.submit(work, *some, pure=False) for some in arguments]
         try:

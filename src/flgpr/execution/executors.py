@@ -61,20 +61,7 @@ class Here:
         return None
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Do the work piece by piece.
-
-        Parameters
-        ----------
-        work : callable
-            A function.
-        arguments : sequence of tuple
-            Its arguments, piece by piece.
-
-        Yields
-        ------
-        dict
-            What it returns.
-        """
+        """Do the work piece by piece."""
         for some in arguments:
             yield work(*some)
 
@@ -84,16 +71,6 @@ class Processes:
 
     They end when this process does, even if it is killed. If one of them is killed, what it worked on is begun anew.
     A script that uses them does so under ``if __name__ == "__main__"``, since they import it.
-
-    Parameters
-    ----------
-    count : int
-        Number of processes.
-
-    Raises
-    ------
-    ValueError
-        If it is not positive.
     """
 
     parallel = True
@@ -117,25 +94,7 @@ class Processes:
             self._pool = None
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Hand the work out.
-
-        Parameters
-        ----------
-        work : callable
-            A function of a module.
-        arguments : sequence of tuple
-            Its arguments, piece by piece.
-
-        Yields
-        ------
-        dict
-            What it returns, whichever is done first.
-
-        Raises
-        ------
-        LostWorkersError
-            If processes are killed time and again.
-        """
+        """Hand out the work, a module's function; yield what is done first. Processes killed time and again end it."""
         left = list(arguments)
         for _ in range(_TRIALS):
             pool = self._pool or self._begin(None)

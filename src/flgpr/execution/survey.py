@@ -24,25 +24,7 @@ PathLike = str | Path
 
 
 def executor_for(workers: int | None = None, scheduler: str | None = None) -> Executor:
-    """Choose who does the work.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes; default this one, with all its threads.
-    scheduler : str, optional
-        Address of a Dask scheduler.
-
-    Returns
-    -------
-    Executor
-        Who.
-
-    Raises
-    ------
-    ValueError
-        If both are given, or the number is not positive.
-    """
+    """Choose who does the work: this process with all its threads, so many processes, or a Dask cluster."""
     if scheduler is not None and workers is not None:
         raise ValueError(f"workers and scheduler exclude each other, got {workers} and {scheduler}")
     if scheduler is not None:
@@ -64,47 +46,14 @@ def detect_survey(
     note: Note = unnoted,
     section: float | None = None,
 ) -> list[Path]:
-    """Run a recipe on many stored lanes.
+    """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
-    Lanes whose result is there already are left out, so that a survey that was stopped goes on.
-
-    Parameters
-    ----------
-    runs : sequence of path
-        Run stores with different names.
-    recipe_text : str
-        Text of the recipe.
-    output : path
-        Folder that takes one result folder per lane, named like its run, and ``survey.json``, which lists them.
-    lanes : sequence of path, optional
-        TOML of each lane, in the same order.
-    model : path, optional
-        Folder of a trained classifier.
-    report : bool
-        Whether to draw the reports.
-    executor : Executor, optional
-        Who does it; default this process.
-    at_once : int, optional
-        How many lanes are worked on at the same time; default 2 where others do the work, so that none of them waits
-        for the last block of a stage, else 1.
-    max_memory : int
-        Memory that each process may take, bytes.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-    section : float, optional
-        Longest section that is wanted of a lane, m; infinity for lanes in one piece or not at all.
-
-    Returns
-    -------
-    list of Path
-        The lanes' folders, in the order of the runs: results, or folders of sections.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid. Results of lanes that were done stay.
+    Lanes whose result is there already are left out, so that a survey that was stopped goes on; results of lanes that
+    were done stay, whatever fails. ``output`` takes one result folder per lane, named like its run, and
+    ``survey.json``, which lists them; ``lanes`` are TOML files in the runs' order. By default two lanes are worked on
+    at once where others do the work, so that none of them waits for the last block of a stage. ``max_memory`` is bytes
+    for each process, ``section`` the longest section that is wanted of a lane in m, infinity for lanes in one piece or
+    not at all.
     """
     recipe, home, who = parse_recipe(recipe_text), Path(output), executor or Here()
     at_once = at_once or (2 if who.parallel else 1)
@@ -141,23 +90,7 @@ def detect_survey(
 
 
 def lane_names(runs: Sequence[PathLike]) -> list[str]:
-    """Name the lanes of a survey after their runs.
-
-    Parameters
-    ----------
-    runs : sequence of path
-        Run stores.
-
-    Returns
-    -------
-    list of str
-        Their names without ending.
-
-    Raises
-    ------
-    ValueError
-        If two are the same.
-    """
+    """Name the lanes of a survey after their runs, without the ending; the names must differ."""
     names = [Path(run).stem for run in runs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -66,22 +66,11 @@ class LiveSettings:
 
 @dataclass(frozen=True)
 class LiveAlarm:
-    """An alarm as it stands after a scan.
+    """An alarm as it stands after a scan, at ``x``, ``y`` in m of the lane frame.
 
-    Attributes
-    ----------
-    alarm_id : str
-        Its name, kept as long as it lives.
-    x, y : float
-        Place in the lane frame, m.
-    confidence, magnitude : float
-        As in the alarm table.
-    scans : int
-        Scans that entered the confidence.
-    state : {"new", "update", "withdrawn", "final"}
-        "withdrawn": no longer a maximum, or too weak for the density rule; "final": no scan will see it again.
-    first_left : float
-        Distance along the heading from the array to the alarm when it was raised, m.
+    ``scans`` entered its confidence. "withdrawn" is what is no longer a maximum, or too weak for the density rule, and
+    "final" what no scan will see again. ``first_left`` is the distance along the heading from the array to the alarm
+    when it was raised, m.
     """
 
     alarm_id: str
@@ -98,16 +87,9 @@ class LiveAlarm:
 class LiveUpdate:
     """What a scan changed.
 
-    Attributes
-    ----------
-    outcome : str
-        "taken", "warm-up", "still" (the vehicle has not moved) or "late" (its ground is passed).
-    alarms : list of LiveAlarm
-        Alarms that changed.
-    row : int
-        Row of the run-view, counted from the lane's first, at which ``view`` begins.
-    view : (y, x) ndarray of float32 or None
-        Run-view of the prescreener's channel where it may have changed; NaN where nothing was seen.
+    ``outcome`` is "taken", "warm-up", "still" (the vehicle has not moved) or "late" (its ground is passed). ``view`` is
+    the run-view of the prescreener's channel, (y, x), where it may have changed, from ``row`` of the lane on; NaN is
+    unseen.
     """
 
     outcome: str
@@ -120,16 +102,8 @@ class LiveUpdate:
 class CleanedScan:
     """A cleaned scan that still sees ground ahead.
 
-    Attributes
-    ----------
-    number : int
-        Number of the scan.
-    pose : (6,) ndarray
-        Its pose.
-    magnitude : (polarization, subband, y, x) ndarray of float32
-        Cleaned magnitudes.
-    coherent : (polarization, subband, y, x) ndarray of complex64 or None
-        Cleaned images whose polarizations share one gain; None where no feature needs them.
+    Magnitudes and images are (polarization, subband, y, x). In ``coherent`` all polarizations share one gain; it is
+    None where no feature needs it.
     """
 
     number: int
@@ -141,23 +115,9 @@ class CleanedScan:
 class LiveDetector:
     """Raise alarms while scans come in.
 
-    Parameters
-    ----------
-    description : RunDescription
-        What the scans have in common.
-    recipe : Recipe
-        The recipe; only the sub-bands that decide on alarms are imaged.
-    lane : Lane, optional
-        The lane. Default: the recipe's, else 3 m about the first pose and as long as the vehicle drives.
-    classifier : Classifier, optional
-        Trained classifier; default: the local contrast is the confidence.
-    settings : LiveSettings, optional
-        Default: as the class has it.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run or cannot be run live.
+    Only the sub-bands that decide on alarms are imaged. Without a lane, here or in the recipe, it is 3 m about the
+    first pose and as long as the vehicle drives; without a classifier the local contrast is the confidence. A recipe
+    that cannot be run live is a ValueError.
     """
 
     def __init__(
@@ -198,23 +158,7 @@ class LiveDetector:
         return None if self.newest is None else self.newest[1]
 
     def add(self, scan: Scan) -> LiveUpdate:
-        """Take a scan in.
-
-        Parameters
-        ----------
-        scan : Scan
-            A scan with a pose and without missing sweeps, in any order.
-
-        Returns
-        -------
-        LiveUpdate
-            What it changed.
-
-        Raises
-        ------
-        ValueError
-            If the scan has no pose or its image no gain.
-        """
+        """Take in a scan with a pose and without missing sweeps, in any order of scans."""
         if scan.pose is None:
             raise ValueError(f"scan {scan.number} must have a pose, got none")
         pose = scan.pose
@@ -242,13 +186,7 @@ class LiveDetector:
         return LiveUpdate("taken", left_behind + self._raise(view), row, np.asarray(view.values, np.float32))
 
     def finish(self) -> list[LiveAlarm]:
-        """Close the run: nothing will be seen any more.
-
-        Returns
-        -------
-        list of LiveAlarm
-            The alarms that were still open, final now.
-        """
+        """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
         closed = [replace(alarm, state="final") for alarm in self.alarms.values()]
         self.passed += closed
         self.alarms.clear()

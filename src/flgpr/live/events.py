@@ -22,15 +22,7 @@ Event = dict[str, Any]
 
 
 class EventFile:
-    """Appends events; a line that an earlier run left unfinished is cut off first.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    fresh : bool
-        Begin it anew.
-    """
+    """Appends events, or begins the file anew; a line that an earlier run left unfinished is cut off first."""
 
     def __init__(self, path: Path, fresh: bool) -> None:
         self.path = path
@@ -47,57 +39,24 @@ class EventFile:
         self._file.close()
 
     def append(self, events: Iterable[Event]) -> None:
-        """Write events in one piece.
-
-        Parameters
-        ----------
-        events : iterable of dict
-            Events.
-        """
+        """Write events in one piece."""
         text = "".join(as_line(event) for event in events)
         if text:
             self._file.write(text.encode())
 
 
 def as_line(event: Mapping[str, Any]) -> str:
-    """Write an event as a line.
-
-    Parameters
-    ----------
-    event : mapping
-        JSON values, finite numbers.
-
-    Returns
-    -------
-    str
-        JSON and the line's end.
-    """
+    """Write an event, JSON values and finite numbers, as a line with its end."""
     return json.dumps(event, separators=(",", ":"), allow_nan=False) + "\n"
 
 
 def alarm_event(
     alarm: LiveAlarm, scan: int, pose: NDArray[np.float64], vehicle: Vehicle, latency: float
 ) -> dict[str, Any]:
-    """Tell an alarm.
+    """Tell an alarm that ``scan`` raised or changed, ``latency`` s after it arrived; the pose is the newest scan's.
 
-    Parameters
-    ----------
-    alarm : LiveAlarm
-        The alarm.
-    scan : int
-        Scan that raised or changed it.
-    pose : (6,) ndarray
-        Pose of the newest scan.
-    vehicle : Vehicle
-        The vehicle.
-    latency : float
-        Time since the scan arrived, s.
-
-    Returns
-    -------
-    dict
-        The event. ``left_m`` is what was left to the vehicle's front when the newest scan was taken; ``in_time`` tells
-        whether the vehicle can stop before the place, and ``margin_m`` by how much.
+    ``left_m`` is what was left to the vehicle's front when the newest scan was taken; ``in_time`` tells whether the
+    vehicle can stop before the place, and ``margin_m`` by how much.
     """
     left = vehicle.left(alarm.x, alarm.y, pose)
     event: Event = {
@@ -121,19 +80,9 @@ def alarm_event(
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> Event:
-    """Tell rows of the run-view.
+    """Tell rows of the run-view (y, x), magnitudes in units of the background, NaN where nothing was seen.
 
-    Parameters
-    ----------
-    row : int
-        First row, counted from the grid's.
-    view : (y, x) ndarray
-        Magnitudes in units of the background; NaN where nothing was seen.
-
-    Returns
-    -------
-    dict
-        The event; ``halves`` are dB as little-endian half floats in base64, row by row.
+    ``halves`` are dB as little-endian half floats in base64, row by row.
     """
     skip = max(-row, 0)
     values = decibels(view[skip:])

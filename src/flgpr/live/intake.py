@@ -31,12 +31,7 @@ _KNOWN_POSES = 8
 class Intake:
     """Decides which scans go on to detection, and counts the others.
 
-    Parameters
-    ----------
-    description : RunDescription
-        The run.
-    longest_gap : int
-        Most scans from the last known pose to one that is filled in.
+    A pose is filled in at most ``longest_gap`` scans after the last known one.
     """
 
     def __init__(self, description: RunDescription, longest_gap: int = 3) -> None:
@@ -46,22 +41,9 @@ class Intake:
         self._poses: list[tuple[int, NDArray[np.float64]]] = []
 
     def admit(self, data: bytes) -> Scan | None:
-        """Look at a frame.
+        """Give a frame's scan if it is whole, of this run, with a pose and the first of its number; else None.
 
-        Parameters
-        ----------
-        data : bytes
-            The frame as it came.
-
-        Returns
-        -------
-        Scan or None
-            A whole scan of this run with a pose, the first of its number; None if it is left out, which was counted.
-
-        Raises
-        ------
-        ScanFileError
-            If the frame is damaged; that was counted.
+        What is left out is counted, damaged frames, which raise ScanFileError, too.
         """
         self.counts["received"] += 1
         try:
@@ -85,17 +67,7 @@ class Intake:
         return None if pose is None else Scan(scan.number, scan.time, pose, scan.signal)
 
     def judged(self, number: int, outcome: str, newest: int | None) -> None:
-        """Count what became of a scan that was admitted.
-
-        Parameters
-        ----------
-        number : int
-            Its number.
-        outcome : str
-            As :class:`flgpr.live.detector.LiveUpdate` tells, or "refused".
-        newest : int or None
-            Number of the newest scan taken before it.
-        """
+        """Count an admitted scan's outcome, "refused" or as LiveUpdate has it; ``newest`` was taken before it."""
         self.counts[outcome.replace("-", "_")] += 1
         if outcome in ("taken", "warm-up") and newest is not None and number < newest:
             self.counts["out_of_order"] += 1
@@ -106,13 +78,7 @@ class Intake:
         return {"counts": dict(self.counts), "seen": [list(run) for run in self._seen], "poses": poses}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a state.
-
-        Parameters
-        ----------
-        state : dict
-            From :meth:`state`.
-        """
+        """Go on from a state that :meth:`state` gave."""
         self.counts = dict.fromkeys(COUNTS, 0) | {name: int(n) for name, n in state["counts"].items()}
         self._seen = [[int(first), int(last)] for first, last in state["seen"]]
         self._poses = [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in state["poses"]]

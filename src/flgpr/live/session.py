@@ -343,17 +343,7 @@ class LiveRun:
 
 
 def rehearse(description: RunDescription, recipe: Recipe, classifier: Classifier | None) -> None:
-    """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan.
-
-    Parameters
-    ----------
-    description : RunDescription
-        The run.
-    recipe : Recipe
-        The recipe.
-    classifier : Classifier, optional
-        The model.
-    """
+    """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan."""
     detector = LiveDetector(description, recipe, None, classifier, LiveSettings(looks=1, warm_up=2))
     rng = np.random.default_rng(0)
     for number in range(4):

@@ -27,22 +27,7 @@ class SnapshotError(ValueError):
 
 
 def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str) -> Snapshot:
-    """Gather the state; later scans do not change what was gathered.
-
-    Parameters
-    ----------
-    detector, intake
-        What to keep.
-    names : set of str
-        Files that were read.
-    fingerprint : str
-        What the state belongs to.
-
-    Returns
-    -------
-    dict, dict of ndarray
-        What JSON holds, and arrays.
-    """
+    """Gather the state, as JSON values and arrays; later scans do not change what was gathered."""
     arrays = {f"background.{name}": value for name, value in detector.background.state().items()}
     for i, one in enumerate(detector.history):
         arrays |= {f"scan{i}.pose": one.pose, f"scan{i}.magnitude": one.magnitude}
@@ -68,15 +53,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
 
 
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
-    """Write a snapshot beside its place and rename it when it is whole.
-
-    Parameters
-    ----------
-    path : Path
-        Target.
-    snapshot : tuple
-        From :func:`take_snapshot`.
-    """
+    """Write a snapshot beside its place and rename it when it is whole."""
     words, arrays = snapshot
     text = canonical_json(words | {"arrays": sorted(arrays)})
     body = {"words": np.frombuffer(text, np.uint8), "digest": np.frombuffer(sha256(text).encode(), np.uint8)}
@@ -89,23 +66,7 @@ def write_snapshot(path: Path, snapshot: Snapshot) -> None:
 
 
 def read_snapshot(path: Path) -> Snapshot | None:
-    """Read a snapshot.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    tuple or None
-        The snapshot; None if there is none.
-
-    Raises
-    ------
-    SnapshotError
-        If it is damaged.
-    """
+    """Read a snapshot; None if there is none."""
     try:
         with (
             path.open("rb") as handle,
@@ -130,27 +91,7 @@ def read_snapshot(path: Path) -> Snapshot | None:
 
 
 def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str) -> set[str]:
-    """Bring a new detector and intake to the state of a snapshot.
-
-    Parameters
-    ----------
-    snapshot : tuple
-        From :func:`read_snapshot`.
-    detector, intake
-        Made with the same recipe, model and settings.
-    fingerprint : str
-        What the snapshot must belong to.
-
-    Returns
-    -------
-    set of str
-        Files that were read.
-
-    Raises
-    ------
-    SnapshotError
-        If it belongs to something else.
-    """
+    """Bring a new detector and intake, made alike, to a snapshot's state; give the names of the files read."""
     words, arrays = snapshot
     if words["fingerprint"] != fingerprint:
         raise SnapshotError("the snapshot belongs to another run, recipe, model or setting; --fresh begins anew")
@@ -174,13 +115,7 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
 
 
 class SnapshotWriter:
-    """Writes snapshots in a thread of its own, one at a time; while one is being written others are passed over.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Writes snapshots in a thread of its own, one at a time; while one is being written others are passed over."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -188,26 +123,14 @@ class SnapshotWriter:
         self._error: BaseException | None = None
 
     def offer(self, snapshot: Snapshot) -> None:
-        """Write a snapshot, unless the last one is still being written.
-
-        Parameters
-        ----------
-        snapshot : tuple
-            From :func:`take_snapshot`.
-        """
+        """Write a snapshot, unless the last one is still being written."""
         if self._thread is None or not self._thread.is_alive():
             self.raise_error()
             self._thread = threading.Thread(target=self._write, args=(snapshot,), name="snapshot")
             self._thread.start()
 
     def last(self, snapshot: Snapshot) -> None:
-        """Write the last snapshot and wait for it.
-
-        Parameters
-        ----------
-        snapshot : tuple
-            From :func:`take_snapshot`.
-        """
+        """Write the last snapshot and wait until it is written."""
         if self._thread is not None:
             self._thread.join()
         self._write(snapshot)

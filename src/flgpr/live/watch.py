@@ -27,20 +27,9 @@ SOCKET = "socket"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Something that came.
+    """A run's description, a frame, the run's end, or an error that ends the watch.
 
-    Attributes
-    ----------
-    kind : {"run", "frame", "end", "failed"}
-        A description, a frame, the end of the run, or an error that ends the watch.
-    name : str
-        File, or where on the socket.
-    when : float
-        When it had come whole, s since 1970.
-    data : bytes
-        The frame.
-    value : object
-        The description, or the error.
+    It came whole from ``name``, a file or a place on the socket, at ``when``, s since 1970.
     """
 
     kind: Literal["run", "frame", "end", "failed"]
@@ -54,30 +43,14 @@ class Arrival:
 class Inbox:
     """What came and was not taken yet, and whether it is over.
 
-    Attributes
-    ----------
-    arrivals : Queue
-        At most some tens: a source waits rather than filling the memory.
-    stop : Event
-        Set to end the sources.
+    It holds some tens of arrivals: a source waits rather than filling the memory.
     """
 
     arrivals: queue.Queue[Arrival] = field(default_factory=lambda: queue.Queue(_MOST_WAITING))
     stop: threading.Event = field(default_factory=threading.Event)
 
     def put(self, arrival: Arrival) -> bool:
-        """Hand something over; give up when it is over.
-
-        Parameters
-        ----------
-        arrival : Arrival
-            What came.
-
-        Returns
-        -------
-        bool
-            Whether it was handed over.
-        """
+        """Hand something over and tell whether it was; give up when it is over."""
         while not self.stop.is_set():
             with contextlib.suppress(queue.Full):
                 self.arrivals.put(arrival, timeout=0.1)
@@ -86,17 +59,7 @@ class Inbox:
 
 
 class FolderWatch(threading.Thread):
-    """Watches a folder: ``run.json`` first, then every new ``*.scan`` in the order of the names, then ``end.json``.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder; it need not exist yet.
-    inbox : Inbox
-        Where to hand things over.
-    known : set of str
-        Names that were read before.
-    """
+    """Watches a folder, made now or later: ``run.json``, then ``*.scan`` in the order of names, then ``end.json``."""
 
     def __init__(self, folder: Path, inbox: Inbox, known: set[str] | None = None) -> None:
         super().__init__(name=f"watch {folder}", daemon=True)
@@ -178,20 +141,7 @@ class FolderWatch(threading.Thread):
 
 
 class SocketWatch(threading.Thread):
-    """Listens on a Unix socket for frames, one after the other; several senders may come.
-
-    Parameters
-    ----------
-    path : Path
-        The socket to make; only this user may write to it.
-    inbox : Inbox
-        Where to hand things over.
-
-    Raises
-    ------
-    ValueError
-        If something else lies at the path, or another program listens there.
-    """
+    """Listens on a Unix socket of this user alone for frames, one after the other; several senders may come."""
 
     def __init__(self, path: Path, inbox: Inbox) -> None:
         super().__init__(name=f"listen {path}", daemon=True)

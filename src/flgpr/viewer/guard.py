@@ -27,18 +27,7 @@ _WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a host to listen on can be reached from this machine only.
-
-    Parameters
-    ----------
-    host : str
-        Name or address.
-
-    Returns
-    -------
-    bool
-        True for ``localhost`` and loopback addresses.
-    """
+    """Tell whether a host to listen on, ``localhost`` or an address, can be reached from this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -48,17 +37,9 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """Lets a request through only if host, origin and token are right; answers GET only.
 
-    The token is the first part of the path, so that no cookie is needed, which other ports of this machine would share.
-
-    Parameters
-    ----------
-    app : ASGI application
-        What is guarded; it sees the path without the token.
-    token : str
-        The token.
-    host, port : str, int
-        Where the server listens. On a wildcard address any literal address and this machine's own name are right:
-        rebinding a foreign name to it stays wrong.
+    The token is the first part of the path, so that no cookie is needed, which other ports of this machine would share;
+    the app that is guarded sees the path without it. On a wildcard address any literal address and this machine's own
+    name are right: rebinding a foreign name to it stays wrong.
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:

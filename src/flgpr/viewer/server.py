@@ -37,35 +37,7 @@ Endpoint = Callable[[Request], Awaitable[Response]]
 
 
 class Viewer:
-    """A viewer that listens, and serves once :meth:`run` is called.
-
-    Parameters
-    ----------
-    paths : sequence of path
-        Result folders or runs; the first is shown, a second can be compared with it. Empty only with ``live``.
-    host : str
-        Address to listen on.
-    port : int
-        Port; 0 takes a free one.
-    allow_remote : bool
-        Must be True to listen on an address that other machines can reach.
-    live : path, optional
-        File of live events (``*.jsonl``) to follow, or the folder that holds ``live.jsonl``.
-    score : path, optional
-        Folder the first result's score was written to, if not its own.
-    anchor : path, optional
-        TOML that ties the lane to the Earth, for results and runs that do not know where they lie.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to show, a path is not valid, or the address is not of this machine and ``allow_remote``
-        is False.
-    FileNotFoundError
-        If there is nothing at a path.
-    OSError
-        If the port is taken.
-    """
+    """A viewer that listens, and serves once :meth:`run` is called."""
 
     def __init__(
         self,
@@ -180,24 +152,7 @@ def serve(
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
 ) -> None:
-    """Show results in the browser until interrupted.
-
-    Parameters
-    ----------
-    paths : path or sequence of path
-        Result folders or runs; with two, they can be compared.
-    host, port, allow_remote, live, score, anchor
-        As for :class:`Viewer`.
-    open_browser : bool
-        Whether to open the page.
-    announce : callable
-        Told the address of the page.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, OSError
-        As :class:`Viewer`.
-    """
+    """Show results in the browser until interrupted."""
     several = [paths] if isinstance(paths, str | Path) else list(paths)
     viewer = Viewer(several, host, port, allow_remote, live, score, anchor)
     announce(viewer.url)

@@ -21,20 +21,7 @@ class ViewError(ValueError):
 
 
 class ResultFiles:
-    """The viewer's files of a result folder; nothing stays in memory but the index.
-
-    Parameters
-    ----------
-    folder : path
-        Result folder.
-    score : path, optional
-        Folder with ``view/score.json`` if the score was written elsewhere.
-
-    Raises
-    ------
-    ViewError
-        If the folder is no result, holds no view, or its index differs from what was written.
-    """
+    """The viewer's files of a result folder, or with the score of another; nothing stays in memory but the index."""
 
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
@@ -60,18 +47,7 @@ class ResultFiles:
         return self._read("index.json")
 
     def score_bytes(self) -> bytes | None:
-        """Read the score.
-
-        Returns
-        -------
-        bytes or None
-            JSON; None where the result was not scored.
-
-        Raises
-        ------
-        ViewError
-            If the score was altered or belongs to another result.
-        """
+        """Read the score, JSON; None where the result was not scored, an error where it is altered or another's."""
         try:
             stored = json.loads((self._score_home / "view" / "score.json").read_bytes())
             body = canonical_json(stored["content"])
@@ -86,23 +62,7 @@ class ResultFiles:
         return body
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
-        """Read rows of a layer.
-
-        Parameters
-        ----------
-        layer, level, tile : int
-            Which; a tile is ``tile_rows`` rows of all columns.
-
-        Returns
-        -------
-        bytes or None
-            Little-endian half floats, dB; None if there is no such tile.
-
-        Raises
-        ------
-        ViewError
-            If the file differs from what was written.
-        """
+        """Read a tile, ``tile_rows`` rows of a layer: little-endian half floats, dB; None if there is none."""
         layers = self.index["layers"]
         if not (0 <= layer < len(layers) and 0 <= level < len(layers[layer]["levels"])):
             return None
@@ -115,23 +75,7 @@ class ResultFiles:
         return self._read(entry["file"], first * width, rows * width)
 
     def evidence(self, detection: int, alarm: int) -> bytes | None:
-        """Read what explains an alarm.
-
-        Parameters
-        ----------
-        detection, alarm : int
-            Which.
-
-        Returns
-        -------
-        bytes or None
-            Little-endian half floats, dB; None if nothing is stored.
-
-        Raises
-        ------
-        ViewError
-            If the file differs from what was written.
-        """
+        """Read what explains an alarm of a detection: little-endian half floats, dB; None if nothing is stored."""
         detections = self.index["detections"]
         if not 0 <= detection < len(detections) or "evidence" not in detections[detection]:
             return None
@@ -162,18 +106,7 @@ class ResultFiles:
 
 
 class RunFiles:
-    """A run without a result: where the vehicle went, nothing more.
-
-    Parameters
-    ----------
-    path : path
-        Run store.
-
-    Raises
-    ------
-    ValueError
-        If it is no run.
-    """
+    """A run without a result: where the vehicle went, nothing more."""
 
     def __init__(self, path: str | Path) -> None:
         self.folder = Path(path).resolve()
@@ -223,32 +156,17 @@ class RunFiles:
 
 
 class LiveFile:
-    """Events of a live run: one JSON object per line in ``live.jsonl``, only ever appended to.
-
-    Parameters
-    ----------
-    path : path
-        The file (``*.jsonl``) or the folder that holds it, now or later.
-    """
+    """Events of a live run: one JSON object per line in a ``*.jsonl``, there now or later, only ever appended to."""
 
     def __init__(self, path: str | Path) -> None:
         whole = Path(path).resolve()
         self._path = whole if whole.suffix == ".jsonl" else whole / LIVE_FILE
 
     def after(self, offset: int) -> dict[str, Any]:
-        """Read events that came since.
+        """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
 
-        Parameters
-        ----------
-        offset : int
-            Where the last answer ended, bytes; 0 at first.
-
-        Returns
-        -------
-        dict
-            ``events``; ``next``, the offset to ask for then; ``bad``, lines that were no JSON object. A line without
-            its end is left for the next time; a file that was begun anew is read from its start (``restarted``);
-            ``more`` tells that there is more already.
+        ``bad`` counts lines that were no JSON object. A line without its end is left for the next time; a file that was
+        begun anew is read from its start (``restarted``); ``more`` tells that there is more already.
         """
         try:
             with self._path.open("rb") as file:
@@ -280,27 +198,7 @@ Source = ResultFiles | RunFiles
 
 
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
-    """Open a result folder or a run.
-
-    Parameters
-    ----------
-    path : path
-        Result folder (or its alarms.csv) or run store.
-    score : path, optional
-        Folder the score was written to, if not the result's.
-
-    Returns
-    -------
-    ResultFiles or RunFiles
-        What can be shown of it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is nothing at the path.
-    ValueError
-        If it is neither, or damaged.
-    """
+    """Open a result folder (or its alarms.csv) or a run store; ``score`` is the score's folder if not the result."""
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"nothing to view at {path}")
