@@ -21,15 +21,7 @@ _SETTLING = 60  # scans between the knots of the antennas' drift: a minute or tw
 
 
 class AntennaErrors:
-    """The antennas' errors, each scan's a function of the seed and the scan's number alone.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Its ``errors`` say what is on.
-    seed : int
-        Seed.
-    """
+    """The antennas' errors that the sensor's ``errors`` turn on; each scan's depend on seed and scan number alone."""
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
         self.errors, self.seed = sensor.errors, seed
@@ -107,19 +99,9 @@ class AntennaErrors:
 
 
 def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> ComplexArray:
-    """Compute the response of a damped resonance, one at its centre.
+    """Response of a damped resonance, one at its centre f0: ``1/(1 + 2jQ(f - f0)/f0)``.
 
-    Parameters
-    ----------
-    frequency, centre : ndarray
-        Hz; broadcast against each other.
-    quality : float
-        Q: the response rings as ``exp(-π·centre·t/Q)``.
-
-    Returns
-    -------
-    ndarray of complex
-        ``1/(1 + 2jQ(f - f0)/f0)``, the narrow-band form of a series circuit.
+    The narrow-band form of a series circuit. It rings as ``exp(-π·f0·t/Q)``.
     """
     return np.asarray(1 / (1 + 2j * quality * (frequency - centre) / centre))
 
@@ -127,26 +109,10 @@ def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> Comp
 def random_response(
     rng: np.random.Generator, shape: tuple[int, ...], frequency: FloatArray, bandwidth: float
 ) -> ComplexArray:
-    """Draw smooth complex Gaussian functions of frequency with mean square one.
+    """Draw smooth complex Gaussian functions of frequency with mean square one, (*shape, frequency).
 
     They are sums of echoes whose delays are distributed exponentially, so that the correlation between tones Δf apart
-    is ``1/(1 + jΔf/bandwidth)``.
-
-    Parameters
-    ----------
-    rng : Generator
-        Random numbers.
-    shape : tuple of int
-        Shape of the set of functions.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    bandwidth : float
-        Hz; so far apart, the coherence ``|correlation|²`` is one half.
-
-    Returns
-    -------
-    (*shape, frequency) ndarray of complex
-        The functions.
+    is ``1/(1 + jΔf/bandwidth)``; the coherence, its square, is one half at ``bandwidth``.
     """
     delay = rng.exponential(1 / (2 * np.pi * bandwidth), (*shape, _TAPS, 1))
     size = rng.normal(size=delay.shape) + 1j * rng.normal(size=delay.shape)
@@ -157,26 +123,7 @@ def random_response(
 
 
 def slow_change(seed: int, name: str, scan: int, shape: tuple[int, ...], knot: int) -> ComplexArray:
-    """Give a complex Gaussian number of mean square one that changes slowly from scan to scan.
-
-    Parameters
-    ----------
-    seed : int
-        Seed.
-    name : str
-        Purpose.
-    scan : int
-        Number of the scan.
-    shape : tuple of int
-        How many numbers.
-    knot : int
-        Scans between independent values; between them one turns into the next.
-
-    Returns
-    -------
-    ndarray of complex
-        The numbers.
-    """
+    """Give complex Gaussian numbers of mean square one that turn from one value to the next in ``knot`` scans."""
     first, part = divmod(scan, knot)
     ends = []
     for k in (first, first + 1):

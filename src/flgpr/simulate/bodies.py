@@ -18,18 +18,9 @@ _LARGEST_COEFFICIENT = 5.0  # keeps a face seen at normal incidence, where the r
 
 
 class Rim(NamedTuple):
-    """One visible point of a rim: the near or the far end of a circular edge.
+    """One visible point of a rim: the near (to the radar) or the far end of a circular edge, ``drop`` below the top.
 
-    Attributes
-    ----------
-    radius : float
-        Radius of the rim, m.
-    drop : float
-        Height of the rim below the body's top, m.
-    near : bool
-        Whether it is the end towards the radar.
-    h, v : float
-        Diffraction coefficients for H and V with the signs of backscatter alignment: a plate gives h = v.
+    ``h`` and ``v`` are diffraction coefficients with the signs of backscatter alignment: a plate gives h = v.
     """
 
     radius: float
@@ -45,19 +36,10 @@ def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
 
 
 def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
-    """Keller's coefficients of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
+    """Keller's coefficients D_s and D_h of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
 
-    Parameters
-    ----------
-    angle : float
-        Angle φ between the first face and the ray, rad.
-    exterior : float
-        Exterior angle nπ of the wedge, rad: 3π/2 for a right-angled edge.
-
-    Returns
-    -------
-    soft, hard : float
-        D_s (electric field along the edge) and D_h, dimensionless.
+    The ray comes at ``angle`` φ from the first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that of
+    an electric field along the edge.
 
     References
     ----------
@@ -76,17 +58,8 @@ def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
 def visible_rims(profile: Profile, sine: float) -> list[Rim]:
     """List the rims of a body of revolution that the radar sees, and how strongly each diffracts.
 
-    Parameters
-    ----------
-    profile : sequence of (radius, drop)
-        Corners from the top's centre to the bottom's, m.
-    sine : float
-        Sine of the angle between the ray and the vertical in the medium around the body.
-
-    Returns
-    -------
-    list of Rim
-        Convex corners whose edge is lit, near ends before far ends at each corner.
+    Corners are given from the top's centre to the bottom's, the sine is that in the medium around. Convex corners whose
+    edge is lit count, near ends before far ends at each.
     """
     theta = math.asin(sine)
     rims = []
@@ -107,25 +80,11 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
 
 
 def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
-    """Scattering amplitude that multiplies a rim's coefficients, in the medium around the body.
+    """Scattering amplitude, m, that multiplies a rim's coefficients; wavenumber and sine in the medium around.
 
     ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point, so that the cross section of one flash is
     ``4π|F·D|² = D²·a/(k·sinθ)``: with D = cotθ/2 that is the physical-optics disc's
     ``(4πA²/λ²)·cos²θ·(2/x)²·(2/πx)/4``, x = 2ka·sinθ.
-
-    Parameters
-    ----------
-    rim : Rim
-        The rim.
-    wavenumber : (...) array_like
-        Real wavenumber in the medium, rad/m.
-    sine : (...) array_like
-        Sine of the incidence angle in the medium.
-
-    Returns
-    -------
-    (...) ndarray of complex
-        Amplitude F, m.
     """
     k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
@@ -137,29 +96,9 @@ def layered_reflection(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Reflection of a stack of plane layers for H and V, by recursion from the bottom.
 
-    One layer between equal half-spaces is the slab ``r(1 - e^{-2jqt})/(1 - r²e^{-2jqt})`` with
-    ``q = k0·sqrt(ε_m - sin²θ)``.
-
-    Parameters
-    ----------
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    wavenumber : (...) array_like
-        Wavenumber in air, rad/m.
-    media : sequence of (...) array_like of complex
-        Relative permittivities from the side of incidence down, one more than there are interfaces.
-    thickness : sequence of float
-        Thickness of the inner media, m.
-
-    Returns
-    -------
-    h, v : (...) ndarray of complex
-        Reflection coefficients at the first interface.
-
-    Raises
-    ------
-    ValueError
-        If there are not two more media than thicknesses.
+    ``media`` are relative permittivities from the side of incidence down, two more than there are thicknesses; sine and
+    wavenumber are those in air. One layer between equal half-spaces is the slab
+    ``r(1 - e^{-2jqt})/(1 - r²e^{-2jqt})`` with ``q = k0·sqrt(ε_m - sin²θ)``.
     """
     if len(media) != len(thickness) + 2:
         raise ValueError(f"media must be two more than thickness, got {len(media)} and {len(thickness)}")
@@ -176,28 +115,13 @@ def layered_reflection(
 def layers_strength(
     sine: float, wavenumber: ArrayLike, soil: ArrayLike, layers: Sequence[tuple[float, float]]
 ) -> ComplexArray:
-    """Coefficients of the near rim of a dielectric body of level layers, which :func:`rim_amplitude` multiplies.
+    """Coefficients (H and V, frequency) of the near rim of a body of dielectric layers, for :func:`rim_amplitude`.
 
     The volume integral of the body's currents in its layers' own fields (Born's approximation, with the normal field
-    raised by continuity of D), its disc pattern taken as that of two flashes. The far rim has the opposite sign.
-    Unlike the specular reflection of a face it has no null at Brewster's angle.
-
-    Parameters
-    ----------
-    sine : float
-        Sine of the incidence angle in air.
-    wavenumber : (frequency,) array_like
-        In air, rad/m.
-    soil : (frequency,) array_like of complex
-        Relative permittivity around the body.
-    layers : sequence of (thickness, permittivity)
-        From the top down, m.
-
-    Returns
-    -------
-    (2, frequency) ndarray of complex
-        H and V: ``k0/(4·sinθ)·Σ(ε_l - ε_s)·g·∫e^{-2jqz}dz``, g = 1 for H and
-        ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V.
+    raised by continuity of D), its disc pattern taken as that of two flashes: ``k0/(4·sinθ)·Σ(ε_l -
+    ε_s)·g·∫e^{-2jqz}dz`` with g = 1 for H and ``(q² + (ε_s/ε_l)·k0²·sin²θ)/k_s²`` for V. The far rim has the opposite
+    sign. Unlike the specular reflection of a face it has no null at Brewster's angle. Layers are (thickness,
+    permittivity) from the top down; sine and wavenumber are those in air.
     """
     k, eps = np.asarray(wavenumber, dtype=float), np.asarray(soil, dtype=complex)
     down = k * np.sqrt(eps - sine**2)

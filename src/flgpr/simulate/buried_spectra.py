@@ -25,25 +25,9 @@ class BuriedSpectra:
     middle. The exponent is tabulated at one incidence, for to first order in loss and dispersion another incidence is
     another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is taken at the band's middle.
 
-    Parameters
-    ----------
-    ground : Ground
-        The soil.
-    shapes : (shape, frequency) ndarray
-        Growth of the amplitude with frequency, 1 at the band's middle.
-    deepest : float
-        Greatest depth, m.
-    cover : callable or None
-        Two-way amplitude (3, sine, frequency) of HH, VV and cross through what stands over the soil, for sines.
-    tolerance : float
-        What part of the spectra's energy the functions may leave out (amplitude).
-    ranks : int
-        Greatest number of functions.
-
-    Attributes
-    ----------
-    basis : (rank, 3, frequency) ndarray of complex
-        The functions, the same for all polarizations.
+    ``shapes`` (shape, frequency) are 1 there; ``cover`` gives the two-way amplitude (3, sine, frequency) of HH, VV and
+    cross through what stands over the soil; ``tolerance`` is the part of the spectra's amplitude that the functions,
+    ``basis`` (rank, 3, frequency), may leave out.
     """
 
     def __init__(

@@ -16,18 +16,9 @@ _TOLERANCE = (0.002, 0.03)  # of ε' and of ε'', before another pole is tried
 
 
 class RelaxingMedium(NamedTuple):
-    """``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``.
+    """``ε∞ + Σ Δε/(1 + jωτ) - jσ/(ωε0)``, poles being pairs of Δε and τ.
 
-    Attributes
-    ----------
-    permittivity : float
-        ε∞.
-    conductivity : float
-        σ, S/m.
-    poles : tuple of (float, float)
-        Δε and τ (s) of every Debye pole.
-    error_real, error_loss : float
-        Largest error over the band, of ε' relative to it and of ε'' relative to the largest of ε'' and ε'/1000.
+    Errors are the largest over the band, of ε' relative to it, of ε'' relative to the larger of ε'' and ε'/1000.
     """
 
     permittivity: float
@@ -46,31 +37,11 @@ class RelaxingMedium(NamedTuple):
 def fit_relaxation(
     frequency: ArrayLike, permittivity: ArrayLike, shortest: float, most_poles: int = 3
 ) -> RelaxingMedium:
-    """Fit a relaxing medium to a permittivity over a band.
+    """Fit a relaxing medium to a permittivity ε' - jε'' over a band; ε' from 1, ε'' not negative.
 
     As few Debye poles as bring ε' within 0.2 % and ε'' within 3 %, by least squares with no negative part, over a grid
-    of relaxation times. A medium so fitted is causal and passive; outside the band it means nothing.
-
-    Parameters
-    ----------
-    frequency : (frequency,) array_like
-        Hz.
-    permittivity : (frequency,) array_like of complex
-        ε' - jε''.
-    shortest : float
-        Shortest relaxation time that the solver's time step allows, s.
-    most_poles : int
-        Largest number of poles.
-
-    Returns
-    -------
-    RelaxingMedium
-        The best fit with its errors.
-
-    Raises
-    ------
-    ValueError
-        If a permittivity has a negative loss or is below 1.
+    of relaxation times from ``shortest`` on, which the solver's time step allows. A medium so fitted is causal and
+    passive; outside the band it means nothing.
     """
     f, eps = np.atleast_1d(np.asarray(frequency, float)), np.atleast_1d(np.asarray(permittivity, complex))
     if (eps.imag > 1e-12).any() or (eps.real < 1).any():

@@ -10,21 +10,9 @@ _MASK = (1 << 64) - 1
 
 
 def stream(seed: int, name: str, first: int = 0, second: int = 0) -> np.random.Generator:
-    """Open the random stream of one purpose and place.
+    """Open the random stream of one purpose and place: tile indices or a scan number, negative ones, too.
 
-    Parameters
-    ----------
-    seed : int
-        The world's seed.
-    name : str
-        Purpose of the numbers.
-    first, second : int
-        Place: tile indices or a scan number; may be negative.
-
-    Returns
-    -------
-    Generator
-        Counter-based (Philox), so that streams need no storage and no order.
+    It is counter-based (Philox), so that streams need no storage and no order.
     """
     key = np.array([seed & _MASK, zlib.crc32(name.encode())], dtype=np.uint64)
     counter = np.array([0, 0, first & _MASK, second & _MASK], dtype=np.uint64)

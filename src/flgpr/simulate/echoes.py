@@ -54,17 +54,7 @@ class Echoes:
 
 
 class Ground:
-    """The ground as the rays of one scan meet it.
-
-    Parameters
-    ----------
-    soil : Soil
-        Permittivity.
-    heights : HeightField or None
-        The rough interface; None is flat.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    """
+    """The ground as the rays of one scan meet it; without heights it is flat."""
 
     def __init__(self, soil: Soil, heights: HeightField | None, frequency: FloatArray) -> None:
         self.soil, self.heights, self.frequency = soil, heights, frequency
@@ -234,23 +224,9 @@ def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
 
 
 def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArray, ComplexArray]:
-    """Scatter a bush's twigs.
+    """Scatter a bush's twigs: places (count, 3) and amplitudes (count, 3) of HH, VV and cross, m.
 
-    Parameters
-    ----------
-    thing : Thing
-        The bush; its ``rcs_db`` at 1 GHz is the mean of HH.
-    seed : int
-        Seed of the world.
-    count : int
-        Number of scatterers.
-
-    Returns
-    -------
-    points : (count, 3) ndarray
-        Places, m.
-    amplitude : (count, 3) ndarray of complex
-        HH, VV and cross, m: independent, cross 6 dB down.
+    They are independent, cross 6 dB down; the bush's ``rcs_db`` at 1 GHz is the mean of HH.
     """
     rng = stream(seed, "bush", round(thing.x * 1000), round(thing.y * 1000))
     place = rng.normal(0, 0.5, (count, 3)) * thing.radius
@@ -292,21 +268,9 @@ def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
 
 
 def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
-    """Sum echoes over all pairs and tones.
+    """Sum echoes over all pairs and tones, to (4, pair, frequency): HH, HV, VH and VV.
 
-    Parameters
-    ----------
-    echoes : Echoes
-        The echoes.
-    array : ArrayState
-        The antennas.
-    frequency : (frequency,) ndarray
-        Uniform tones, Hz.
-
-    Returns
-    -------
-    (4, pair, frequency) ndarray of complex64
-        HH, HV, VH and VV: for horns of the rays' own directions, for dipoles of the antennas.
+    For horns these are along the rays' own directions, for dipoles along the antennas.
     """
     out = np.zeros((4, array.tx.size, frequency.size), np.complex64)
     if not echoes.path:

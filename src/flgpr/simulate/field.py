@@ -34,14 +34,10 @@ def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
 
 
 class Scatterers(NamedTuple):
-    """Point scatterers on the mean surface.
+    """Point scatterers on the mean surface: places (point, 2) in the lane frame and amplitudes (point, 3).
 
-    Attributes
-    ----------
-    xy : (point, 2) ndarray
-        Places in the lane frame, m.
-    amplitude : (point, 3) ndarray of complex64
-        HH, VV and cross, to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; mean square = area per scatterer, m².
+    Amplitudes HH, VV and cross are to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; their mean square is the area per
+    scatterer, m².
     """
 
     xy: FloatArray
@@ -51,20 +47,8 @@ class Scatterers(NamedTuple):
 class SurfaceField:
     """A field of scatterers over the whole plane that needs no storage.
 
-    Parameters
-    ----------
-    surface : Surface
-        Statistics of the surface.
-    patches : sequence of Patch
-        Where the ground scatters more.
-    density : float
-        Scatterers per m².
-    seed : int
-        Seed of the world.
-    keep : int
-        Number of tiles kept in memory.
-    name : str
-        Of its random numbers.
+    ``density`` is per m²; ``keep`` tiles stay in memory. ``patches`` are where the ground scatters more; ``name`` is
+    that of the random numbers.
     """
 
     def __init__(

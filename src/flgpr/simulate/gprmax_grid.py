@@ -13,17 +13,7 @@ FloatArray = NDArray[np.float64]
 
 
 class GridPoint(NamedTuple):
-    """One component of the field at one node, and its weight.
-
-    Attributes
-    ----------
-    component : str
-        "x", "y" or "z".
-    node : (int, int, int)
-        Indices of the node; the component itself lies half a cell further along its own axis (Yee 1966).
-    weight : float
-        Share of it.
-    """
+    """One component of the field at one node, and its weight; it lies half a cell along its own axis (Yee 1966)."""
 
     component: str
     node: tuple[int, int, int]
@@ -116,18 +106,7 @@ def _cubic(place: float) -> list[tuple[int, float]]:
 
 
 def rectangles(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Cover the true cells of a mask by rectangles, each cell once.
-
-    Parameters
-    ----------
-    mask : (i, j) ndarray of bool
-        What is to be covered.
-
-    Returns
-    -------
-    list of (i_0, i_1, j_0, j_1)
-        Half-open index ranges.
-    """
+    """Cover the true cells of a mask (i, j) by rectangles, each cell once: half-open (i_0, i_1, j_0, j_1)."""
     open_runs: dict[tuple[int, int], int] = {}
     found = []
     for i, row in enumerate([*mask, np.zeros(mask.shape[1], bool)]):

@@ -18,20 +18,10 @@ _LEAST_COSINE = 0.05
 
 
 def slants(grass: tables.Grass, sine: ArrayLike) -> FloatArray:
-    """Optical depth of the whole layer along a ray over that of H at nadir.
+    """Optical depth (3, ...) of the whole layer along a ray over that of H at nadir.
 
-    Parameters
-    ----------
-    grass : flgpr.simulate.tables.Grass
-        The grass.
-    sine : (...) array_like
-        Sine of the incidence angle.
-
-    Returns
-    -------
-    (3, ...) ndarray
-        ``1/cosθ`` of H, ``(cos²θ + upright·sin²θ)/cosθ`` of V, and the mean of both, which one way of each leaves of a
-        cross-polarized echo (Wigneron et al. 2017).
+    ``1/cosθ`` of H, ``(cos²θ + upright·sin²θ)/cosθ`` of V, and the mean of both, which one way of each leaves of a
+    cross-polarized echo (Wigneron et al. 2017).
     """
     sine = np.asarray(sine, dtype=float)
     cosine = np.sqrt(np.maximum(1 - sine**2, _LEAST_COSINE**2))
@@ -45,23 +35,9 @@ def optical_depth(grass: tables.Grass, frequency: ArrayLike) -> FloatArray:
 
 
 def through_grass(grass: tables.Grass, frequency: ArrayLike, sine: ArrayLike, above: float = 1.0) -> FloatArray:
-    """Two-way factor of the field of all that lies below the grass.
+    """Two-way factor (3, ..., frequency) of the field HH, VV and cross of all that lies below the grass.
 
-    Parameters
-    ----------
-    grass : flgpr.simulate.tables.Grass
-        The grass.
-    frequency : (frequency,) array_like
-        Hz.
-    sine : (...) array_like
-        Sine of the incidence angle.
-    above : float
-        Part of the grass's height that is above the scatterer.
-
-    Returns
-    -------
-    (3, ..., frequency) ndarray
-        Of HH, VV and cross; ones where nothing grows.
+    ``above`` is the part of the grass's height above the scatterer.
 
     Examples
     --------
@@ -96,21 +72,10 @@ class GrassField(SurfaceField):
 
 
 class GrassLayer:
-    """The grass's own scatterers.
+    """The grass's own scatterers, ``density`` per m².
 
     Each gives ``1.5·ω·κ_p(f, θ)`` of its volume, weakened by the grass above it; over the layer that sums to
     ``σ⁰ = 0.75·ω·cosθ·(1 - exp(-2τ_p/cosθ))``, the echo of a layer of small particles (Ulaby & Long 2014, Sec. 11-5).
-
-    Parameters
-    ----------
-    grass : flgpr.simulate.tables.Grass
-        The grass.
-    density : float
-        Scatterers per m².
-    seed : int
-        Seed of the world.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
     """
 
     def __init__(self, grass: tables.Grass, density: float, seed: int, frequency: FloatArray) -> None:

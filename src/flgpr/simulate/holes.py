@@ -19,20 +19,10 @@ ComplexArray = NDArray[np.complex128]
 
 
 class Hole(NamedTuple):
-    """A refilled hole.
+    """A refilled hole, with the index of the target in it, if any.
 
-    Attributes
-    ----------
-    x, y, radius, depth : float
-        Where it is and how far it reaches, m.
-    looseness : float
-        Density of the fill over that of the soil around.
-    moisture : float
-        Its additional volumetric moisture, m³/m³.
-    cap : float
-        Height of its top over the surface, m.
-    target : int or None
-        Index of the target in it.
+    ``looseness`` is the density of the fill over that of the soil around, ``moisture`` its additional volumetric
+    moisture, m³/m³, ``cap`` the height of its top over the surface.
     """
 
     x: float
@@ -106,25 +96,10 @@ def hole_patches(scene: Scene, holes: tuple[Hole, ...]) -> tuple[Patch, ...]:
 
 
 def hole_factor(hole: Hole, depth: float, sine: float, ground: Ground) -> tuple[float, ComplexArray]:
-    """Change of the way to a point in a hole, against the undisturbed soil.
+    """Change of the way to a point in a hole, against the undisturbed soil, at a depth under the mean surface.
 
-    Parameters
-    ----------
-    hole : Hole
-        The hole.
-    depth : float
-        Depth of the point under the mean surface, m; the cap lies on top of it.
-    sine : float
-        Sine of the incidence angle in air.
-    ground : Ground
-        The soil around.
-
-    Returns
-    -------
-    extra : float
-        Path gained one way at the band's middle, m.
-    factor : (frequency,) ndarray of complex
-        What is left of the amplitude both ways, and the phase beyond ``extra``.
+    ``extra`` is the path gained one way at the band's middle, m; ``factor`` (frequency,) what is left of the amplitude
+    both ways, and the phase beyond ``extra``. The cap lies on top of the depth; the sine is that in air.
     """
     fill = hole.fill(ground.media[0], ground.frequency)
     thickness = max(min(depth, hole.depth) + hole.cap, 0.0)

@@ -17,15 +17,7 @@ _KNOT = 6  # scans between the knots of slow drift
 
 
 class Impairments:
-    """A sensor's errors, each scan's a function of the seed and the scan's number alone.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Its ``errors`` say what is on.
-    seed : int
-        Seed.
-    """
+    """A sensor's errors that its ``errors`` turn on; each scan's depend on the seed and the scan's number alone."""
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
         self.sensor, self.errors, self.seed = sensor, sensor.errors, seed
@@ -122,20 +114,11 @@ class Impairments:
 
 
 def reference_clutter(sensor: Sensor) -> float:
-    """Power per sample of white noise that would equal the clutter of reference soil in the image.
+    """Variance of white noise that would equal the clutter of reference soil in the image.
 
     The image of a cell of clutter has the power ``σ⁰·A·g²·(P·K)²`` (P pairs, K tones, A the cell's area, g the two-way
-    amplitude of a unit scatterer), that of white noise ``P·K`` times its variance.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The sensor; range and band as in its ``errors``.
-
-    Returns
-    -------
-    float
-        Variance; ε = 3.4, s = 5 mm, l = 5 cm, HH.
+    amplitude of a unit scatterer), that of white noise ``P·K`` times its variance. Range and band are those in the
+    sensor's ``errors``; the soil has ε = 3.4, s = 5 mm, l = 5 cm, and HH counts.
     """
     low, high = sensor.errors.noise_band
     axis = sensor.tones.axis()

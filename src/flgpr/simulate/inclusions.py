@@ -15,24 +15,11 @@ _FULL = np.sqrt(4 * np.pi)
 
 
 def stone(radius: ArrayLike, body: ArrayLike, soil: ArrayLike, wavenumber: float) -> tuple[FloatArray, FloatArray]:
-    """Amplitude of a dielectric sphere in soil: its dipole, which saturates at the optical cross section.
+    """Amplitude, m, of a dielectric sphere in soil: its dipole, which saturates at the optical cross section.
 
-    Parameters
-    ----------
-    radius : (...) array_like
-        m.
-    body, soil : (...) array_like
-        Real relative permittivities.
-    wavenumber : float
-        In air, rad/m.
-
-    Returns
-    -------
-    amplitude : (...) ndarray
-        m, with the sign of the contrast: ``2√π·f·u²/sqrt(1 + u⁴)`` with the optical ``f = a/2·(n - n_s)/(n + n_s)``
-        and u such that ``f·u²`` is the dipole's ``k_s²a³(ε - ε_s)/(ε + 2ε_s)``.
-    corner : (...) ndarray
-        Frequency over the given one at which u = 1.
+    With the sign of the contrast it is ``2√π·f·u²/sqrt(1 + u⁴)`` with the optical ``f = a/2·(n - n_s)/(n + n_s)`` and u
+    such that ``f·u²`` is the dipole's ``k_s²a³(ε - ε_s)/(ε + 2ε_s)``. The second value is the frequency, over the given
+    one, at which u = 1. Permittivities are real, the wavenumber is that in air.
     """
     a, er, es = (np.asarray(v, dtype=float) for v in (radius, body, soil))
     slope = (np.sqrt(er) + np.sqrt(es)) ** 2 / (er + 2 * es)  # contrast of the dipole over the optical one
@@ -50,17 +37,7 @@ def stone_shape(u: ArrayLike) -> FloatArray:
 def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Polarizability of a small spheroid along and across its axis, over that of the sphere of equal volume.
 
-    Parameters
-    ----------
-    stretch : (...) array_like
-        Length of the axis over the other two.
-    body, soil : (...) array_like
-        Real relative permittivities.
-
-    Returns
-    -------
-    along, across : (...) ndarray
-        1 for a sphere.
+    ``stretch`` is the length of the axis over the other two.
 
     References
     ----------
@@ -79,28 +56,11 @@ def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[Floa
 def root(
     radius: ArrayLike, body: complex, soil: ArrayLike, wavenumber: float
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Amplitude per metre of a thin cylinder in soil, for fields along and across it.
+    """Amplitude per metre of a thin cylinder in soil, for fields along and across it, and where it saturates.
 
     Born's integral with the field inside a thin cylinder: unchanged along it, ``2ε_s/(ε + ε_s)`` across it. It
-    saturates at the echo of a thick cylinder, ``sqrt(k_s·a/4π)`` times the reflection of its face.
-
-    Parameters
-    ----------
-    radius : (...) array_like
-        m.
-    body : complex
-        Relative permittivity of the wood.
-    soil : (...) array_like
-        Real relative permittivity.
-    wavenumber : float
-        In air, rad/m.
-
-    Returns
-    -------
-    along, across : (...) ndarray of complex
-        1 (m per m).
-    corner : (...) ndarray
-        Frequency over the given one at which the echo of the field along it saturates.
+    saturates at the echo of a thick cylinder, ``sqrt(k_s·a/4π)`` times the reflection of its face; the corner is the
+    frequency, over the given one, at which that of the field along it does. The wavenumber is that in air.
     """
     a, es = np.asarray(radius, dtype=float), np.asarray(soil, dtype=float)
     thin = wavenumber**2 / (4 * np.pi) * np.pi * a**2 * (body - es)
@@ -120,28 +80,10 @@ def root_shape(u: ArrayLike) -> FloatArray:
 def volume_backscatter(
     wavenumber: ArrayLike, sine: ArrayLike, soil: ArrayLike, deviation: float, horizontal: float, vertical: float
 ) -> FloatArray:
-    """Radar cross section per volume of a soil whose permittivity fluctuates, in the soil (first-order Born).
+    """Radar cross section per volume, 1/m, of a soil whose permittivity fluctuates, in the soil (first-order Born).
 
     For correlation ``s²·exp(-sqrt(r²/L_h² + z²/L_v²))`` of δε it is ``k0⁴/4π·W(2k_s)`` with the spectrum
     ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV.
-
-    Parameters
-    ----------
-    wavenumber : (...) array_like
-        Wavenumber in air k0, rad/m.
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    soil : (...) array_like
-        Real relative permittivity.
-    deviation : float
-        Standard deviation s of ε'.
-    horizontal, vertical : float
-        Correlation lengths, m.
-
-    Returns
-    -------
-    (...) ndarray
-        1/m.
 
     References
     ----------
@@ -163,21 +105,9 @@ def disc_flash(radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side
 
 
 def lens(radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float) -> ComplexArray:
-    """Amplitude of a thin flat disc's near flash (Born) where sinθ = 1: ``k0²/4π·δε·πa²h`` times its transform.
+    """Amplitude, m, of a thin flat disc's near flash (Born) where sinθ = 1: ``k0²/4π·δε·πa²h`` times its transform.
 
-    Parameters
-    ----------
-    radius, contrast : (...) array_like
-        m, and difference of the permittivity.
-    thickness : float
-        m.
-    wavenumber : float
-        In air, rad/m.
-
-    Returns
-    -------
-    (...) ndarray of complex
-        m; the far flash is its conjugate.
+    That of the far flash is its conjugate.
     """
     a, d = np.asarray(radius, dtype=float), np.asarray(contrast, dtype=float)
     return np.asarray(_FULL * wavenumber**2 / 4 * d * a**2 * thickness * disc_flash(a, wavenumber))

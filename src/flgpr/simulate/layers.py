@@ -23,17 +23,11 @@ FloatArray = NDArray[np.float64]
 class PointEchoes(NamedTuple):
     """Point scatterers as one scan sees them.
 
-    Attributes
-    ----------
-    points : (point, 3) ndarray
-        Places in the lane frame, m, with z counted from the ground; a buried scatterer stands at the surface above it.
-    extra : (point,) ndarray
-        Electrical path that the way to each antenna has beyond its straight line, m: of a buried scatterer
-        ``d·sqrt(ε - sin²θ)``, zero on the surface. It delays; spreading and antenna patterns stay geometric.
-    coefficient : (point, rank, 3) ndarray of complex64
-        Amplitudes HH, VV and cross (square root of the cross section, m) for every spectral function.
-    basis : (rank, 3, frequency) ndarray
-        The spectral functions, real or complex.
+    ``points`` (point, 3) are in the lane frame with z counted from the ground; a buried scatterer stands at the surface
+    above it. ``extra`` is the electrical path that the way to each antenna has beyond its straight line, m: of a buried
+    scatterer ``d·sqrt(ε - sin²θ)``, zero on the surface. It delays; spreading and antenna patterns stay geometric.
+    ``coefficient`` (point, rank, 3) are the amplitudes HH, VV and cross (square root of the cross section, m) for every
+    spectral function of ``basis`` (rank, 3, frequency).
     """
 
     points: FloatArray
@@ -45,25 +39,8 @@ class PointEchoes(NamedTuple):
 class View:
     """What one scan sees, for layers to choose and weigh their scatterers by.
 
-    Parameters
-    ----------
-    footprint : (float, float, float, float)
-        Least and greatest x and y in the vehicle's frame, m.
-    pose : (6,) ndarray
-        True pose of the scan.
-    array : ArrayState
-        The antennas.
-    terrain : Terrain or None
-        What the scatterers stand on; None is flat.
-    shadows : Shadows or None
-        What the scan's antennas see shaded; None is nothing.
-
-    Attributes
-    ----------
-    corners : (4, 2) ndarray
-        Corners of the footprint in the lane frame, m.
-    centre : (3,) ndarray
-        Mean place of the antennas, m.
+    ``footprint`` is least and greatest x and y in the vehicle's frame, ``corners`` (4, 2) the same in the lane frame,
+    and ``centre`` the mean place of the antennas. The pose is the true one; without terrain the ground is flat.
     """
 
     def __init__(
@@ -109,19 +86,8 @@ class Layer(Protocol):
 class SineSpectra:
     """Spectra that depend on the angle of incidence as few functions of frequency with weights by its sine.
 
-    Parameters
-    ----------
-    sines : (sine,) ndarray
-        Uniform sines at which the spectra are known.
-    spectra : (3, sine, frequency) ndarray
-        Amplitude of HH, VV and cross.
-    ranks : int
-        Number of functions.
-
-    Attributes
-    ----------
-    basis : (ranks, 3, frequency) ndarray
-        The functions.
+    ``spectra`` (3, sine, frequency) are amplitudes of HH, VV and cross at uniform sines, ``basis`` is (rank, 3,
+    frequency).
     """
 
     def __init__(self, sines: FloatArray, spectra: FloatArray, ranks: int) -> None:
@@ -144,15 +110,7 @@ class SineSpectra:
 
 
 class SurfaceLayer:
-    """The rough surface's scatterers.
-
-    Parameters
-    ----------
-    field : SurfaceField
-        The scatterers.
-    spectra : SineSpectra
-        Square root of σ⁰.
-    """
+    """The rough surface's scatterers; the spectra are the square root of σ⁰."""
 
     def __init__(self, field: SurfaceField, spectra: SineSpectra) -> None:
         self._field, self._spectra = field, spectra
@@ -169,23 +127,9 @@ class SurfaceLayer:
 
 
 def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton) -> NDArray[np.complex64]:
-    """Sum the echoes of all layers over pairs and tones.
+    """Sum the echoes of all layers over pairs and tones, in the channels that the Spreader gives.
 
-    Parameters
-    ----------
-    layers : iterable of Layer
-        The layers.
-    view : View
-        What the scan sees.
-    spreader : Spreader
-        Sums points.
-    skeleton : Skeleton
-        The tones at which the layers' spectra are taken.
-
-    Returns
-    -------
-    (3 or 4, pair, frequency) ndarray of complex64
-        Channels as :class:`~flgpr.simulate.spread.Spreader` gives them.
+    The skeleton has the tones at which the layers' spectra are taken.
     """
     found = [layer.echoes(view) for layer in layers]
     if not found:

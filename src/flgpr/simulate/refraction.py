@@ -12,16 +12,9 @@ FloatArray = NDArray[np.float64]
 
 
 class Ray(NamedTuple):
-    """Rays from an antenna over the ground to buried points.
+    """Rays from an antenna over the ground to buried points: electrical path at the real index and sine at the surface.
 
-    Attributes
-    ----------
-    path : (...) ndarray
-        Electrical path at the real index, m.
-    sine : (...) ndarray
-        Sine of the incidence angle at the surface.
-    entry : (...) ndarray
-        Horizontal distance from the buried point back to the point where the ray enters, m.
+    ``entry`` is the horizontal distance from the buried point back to the point where the ray enters.
     """
 
     path: FloatArray
@@ -32,29 +25,10 @@ class Ray(NamedTuple):
 def refracted_ray(
     distance: ArrayLike, height: ArrayLike, thickness: Sequence[ArrayLike], permittivity: Sequence[float]
 ) -> Ray:
-    """Find the ray of stationary path (Fermat) through plane layers.
+    """Find the ray of stationary path (Fermat) through plane layers, given from the top down with real permittivities.
 
-    For one layer this minimises ``sqrt(H² + (x-q)²) + n·sqrt(d² + q²)`` over q. Snell's invariant s = sinθ is found
-    by Newton's rule on tanθ; the path is ``R_air + s·q + Σ d_i·sqrt(ε_i - s²)``, stationary in s.
-
-    Parameters
-    ----------
-    distance, height : (...) array_like
-        Horizontal distance x and height H of the antenna over the surface, m.
-    thickness : sequence of (...) array_like
-        Soil passed in each layer, m, from the top down; zero is allowed.
-    permittivity : sequence of float
-        Real relative permittivity of each layer, at least 1.
-
-    Returns
-    -------
-    Ray
-        Path, sine of incidence and entry distance.
-
-    Raises
-    ------
-    ValueError
-        If a height is not positive, a thickness negative or a permittivity below 1.
+    For one layer this minimises ``sqrt(H² + (x-q)²) + n·sqrt(d² + q²)`` over q. Snell's invariant s = sinθ is found by
+    Newton's rule on tanθ; the path is ``R_air + s·q + Σ d_i·sqrt(ε_i - s²)``, stationary in s. A thickness may be zero.
     """
     x, h = np.broadcast_arrays(np.asarray(distance, dtype=np.float64), np.asarray(height, dtype=np.float64))
     layers = [(np.asarray(d, dtype=np.float64), float(e)) for d, e in zip(thickness, permittivity, strict=True)]
@@ -83,21 +57,7 @@ def refracted_ray(
 
 
 def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> FloatArray:
-    """How far beyond its place a buried point appears when the image is focused on the surface.
-
-    Parameters
-    ----------
-    depth : (...) array_like
-        Depth below the surface, m.
-    permittivity : float
-        Real relative permittivity.
-    sine : (...) array_like
-        Sine of the incidence angle.
-
-    Returns
-    -------
-    (...) ndarray
-        Shift away from the radar in ground range, m: ``d·sqrt(ε - sin²θ)/sinθ``.
+    """How far away a buried point appears when the image is focused on the surface: ``d·sqrt(ε - sin²θ)/sinθ``.
 
     Examples
     --------
@@ -116,17 +76,7 @@ def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> Fl
 def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDArray[np.complex128], ...]:
     """Fresnel reflection of the electric field (H) and of the magnetic field (V) at a plane interface.
 
-    Parameters
-    ----------
-    sine : (...) array_like
-        Snell's invariant: the sine of the incidence angle in air, complex for waves that fade.
-    above, below : (...) array_like of complex
-        Relative permittivities on the side of incidence and beyond.
-
-    Returns
-    -------
-    r_h, r_v : (...) ndarray of complex
-        Reflection coefficients; for a perfect conductor below they are -1 and +1.
+    The sine is Snell's invariant, that in air, complex for waves that fade. A perfect conductor below gives -1 and +1.
     """
     s2 = np.asarray(sine) ** 2
     e1, e2 = np.asarray(above, dtype=np.complex128), np.asarray(below, dtype=np.complex128)
@@ -135,19 +85,7 @@ def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDA
 
 
 def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[NDArray[np.complex128], ...]:
-    """Product t12·t21 = 1 - R² of the transmission coefficients into and out of the ground, for H and V.
-
-    Parameters
-    ----------
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    permittivity : (...) array_like of complex
-        Relative permittivity of the soil.
-
-    Returns
-    -------
-    h, v : (...) ndarray of complex
-        Two-way amplitude factors for plane waves.
+    """Product t12·t21 = 1 - R² of the transmission of plane waves into and out of the ground, for H and V; sine in air.
 
     Examples
     --------
@@ -164,23 +102,11 @@ def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[NDAr
 
 
 def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> NDArray[np.complex128]:
-    """Loss of amplitude of a spherical wave leaving the ground, against a plane wave.
+    """Amplitude of a spherical wave that leaves the ground over a plane wave's, H and V: ``cosθ/sqrt(ε - sin²θ)``.
 
     Rays from a point in the ground spread as they leave it: seen from air the solid angle grows by
     ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12², as reciprocity demands (t12 is the
     transmission of the electric field into the soil, and t21 = t12·n·cosθ_t/cosθ).
-
-    Parameters
-    ----------
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    permittivity : (...) array_like of complex
-        Relative permittivity of the soil.
-
-    Returns
-    -------
-    (...) ndarray of complex
-        Amplitude factor ``cosθ/sqrt(ε - sin²θ)``, the same for H and V.
     """
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     return np.asarray(np.sqrt(1 - s2) / np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2))
@@ -189,24 +115,7 @@ def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> NDArray[np.compl
 def two_way_attenuation(
     depth: ArrayLike, wavenumber: ArrayLike, sine: ArrayLike, permittivity: ArrayLike
 ) -> FloatArray:
-    """Two-way amplitude loss ``exp(-2d·|Im(k0·sqrt(ε - sin²θ))|)`` in one layer.
-
-    Parameters
-    ----------
-    depth : (...) array_like
-        Soil passed one way, m.
-    wavenumber : (...) array_like
-        Wavenumber in air k0, rad/m.
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    permittivity : (...) array_like of complex
-        Relative permittivity of the layer.
-
-    Returns
-    -------
-    (...) ndarray
-        Amplitude factor, at most one.
-    """
+    """Two-way amplitude loss ``exp(-2d·|Im(k0·sqrt(ε - sin²θ))|)`` in one layer; wavenumber and sine in air."""
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     vertical = np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2)
     rate = np.asarray(wavenumber, dtype=np.float64) * np.abs(vertical.imag)
@@ -217,18 +126,6 @@ def interface_path(sine: ArrayLike, permittivity: float) -> FloatArray:
     """Path gained per metre of surface height, one way: ``sqrt(ε - sin²θ) - cosθ``.
 
     Times k0·s and squared it is the phase variance of a rough surface of rms height s.
-
-    Parameters
-    ----------
-    sine : (...) array_like
-        Sine of the incidence angle in air.
-    permittivity : float
-        Real relative permittivity of the soil.
-
-    Returns
-    -------
-    (...) ndarray
-        Metres of path per metre of height.
     """
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     return np.asarray(np.sqrt(permittivity - s2) - np.sqrt(1 - s2))

@@ -21,19 +21,9 @@ UNEVEN_LENGTH = 0.5
 class HeightField:
     """A Gaussian random surface, defined at every point of the plane: ``s²·exp(-r/l)`` and the unevenness of a track.
 
-    A sum of plane waves whose wavenumbers follow the surface's spectrum: no storage, and the same height for every ray
-    that enters at a point. Each wave belongs to the short or to the uneven part, by their shares of the variance.
-
-    Parameters
-    ----------
-    rms_height, correlation_length : float
-        s and l of the short part, whose spectrum is ``(1 + K²l²)^-3/2``, m.
-    rng : Generator
-        Draws the waves.
-    modes : int
-        Number of waves; the heights are Gaussian in the limit of many.
-    unevenness, waviness : float
-        Of the long part, as :func:`uneven_height` has them.
+    A sum of plane waves whose wavenumbers follow the surface's spectrum, ``(1 + K²l²)^-3/2`` for the short part: no
+    storage, and the same height for every ray that enters at a point. Each wave belongs to the short or to the uneven
+    part (:func:`uneven_height`), by their shares of the variance. Heights are Gaussian in the limit of many ``modes``.
     """
 
     def __init__(
@@ -68,26 +58,9 @@ def uneven_height(unevenness: float, waviness: float = 2.0) -> float:
     """Rms height of uneven ground up to waves of some 2π·0.5 m.
 
     Profiles of roads and tracks have the one-sided spectrum ``G(n) = G0·(n/0.1)^-w`` over the waves per metre n, from
-    about 0.35 to 90 m of wavelength (ISO 8608). An isotropic surface with such profiles has the spectrum
-    ``W(K) = 4πH·s²·l²·(1 + K²l²)^-(1+H)`` with ``H = (w - 1)/2`` at ``K·l`` well above 1; l = 0.5 m bounds it.
-
-    Parameters
-    ----------
-    unevenness : float
-        G0, the spectral density of the profile at 0.1 waves per metre, m³: 16e-6 in the middle of ISO 8608's class A,
-        four times as much from class to class.
-    waviness : float
-        w, between 1 and 3.
-
-    Returns
-    -------
-    float
-        s, m.
-
-    Raises
-    ------
-    ValueError
-        If the unevenness is negative or the waviness not between 1 and 3.
+    about 0.35 to 90 m of wavelength (ISO 8608). ``unevenness`` is G0 in m³: 16e-6 in the middle of class A, four times
+    as much from class to class; ``waviness`` is w, between 1 and 3. An isotropic surface with such profiles has the
+    spectrum ``W(K) = 4πH·s²·l²·(1 + K²l²)^-(1+H)`` with ``H = (w - 1)/2`` at ``K·l`` well above 1; l = 0.5 m bounds it.
 
     Examples
     --------
@@ -127,31 +100,12 @@ def surface_backscatter(
     unevenness: float = 0.0,
     waviness: float = 2.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Backscatter σ⁰ of a slightly rough surface, HH and VV.
+    """Backscatter σ⁰ of a slightly rough surface, HH and VV, linear.
 
     First-order small perturbation with exponential correlation, ``8k⁴s²cos⁴θ|α|²·l²(1 + (2kl·sinθ)²)^-3/2``, averaged
-    over the tilts of a larger scale. Uneven ground adds its own spectrum: the short part grows as f⁴ while its
-    correlation length is short beside the wave, and as f when it is long, the uneven part as ``f^(3-w)`` throughout.
-
-    Parameters
-    ----------
-    frequency : (...) array_like
-        Hz.
-    sine : (...) array_like
-        Sine of the incidence angle.
-    permittivity : (...) array_like of complex
-        Relative permittivity of the soil.
-    rms_height, correlation_length : float
-        Of the small scale, m.
-    slope : float
-        Rms tilt of the large scale in each direction, rad; 0 leaves a single scale.
-    unevenness, waviness : float
-        Of the ground's longer waves, as :func:`uneven_height` has them; 0 leaves the exponential correlation alone.
-
-    Returns
-    -------
-    hh, vv : (...) ndarray
-        Radar cross section per unit area, linear.
+    over the tilts of a larger scale (``slope``, rms in each direction). Uneven ground (:func:`uneven_height`) adds its
+    own spectrum: the short part grows as f⁴ while its correlation length is short beside the wave, and as f when it is
+    long, the uneven part as ``f^(3-w)`` throughout.
 
     References
     ----------

@@ -27,18 +27,9 @@ _ROCK = 0.05  # m: lower rocks throw no shadow
 
 
 class Strip(NamedTuple):
-    """An upright that rays must pass.
+    """An upright that rays must pass, ``radius`` to either side of its middle; heights are above the lane's plane.
 
-    Attributes
-    ----------
-    x, y : float
-        Middle, m.
-    bottom, top : float
-        Height of the ground it stands on and of its top above the lane's plane, m.
-    radius : float
-        Half its width, m.
-    foliage : float
-        One-way loss across its middle at 0.87 GHz, dB; infinite is opaque.
+    ``foliage`` is the one-way loss across its middle at 0.87 GHz, dB; infinite is opaque.
     """
 
     x: float
@@ -50,21 +41,10 @@ class Strip(NamedTuple):
 
 
 def strips_of(targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float) -> list[Strip]:
-    """Give the strips of everything that throws a shadow.
+    """Give the strips of what throws shadows: metal bodies on the ground, posts, bushes, rocks from 5 cm radius.
 
-    Parameters
-    ----------
-    targets, objects : iterables
-        Of these metal bodies on the ground, posts, bushes and rocks of at least 5 cm radius count.
-    ground : callable
-        Height of the ground at x and y, m.
-    foliage : float
-        One-way loss of leaves at 0.87 GHz, dB/m.
-
-    Returns
-    -------
-    list of Strip
-        In the order given; a bush's loss is that of its mean chord.
+    ``ground`` gives the height at x and y; ``foliage`` is the one-way loss of leaves at 0.87 GHz, dB/m, and a bush's
+    loss that of its mean chord.
     """
     found = []
     for target in targets:
@@ -90,15 +70,6 @@ class Shadows:
     units of ``sqrt(λ·d1·d2/(2(d1 + d2)))`` across the ray, and T what passes it (Babinet's principle in Kirchhoff's
     approximation: Born & Wolf 1999, Sec. 8.7-8.8; Deygout's several edges multiply). Two-way it is the mean product of
     transmitter's and receiver's factor over the pairs, which is what an image focused there has.
-
-    Parameters
-    ----------
-    strips : sequence of Strip
-        What throws shadows.
-    array : ArrayState
-        The antennas.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
     """
 
     def __init__(self, strips: Iterable[Strip], array: ArrayState, frequency: FloatArray) -> None:

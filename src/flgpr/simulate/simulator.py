@@ -271,21 +271,9 @@ def array_state(sensor: Sensor, pose: FloatArray) -> ArrayState:
 
 
 def sweep_drift(pose: FloatArray, time: FloatArray, sweep_time: float) -> FloatArray:
-    """Compute how far the vehicle drives during a sweep.
+    """How far the vehicle drives during each sweep, (scan, 3) along the lane's axes.
 
-    Parameters
-    ----------
-    pose : (scan, 6) ndarray
-        Poses.
-    time : (scan,) ndarray
-        Times of the scans, s.
-    sweep_time : float
-        Time of a sweep, s.
-
-    Returns
-    -------
-    (scan, 3) ndarray
-        m, along the lane's axes; level, for jolts from scan to scan are no speed. Zero for a single scan.
+    It is level, for jolts from scan to scan are no speed, and zero for a single scan.
     """
     drift = np.zeros((len(pose), 3))
     if sweep_time > 0 and len(pose) > 1:

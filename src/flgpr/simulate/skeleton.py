@@ -23,23 +23,9 @@ _TOLERANCE, _MOST = 0.01, 8
 
 
 class Skeleton:
-    """Tones and functions for the spectra of some layers as an array sees them.
+    """Tones (``nodes``) and functions (rank, frequency) for the spectra of some layers as an array sees them.
 
-    Parameters
-    ----------
-    layers : iterable of Layer
-        The layers.
-    view : View
-        A view of some of their scatterers, by which the tones are chosen.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-
-    Attributes
-    ----------
-    nodes : (rank,) ndarray
-        The chosen tones, Hz.
-    functions : (rank, frequency) ndarray
-        H_r.
+    The tones are chosen by a view of some of the layers' scatterers.
     """
 
     def __init__(self, layers: Iterable[Layer], view: View, frequency: FloatArray) -> None:

@@ -12,26 +12,9 @@ VACUUM_PERMITTIVITY = 8.8541878128e-12
 
 
 def mironov(frequency: ArrayLike, clay: float, moisture: float) -> NDArray[np.complex128]:
-    """Permittivity of mineral soil by the refractive mixing model with bound and free water.
+    """Permittivity ε' - jε'' of mineral soil by the refractive mixing model with bound and free water.
 
-    Parameters
-    ----------
-    frequency : (...) array_like
-        Hz.
-    clay : float
-        Clay content by weight, per cent.
-    moisture : float
-        Volumetric moisture, m³/m³.
-
-    Returns
-    -------
-    (...) ndarray of complex
-        Relative permittivity ε' - jε''.
-
-    Raises
-    ------
-    ValueError
-        If clay or moisture lies outside the model's range.
+    Clay is by weight, per cent; moisture by volume, m³/m³. Outside the model's range they are errors.
 
     References
     ----------
@@ -65,24 +48,7 @@ def _water(f: NDArray[np.float64], static: float, relaxation: float, conductivit
 
 
 def topp(moisture: float, loss_tangent: float = 0.05) -> complex:
-    """Permittivity of soil from its moisture alone, frequency-independent.
-
-    Parameters
-    ----------
-    moisture : float
-        Volumetric moisture, m³/m³.
-    loss_tangent : float
-        ε''/ε', which the model does not give.
-
-    Returns
-    -------
-    complex
-        Relative permittivity ε' - jε''.
-
-    Raises
-    ------
-    ValueError
-        If moisture lies outside 0-0.55.
+    """Permittivity of soil from its volumetric moisture (0-0.55) alone, for all tones; the loss is not the model's.
 
     References
     ----------
@@ -98,29 +64,8 @@ def peplinski(
 ) -> NDArray[np.complex128]:
     """Permittivity of soil by the semi-empirical mixing model for 0.3-1.3 GHz.
 
-    Its effective conductivity turns negative for sand with little clay; there the loss is clipped at zero and the
-    model should not be used.
-
-    Parameters
-    ----------
-    frequency : (...) array_like
-        Hz.
-    sand, clay : float
-        Content by weight, per cent.
-    moisture : float
-        Volumetric moisture, m³/m³.
-    bulk_density : float
-        Dry bulk density, g/cm³.
-
-    Returns
-    -------
-    (...) ndarray of complex
-        Relative permittivity ε' - jε''.
-
-    Raises
-    ------
-    ValueError
-        If an argument lies outside its physical range.
+    Sand and clay are by weight, per cent, moisture by volume, the dry bulk density in g/cm³. Its effective conductivity
+    turns negative for sand with little clay; there the loss is clipped at zero and the model should not be used.
 
     References
     ----------
@@ -164,19 +109,7 @@ def fixed(
 
 
 def one_way_loss(frequency: float, permittivity: complex) -> float:
-    """Attenuation of a plane wave in a medium.
-
-    Parameters
-    ----------
-    frequency : float
-        Hz.
-    permittivity : complex
-        Relative permittivity ε' - jε''.
-
-    Returns
-    -------
-    float
-        One-way loss, dB/m; about 91·f_GHz·sqrt(ε')·tanδ for small losses.
+    """Attenuation of a plane wave in a medium, dB/m; about 91·f_GHz·sqrt(ε')·tanδ for small losses.
 
     Examples
     --------

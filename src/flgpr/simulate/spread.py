@@ -33,22 +33,12 @@ _TURN = 0.04  # cycles at the ends of the band by which points of a sweep in mot
 
 @dataclass(frozen=True)
 class ArrayState:
-    """Where the antennas of a scan are and where they look, in the lane frame.
+    """Where the antennas of a scan, (antenna, 3) transmitters before receivers, are and look, in the lane frame.
 
-    Attributes
-    ----------
-    position : (antenna, 3) ndarray
-        Transmitters, then receivers, m.
-    tx, rx : (pair,) ndarray of int
-        Antennas of each pair.
-    boresight, horizontal, vertical : (3,) ndarray
-        Unit vectors: the antennas' axis, the H dipoles' axis, the V dipoles' axis.
-    exponent : float
-        n of a horn's power pattern cos^n; negative for dipoles.
-    growth : float
-        Of a beam that narrows with frequency: ``n = max(growth·f² - 1, 0)``, s²; zero where ``exponent`` always holds.
-    drift : (3,) ndarray
-        How far the antennas move during a sweep over all tones, m; they stand at ``position`` in its middle.
+    ``tx`` and ``rx`` are the antennas of each pair; ``horizontal`` and ``vertical`` unit vectors along the H and V
+    dipoles. ``exponent`` is n of a horn's power pattern cos^n, negative for dipoles; ``growth`` that of a beam that
+    narrows with frequency, ``n = max(growth·f² - 1, 0)``, s², zero where ``exponent`` always holds. ``drift`` is how
+    far the antennas move during a sweep over all tones, m; they stand at ``position`` in its middle.
     """
 
     position: FloatArray
@@ -203,15 +193,7 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
 
 
 class Spreader:
-    """Sums the echoes of point scatterers over all pairs and uniform tones.
-
-    Parameters
-    ----------
-    start, step : float
-        First tone and spacing, Hz.
-    count : int
-        Number of tones.
-    """
+    """Sums the echoes of point scatterers over all pairs and ``count`` uniform tones."""
 
     def __init__(self, start: float, step: float, count: int) -> None:
         self.count = count
@@ -232,26 +214,12 @@ class Spreader:
     ) -> NDArray[np.complex64]:
         """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
 
-        Parameters
-        ----------
-        points : (point, 3) ndarray
-            Scatterers in the lane frame, m.
-        values : (point, 3, rank) ndarray of complex64
-            Amplitudes HH, VV and cross of every scatterer for every function.
-        functions : (rank, frequency) ndarray
-            H_r, real or complex.
-        array : ArrayState
-            The antennas.
-        extra : (point,) ndarray or None
-            Electrical path beyond the straight line to each antenna, m; None is none.
-        nodes : (rank,) ndarray or None
-            Frequencies at which the horns' beam is taken for every function, Hz, where the functions interpolate
-            between values at these; None takes the beam of ``array.exponent`` for all.
-
-        Returns
-        -------
-        (3 or 4, pair, frequency) ndarray of complex64
-            For horns the channels HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH and VV.
+        The sum is (channel, pair, frequency). ``points`` (point, 3) have amplitudes HH, VV and cross, ``values``
+        (point, 3, rank), for every function H_r (rank, frequency), real or complex; ``extra`` is the electrical path
+        beyond the straight line to each antenna. ``nodes`` are the frequencies at which the horns' beam is taken for
+        every function, where these interpolate between values at them; None takes the beam of ``array.exponent`` for
+        all. For horns there are three channels, HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH
+        and VV.
         """
         extra = np.zeros(len(points)) if extra is None else extra
         exponents = np.full(len(functions), array.exponent) if nodes is None else array.exponents(nodes)

@@ -33,22 +33,11 @@ _LEVEL = math.sin(math.radians(67))  # incidence whose unevenness of the wall an
 
 
 class Buried(NamedTuple):
-    """Points in the soil.
+    """Points in the soil at ``xy`` (point, 2) and ``depth``, with unit vectors ``axis`` (point, 3).
 
-    Attributes
-    ----------
-    xy : (point, 2) ndarray
-        Places, m.
-    depth : (point,) ndarray
-        m.
-    round, axial : (point,) ndarray of complex
-        Amplitude for every field direction, and what is added for fields along ``axis``, m.
-    axis : (point, 3) ndarray
-        Unit vectors.
-    shape : (point,) ndarray of int
-        Which growth with frequency.
-    reach : (point,) ndarray
-        How far towards the radar the point stands from ``xy``: the near (+) and far (-) flash of a disc, m.
+    ``round`` is the amplitude for every field direction, ``axial`` what is added for fields along ``axis``, m;
+    ``shape`` says which growth with frequency. ``reach`` is how far towards the radar the point stands from ``xy``: the
+    near (+) and far (-) flash of a disc, m.
     """
 
     xy: FloatArray
@@ -102,18 +91,8 @@ def laws(scene: Scene, ground: Ground) -> FloatArray:
 class SubsurfaceField:
     """Everything that is strewn through the soil, drawn tile by tile when it is looked at.
 
-    Parameters
-    ----------
-    scene : Scene
-        The tables.
-    spectra : BuriedSpectra
-        The soil.
-    wavenumber : float
-        In air at the band's middle, rad/m.
-    density : float
-        Points of the uneven soil per m², unless the scene says.
-    seed : int
-        Seed of the world.
+    The wavenumber is that in air at the band's middle; ``density`` is points of the uneven soil per m², unless the
+    scene says.
     """
 
     def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
@@ -260,17 +239,7 @@ def _joined(parts: list[Buried]) -> Buried:
 
 
 class SubsurfaceLayer:
-    """What is strewn through the soil, as a scan sees it.
-
-    Parameters
-    ----------
-    field : SubsurfaceField
-        The points.
-    spectra : BuriedSpectra
-        Their way in and out.
-    laws : (shape, sine) ndarray
-        What multiplies each shape's amplitude at uniform sines from 0 to 1.
-    """
+    """What is strewn through the soil, as a scan sees it; ``laws`` (shape, sine from 0 to 1) multiply amplitudes."""
 
     def __init__(self, field: SubsurfaceField, spectra: BuriedSpectra, laws: FloatArray) -> None:
         self._field, self._spectra, self._laws = field, spectra, laws.astype(np.float32)
@@ -309,16 +278,7 @@ def _polarized(found: Buried, towards: FloatArray, sine: FloatArray, spectra: Bu
 class HoleLayer:
     """Edges of refilled holes: the upper and lower end of the wall and the cap's, each with its near and far flash.
 
-    Parameters
-    ----------
-    holes : tuple of Hole
-        The holes.
-    wall : float
-        Rms unevenness of their walls, m.
-    ground : Ground
-        The soil around.
-    spectra : BuriedSpectra
-        The way in and out.
+    ``wall`` is the rms unevenness of the walls, m.
     """
 
     def __init__(self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra) -> None:
@@ -356,25 +316,9 @@ class HoleLayer:
 
 
 def subsurface_layers(scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int) -> list[Layer]:
-    """Make the layers under the surface.
+    """Make the layers under the surface, none for what is off; all share one basis.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its tables.
-    holes : tuple of Hole
-        The refilled holes of the world.
-    ground : Ground
-        The soil.
-    density : float
-        Points of the uneven soil per m², unless the scene says.
-    seed : int
-        Seed of the world.
-
-    Returns
-    -------
-    list of Layer
-        Nothing for what is off; all share one basis.
+    ``density`` is points of the uneven soil per m², unless the scene says.
     """
     if not holes and not strewn(scene):
         return []

@@ -129,25 +129,13 @@ def _azimuths(target: Target, array: ArrayState) -> tuple[FloatArray, FloatArray
 
 
 def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, aspects: FloatArray) -> FloatArray:
-    """Weights of a table's nodes for given directions.
+    """Weights (aspect, sine, separation, 3, pair) of a table's nodes for given directions.
 
-    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the
-    aspect cosines, or sines for what a box's mirror planes turn round: its (HV + VH)/2.
-
-    Parameters
-    ----------
-    sine, separation : (pair,) ndarray
-        Sine of the incidence angle, and azimuth of the receiver counterclockwise from the transmitter, rad.
-    aspect : (pair,) ndarray
-        Azimuth of the bisector counterclockwise from a box's long side, rad.
-    aspects : (aspect,) ndarray
-        The table's.
-
-    Returns
-    -------
-    (aspect, sine, separation, 3, pair) ndarray
-        For HH and VV, even in separation and aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in
-        the separation.
+    Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the aspect
+    cosines, or sines for what a box's mirror planes turn round: its (HV + VH)/2. The three are for HH and VV, even in
+    separation and aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in the separation. Separation is
+    the azimuth of the receiver counterclockwise from the transmitter, aspect that of their bisector from a box's long
+    side.
     """
     along = _lagrange(SINE, np.clip(sine, SINE[0] - 0.05, SINE[-1]))
     between = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)

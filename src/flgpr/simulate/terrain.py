@@ -25,16 +25,7 @@ class Terrain:
     """Height and slope of the ground at every point of the plane, without storage.
 
     Slope is a plane, undulation a sum of plane waves whose wavenumbers follow the Gaussian spectrum, and each rut a
-    Gaussian trough along a slowly wandering line.
-
-    Parameters
-    ----------
-    table : flgpr.simulate.tables.Terrain
-        What the scene says.
-    lane : Lane
-        Its middle is where slopes cross zero and ruts run.
-    seed : int
-        Seed of the world.
+    Gaussian trough along a slowly wandering line. In the lane's middle slopes cross zero and ruts run.
     """
 
     def __init__(self, table: tables.Terrain, lane: Lane, seed: int) -> None:

@@ -10,23 +10,9 @@ from flgpr.simulate.scene import Scene
 
 
 def draw_track(scene: Scene, height: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw the poses of all scans.
+    """Draw the poses (scan, 6) and times of all scans, at 2 m/s, and one scan per second while the vehicle stands.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its track says how the vehicle drives.
-    height : float
-        Height of the array's reference point, m.
-    seed : int
-        Seed of the world.
-
-    Returns
-    -------
-    pose : (scan, 6) ndarray
-        x, y, z (m), heading, pitch, roll (rad).
-    time : (scan,) ndarray
-        s, at 2 m/s and one scan per second while the vehicle stands.
+    ``height`` is that of the array's reference point.
     """
     track, rng = scene.track, stream(seed, "track")
     y, seconds = _positions(scene, rng)

@@ -30,43 +30,19 @@ def solve_box(
     cells_per_wavelength: float = 9.0,
     most_cells: int = 400_000,
 ) -> ComplexArray:
-    """Compute the scattering matrix of a box in homogeneous soil for waves that come from the air.
+    """Scattering matrix (sine, aspect, separation, 4) of a box in homogeneous soil for waves that come from the air, m.
 
     A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the soil, too. What the
     interface does to it is not included, nor are waves that go to and fro between body and interface: the contrast of
-    plastic to soil is weak, and they are neglected for boxes at every depth. The origin of phases is the centre of the
-    top face; unit vectors and F are those of :func:`flgpr.simulate.signature.dipoles.scattering_amplitudes`, with
-    ``σ = 4π·|F|²``. It is quickest where all ``aspects ± separations/2`` lie on few azimuths. Of a square box, aspects
-    from 0 to π/4 tell all: F does not change when it turns by π/2, and its mirror image has -HV and -VH.
+    plastic to soil is weak, and they are neglected for boxes at every depth. The box is without metal, its long side
+    along x.
 
-    Parameters
-    ----------
-    body : Body
-        The box, without metal; its long side lies along x.
-    frequency : float
-        Hz.
-    permittivity : complex
-        Relative permittivity of the soil, imaginary part not positive.
-    sines : (sine,) array_like
-        sinθ, from 0 to below 1.
-    aspects : (aspect,) array_like
-        Azimuth from x of the bisector of transmitter and receiver as seen from the body, rad.
-    separations : (separation,) array_like
-        Azimuth of the receiver less that of the transmitter, rad; they stand at ``aspect ± separation/2``.
-    cells_per_wavelength : float
-        Of the lattice, in the denser of soil and body; the thinnest layer has at least two cells.
-    most_cells : int
-        Coarser cells are taken where there would be more of them.
-
-    Returns
-    -------
-    (sine, aspect, separation, 4) ndarray of complex128
-        F in HH, HV, VH, VV, m; "HV" transmits H and receives V.
-
-    Raises
-    ------
-    ValueError
-        If a parameter breaks a rule stated above.
+    The origin of phases is the centre of the top face; unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those
+    of :func:`flgpr.simulate.signature.dipoles.scattering_amplitudes`, with ``σ = 4π·|F|²``. Aspects are the azimuth
+    from x of the bisector of transmitter and receiver as seen from the body, which stand at ``aspect ± separation/2``;
+    it is quickest where these lie on few azimuths. Of a square box, aspects from 0 to π/4 tell all: F does not change
+    when it turns by π/2, and its mirror image has -HV and -VH. The lattice's cells are those of the denser of soil and
+    body; the thinnest layer has at least two, and they are coarser where there would be more than ``most_cells``.
     """
     s, aspect, separation = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations))
     _check(body, frequency, permittivity, s, cells_per_wavelength)
@@ -115,24 +91,10 @@ def choose_cell(
 
 
 def lattice_of(body: Body, permittivity: complex, cell: float) -> Lattice:
-    """Lay a body on a lattice.
+    """Lay a quarter of a box on a lattice.
 
     In a cell that a face cuts, the field along an axis meets the harmonic mean along that axis of the arithmetic means
     across it: what the continuity of the field along a face, and of the displacement through it, asks for.
-
-    Parameters
-    ----------
-    body : Body
-        A box.
-    permittivity : complex
-        Relative permittivity of the soil.
-    cell : float
-        Edge of a cell, m.
-
-    Returns
-    -------
-    Lattice
-        A quarter of the body.
     """
     widths = [0.0, *body.radii()]
     edges = [[body.elongation * w for w in widths], widths, body.drops()]

@@ -35,13 +35,8 @@ _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 class Lattice(NamedTuple):
     """Quarter ``x > 0, y > 0`` of a body on a cubic lattice.
 
-    Attributes
-    ----------
-    cell : float
-        Edge of a cell, m.
-    permittivity : (x, y, z, 3) ndarray of complex
-        Relative permittivity for fields along x, y, z, in cells from the axis outwards and from the top down; the
-        soil's where there is no body.
+    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z, in cells from the axis outwards and from the top
+    down; the soil's where there is no body.
     """
 
     cell: float
@@ -49,14 +44,9 @@ class Lattice(NamedTuple):
 
 
 class Waves(NamedTuple):
-    """Plane waves that come down through the soil: each is an H and a V wave.
+    """Plane waves that come down through the soil: each is an H and a V wave of horizontal wavenumber κ.
 
-    Attributes
-    ----------
-    transverse : (wave,) ndarray
-        Horizontal wavenumber κ, rad/m.
-    azimuth : (wave,) ndarray
-        Horizontal direction of propagation, from x towards y, rad.
+    ``azimuth`` is the horizontal direction of propagation, from x towards y.
     """
 
     transverse: FloatArray
@@ -64,29 +54,13 @@ class Waves(NamedTuple):
 
 
 def scattering_amplitudes(lattice: Lattice, soil: complex, wavenumber: float, waves: Waves) -> ComplexArray:
-    """Compute the scattering amplitudes of a body for every pair of waves.
+    """Give scattering amplitudes F (2, wave, 2, wave) of a body, m: H, V and wave of receiver, then transmitter.
 
     A wave ``E = e·e^{-jk·r}`` has the wave vector ``k = (κcosφ, κsinφ, -q)``, ``q = sqrt(ε_s·k0² - κ²)``, complex in a
-    soil with loss. Its unit vector is ``h = z × κ/|κ|`` or ``v = (qcosφ, qsinφ, κ)/k_s``. What goes back to a receiver
-    is described by the wave that it would send, with the same unit vectors (backscatter alignment):
-    ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the soil has no loss. A
-    horizontal metal plate has F_hh = F_vv.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        The body.
-    soil : complex
-        Relative permittivity around it, imaginary part not positive.
-    wavenumber : float
-        In air, rad/m.
-    waves : Waves
-        The waves.
-
-    Returns
-    -------
-    (2, wave, 2, wave) ndarray of complex
-        F, m: polarization (H, V) and wave of the receiver, then of the transmitter.
+    soil with loss (imaginary part of ε_s not positive). Its unit vector is ``h = z × κ/|κ|`` or ``v = (qcosφ, qsinφ,
+    κ)/k_s``. What goes back to a receiver is described by the wave that it would send, with the same unit vectors
+    (backscatter alignment): ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the
+    soil has no loss. A horizontal metal plate has F_hh = F_vv.
 
     References
     ----------
@@ -114,19 +88,9 @@ def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
 
 
 def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
-    """Compute the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice.
+    """Give the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice: A and B where R² = 0, 1, 2, ... cells.
 
-    Parameters
-    ----------
-    size : complex
-        Wavenumber times cell, rad.
-    count : int
-        Number of distances.
-
-    Returns
-    -------
-    along_all, along_line : (count,) ndarray of complex
-        A and B where R² = 0, 1, 2, ... cells; both zero at R = 0, which the polarizability includes.
+    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell.
 
     References
     ----------
@@ -152,17 +116,8 @@ def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArra
 def green_symbols(shape: tuple[int, ...], size: complex) -> list[list[SingleArray]]:
     """Fourier transform of the Green tensor over the lags of a lattice whose quarter has this shape.
 
-    Parameters
-    ----------
-    shape : (int, int, int)
-        Cells of the quarter.
-    size : complex
-        Wavenumber times cell, rad.
-
-    Returns
-    -------
-    3 x 3 list of (2·x + 1, 2·y + 1, 2·z - 1) ndarrays of complex64
-        Over cosines or sines in x and y (sines where the component is odd), exponentials in z.
+    3 x 3 arrays (2·x + 1, 2·y + 1, 2·z - 1) over cosines or sines in x and y (sines where the component is odd),
+    exponentials in z.
     """
     lags = [np.arange(2 * n) for n in shape[:2]] + [np.arange(shape[2])]
     grid = np.meshgrid(*lags, indexing="ij", sparse=True)
@@ -197,16 +152,9 @@ def _lag_sum(angle: NDArray[Any], odd: bool) -> FloatArray:
 
 
 class ClassSystem:
-    """Equations ``(1 - s·G·s)·y = s·E`` of the dipoles in one symmetry class, s² their polarizability.
+    """Equations ``(1 - s·G·s)·y = s·E`` of the dipoles in one symmetry class, s² their polarizability (3, x, y, z).
 
-    Parameters
-    ----------
-    scale : (3, x, y, z) ndarray of complex64
-        s.
-    symbols : 3 x 3 list of ndarrays
-        As :func:`green_symbols` gives them.
-    parity : (int, int)
-        Whether the vertical component is even (1) or odd (-1) in x and in y.
+    ``parity`` is whether the vertical component is even (1) or odd (-1) in x and in y.
     """
 
     def __init__(self, scale: SingleArray, symbols: list[list[SingleArray]], parity: tuple[int, int]) -> None:

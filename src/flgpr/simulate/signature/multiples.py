@@ -22,35 +22,14 @@ _TURN, _END = 1.4, 3.0  # where the path comes back to the real axis and where i
 
 
 class Path(NamedTuple):
-    """Nodes of the integral over horizontal wavenumbers.
-
-    Attributes
-    ----------
-    transverse : (node,) ndarray of complex
-        κ, rad/m.
-    weight : (node,) ndarray of complex
-        Weights of dκ, rad/m.
-    """
+    """Nodes of the integral over horizontal wavenumbers κ, and weights of dκ."""
 
     transverse: ComplexArray
     weight: ComplexArray
 
 
 def spectral_path(wavenumber: complex, radius: float) -> Path:
-    """Path around the branch points and poles that lie on and below the real axis.
-
-    Parameters
-    ----------
-    wavenumber : complex
-        In the soil, rad/m.
-    radius : float
-        Radius of the body, m: the wider, the more nodes.
-
-    Returns
-    -------
-    Path
-        Gauss-Legendre nodes.
-    """
+    """Path around the branch points and poles on and below the real axis: the wider the body, the more nodes."""
     size = wavenumber.real
     height = min(_DETOUR * size, 1.5 / radius)
     t, w = np.polynomial.legendre.leggauss(12 + math.ceil(0.75 * size * radius))
@@ -66,27 +45,10 @@ def spectral_path(wavenumber: complex, radius: float) -> Path:
 def with_surface(
     answer: ComplexArray, path: Path, mode: int, soil: complex, wavenumber: float, depth: float
 ) -> ComplexArray:
-    """Add the surface to a body's answer.
+    """Add the surface to a body's answer T of one azimuthal mode, for the path's nodes and then the waves of interest.
 
-    Parameters
-    ----------
-    answer : (2·(node + wave), 2·(node + wave)) ndarray of complex
-        T of one azimuthal mode for the path's nodes and then the waves of interest, all H before all V.
-    path : Path
-        The nodes.
-    mode : int
-        Azimuthal order.
-    soil : complex
-        Relative permittivity of the soil; air is above.
-    wavenumber : float
-        In air, rad/m.
-    depth : float
-        Soil above the body's top, m.
-
-    Returns
-    -------
-    (2·wave, 2·wave) ndarray of complex
-        S for the waves of interest, without the factor ``t12²·e^{-2jqd}`` of ways in and out.
+    All H stand before all V. What comes out is S for the waves of interest, without the factor ``t12²·e^{-2jqd}`` of
+    ways in and out; ``depth`` is the soil above the body's top.
 
     Notes
     -----

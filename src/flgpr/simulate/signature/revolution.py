@@ -84,23 +84,8 @@ def make_grid(
 ) -> Grid:
     """Lay a grid whose lines follow the body.
 
-    Parameters
-    ----------
-    body : Body
-        The body.
-    soil : complex
-        Relative permittivity around it.
-    wavenumber : float
-        In air, rad/m.
-    cells_per_wavelength : float
-        Cells per wavelength in the denser of soil and body.
-    cover : float or None
-        Soil between the body and the air, m; None is soil without end.
-
-    Returns
-    -------
-    Grid
-        Nodes and media.
+    Cells are counted per wavelength in the denser of soil and body; ``cover`` is the soil between the body and the air,
+    None soil without end.
     """
     radii, drops, slowest = body.radii(), body.drops(), max(soil.real, body.densest())
     wavelength = 2 * math.pi / (wavenumber * math.sqrt(slowest))
@@ -120,19 +105,7 @@ def make_grid(
 
 
 class ModalSolver:
-    """Answer of a body to waves of one azimuthal mode.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    soil : complex
-        Relative permittivity around the body.
-    wavenumber : float
-        In air, rad/m.
-    mode : int
-        Azimuthal order m, not negative.
-    """
+    """Answer of a body to waves of one azimuthal mode, not negative."""
 
     def __init__(self, grid: Grid, soil: complex, wavenumber: float, mode: int) -> None:
         self.grid, self.soil, self.k0, self.mode = grid, soil, wavenumber, mode
@@ -163,18 +136,7 @@ class ModalSolver:
         return np.concatenate(wave_modes(transverse, self.ks, *here, mode), axis=1)
 
     def answer(self, transverse: ComplexArray) -> ComplexArray:
-        """Compute T for every pair of downgoing waves.
-
-        Parameters
-        ----------
-        transverse : (wave,) ndarray of complex
-            Horizontal wavenumbers, rad/m.
-
-        Returns
-        -------
-        (2·wave, 2·wave) ndarray of complex
-            ``T[test, incident]``, all H waves before all V waves, m.
-        """
+        """``T[test, incident]``, m, for all pairs of downgoing waves of these horizontal wavenumbers, H before V."""
         incident = self.waves(transverse, self.mode)
         scale = np.linalg.norm(incident, axis=0)
         scale[scale == 0] = 1.0
@@ -198,27 +160,10 @@ class ModalSolver:
 def wave_modes(
     transverse: ComplexArray, wavenumber: complex, rho: FloatArray, z: FloatArray, kind: NDArray[np.intp], mode: int
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Azimuthal mode of downgoing plane waves along x, as components on edges.
+    """Azimuthal mode of downgoing plane waves along x, as components on edges: h and v, (edge, wave).
 
-    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with ``q = sqrt(k² - κ²)``.
-
-    Parameters
-    ----------
-    transverse : (wave,) ndarray of complex
-        κ, rad/m.
-    wavenumber : complex
-        k in the soil, rad/m.
-    rho, z : (edge,) ndarray
-        Places, m.
-    kind : (edge,) ndarray of int
-        0, 1, 2 for components along ρ, φ, z.
-    mode : int
-        Azimuthal order, may be negative.
-
-    Returns
-    -------
-    h, v : (edge, wave) ndarray of complex
-        Components of the unit waves.
+    ``e^{-jκρcosφ} = Σ(-j)^n J_n(κρ)e^{jnφ}``; H is along y, V along (q, 0, κ)/k, with ``q = sqrt(k² - κ²)``. ``kind``
+    is 0, 1, 2 for components along ρ, φ, z; the mode may be negative.
     """
     order = abs(mode)
     radius, which_rho = np.unique(rho, return_inverse=True)

@@ -25,32 +25,14 @@ def solve_round(
     depths: FloatArray,
     cells_per_wavelength: float = 8.0,
 ) -> ComplexArray:
-    """Scattering amplitudes of a round body in the ground.
+    """Scattering amplitudes (depth, sine, separation, 4) of a round body in the ground, m.
 
-    Parameters
-    ----------
-    body : Body
-        The body.
-    frequency : float
-        Hz.
-    permittivity : complex
-        Of the soil, relative, ``ε' - jε''``.
-    sines : (sine,) ndarray
-        Sines of the incidence angle in air, the same for transmitter and receiver.
-    separations : (separation,) ndarray
-        Azimuth between transmitter and receiver as seen from the body, rad.
-    depths : (depth,) ndarray
-        Soil over the body's top, m; infinity is soil without a surface.
-    cells_per_wavelength : float
-        Of the grid, in the denser of soil and body.
-
-    Returns
-    -------
-    (depth, sine, separation, 4) ndarray of complex
-        HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2, m ("HV" transmits H and receives V; the receiver stands
-        counterclockwise of the transmitter as seen from above). The field in air is
-        ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of backscatter, in which a level plate has
-        HH = VV. Phases refer to the centre of the top.
+    They are HH, VV, (HV + VH)/2, which is zero, and (HV - VH)/2 ("HV" transmits H and receives V; the receiver stands
+    counterclockwise of the transmitter as seen from above). The field in air is
+    ``t12²·e^{-2jqd}·F·e^{-jk(R_t+R_r)}/(R_t·R_r)`` by the alignment of backscatter, in which a level plate has HH = VV.
+    Phases refer to the centre of the top. Sines are those in air, the same for transmitter and receiver; separations
+    the azimuth between them as seen from the body; depths the soil over its top, infinity soil without a surface. Cells
+    are counted per wavelength in the denser of soil and body.
     """
     k0 = 2 * math.pi * frequency / SPEED_OF_LIGHT
     path = spectral_path(k0 * np.sqrt(complex(permittivity)), body.radius)
