@@ -34,22 +34,7 @@ class Bars:
             self._progress.stop()
 
     def __call__(self, items: Iterable[T], label: str, total: int) -> Iterator[T]:
-        """Iterate over items under a bar.
-
-        Parameters
-        ----------
-        items : iterable
-            The work.
-        label : str
-            What is being done.
-        total : int
-            Number of items.
-
-        Yields
-        ------
-        object
-            Each item.
-        """
+        """Iterate over items under a bar labelled by what is being done."""
         self._progress.start()
         task = self._progress.add_task(label, total=total)
         for item in items:

@@ -40,18 +40,7 @@ class FrameStack:
         self.operators = tuple(operators)
 
     def adjoint(self, data: ArrayLike) -> ComplexArray:
-        """Sum the images of all frames.
-
-        Parameters
-        ----------
-        data : (frame, polarization, pair, frequency) array_like of complex
-            Received field.
-
-        Returns
-        -------
-        (polarization, subband, ...) ndarray of complex64
-            The image.
-        """
+        """Sum the images of all frames: (frame, polarization, pair, frequency) to (polarization, subband, ...)."""
         frames = np.asarray(data)
         if len(frames) != len(self.operators):
             raise ValueError(f"data must hold {len(self.operators)} frames, got {len(frames)}")
@@ -61,18 +50,7 @@ class FrameStack:
         return total
 
     def forward(self, image: ArrayLike) -> ComplexArray:
-        """Model the data of all frames.
-
-        Parameters
-        ----------
-        image : (polarization, subband, ...) array_like of complex
-            Reflectivity.
-
-        Returns
-        -------
-        (frame, polarization, pair, frequency) ndarray of complex64
-            The field.
-        """
+        """Model the data of all frames: (polarization, subband, ...) to (frame, polarization, pair, frequency)."""
         return np.stack([operator.forward(image) for operator in self.operators])
 
 

@@ -47,18 +47,7 @@ class Background:
     shared_gain: MagnitudeArray
 
     def cropped(self, rows: int) -> Background:
-        """Give the background of the nearest ``rows`` image rows.
-
-        Parameters
-        ----------
-        rows : int
-            Number of rows.
-
-        Returns
-        -------
-        Background
-            For images that end there.
-        """
+        """Give the background of the nearest ``rows`` image rows."""
         return Background(
             np.ascontiguousarray(self.signature[..., :rows, :]),
             np.ascontiguousarray(self.gain[..., :rows, :]),
@@ -67,20 +56,7 @@ class Background:
         )
 
     def magnitude(self, image: ComplexArray, gain: FloatArray) -> MagnitudeArray:
-        """Clean an image channel by channel (Wang et al. 2007, Eq. 5).
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-        gain : (polarization, subband) ndarray
-            Its scan gain r_k.
-
-        Returns
-        -------
-        (polarization, subband, y, x) ndarray of float32
-            m'', in units of the background.
-        """
+        """Clean an image by channel with its scan gain: m'', in units of the background (Wang et al. 2007, Eq. 5)."""
         out = np.empty(image.shape, np.float32)
         magnitude_over_background(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
         return out
@@ -88,37 +64,14 @@ class Background:
     def own_coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
         """Clean an image channel by channel and keep its phase, as the paper's polarimetric features have it.
 
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-        gain : (polarization, subband) ndarray
-            Its scan gain r_k.
-
-        Returns
-        -------
-        (polarization, subband, y, x) ndarray of complex64
-            Cleaned image; its modulus is :meth:`magnitude`.
+        Its modulus is :meth:`magnitude`.
         """
         out = np.empty(image.shape, np.complex64)
         subtract_and_divide(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
         return out
 
     def coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
-        """Clean an image with what the polarizations share: ``(v/r̄ - B1)/B̄2``.
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-        gain : (polarization, subband) ndarray
-            Its scan gain r_k.
-
-        Returns
-        -------
-        (polarization, subband, y, x) ndarray of complex64
-            Cleaned image, one calibration for all polarizations of a sub-band.
-        """
+        """Clean an image with what the polarizations of a sub-band share: ``(v/r̄ - B1)/B̄2``."""
         out = np.empty(image.shape, np.complex64)
         shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
         level = np.broadcast_to(self.shared_gain, image.shape).reshape(-1, image.shape[-2] * image.shape[-1])
@@ -188,23 +141,7 @@ class BackgroundEstimator:
         self._smoothed = 0
 
     def add_signature(self, image: ComplexArray) -> FloatArray:
-        """First pass: take a scan into the self-signature (Eq. 2).
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-
-        Returns
-        -------
-        (polarization, subband) ndarray
-            Scan gain r_k; also kept in ``gains``.
-
-        Raises
-        ------
-        ValueError
-            If the image has no gain or another shape than those before.
-        """
+        """First pass: take a scan into the self-signature (Eq. 2); give its gain r_k, which ``gains`` keeps."""
         if self._shape is None:
             self._begin(image.shape)
         gain, limit = self._measure(image)
@@ -218,18 +155,7 @@ class BackgroundEstimator:
         return gain
 
     def add_gain(self, image: ComplexArray) -> None:
-        """Second pass: take a scan into the gain background (Eq. 3 and 4).
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-
-        Raises
-        ------
-        ValueError
-            If more scans come than in the first pass, or the first pass had less than two.
-        """
+        """Second pass: take a scan into the gain background (Eq. 3 and 4)."""
         signature = self.signature()
         if self._smoothed >= len(self.gains):
             raise ValueError(
@@ -240,18 +166,7 @@ class BackgroundEstimator:
         self._smoothed += 1
 
     def signature(self) -> ComplexArray:
-        """Self-signature B1 of the scans so far.
-
-        Returns
-        -------
-        (polarization, subband, y, x) ndarray of complex64
-            B1.
-
-        Raises
-        ------
-        ValueError
-            If there are less than two scans: it would be all of the image.
-        """
+        """Self-signature B1 of the scans so far, at least two: of a single one it would be all of the image."""
         if self._signature is None:
             least = 1 if self.method == "none" else 2
             if len(self.gains) < least or self._shape is None:
@@ -269,18 +184,7 @@ class BackgroundEstimator:
         return self._signature
 
     def result(self) -> Background:
-        """Assemble the background after both passes.
-
-        Returns
-        -------
-        Background
-            B1 and B2, own and shared.
-
-        Raises
-        ------
-        ValueError
-            If the second pass has not seen every scan, or the background vanishes somewhere.
-        """
+        """Assemble the background once both passes have seen every scan."""
         signature = self.signature()
         if self._median is None or self._smoothed != len(self.gains) or self._shared is None:
             raise ValueError(f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}")
@@ -290,22 +194,10 @@ class BackgroundEstimator:
     def first_sums(self, exact: bool = False) -> dict[str, NDArray[Any]]:
         """Give what the first pass has gathered, to be taken in by another estimator.
 
-        Parameters
-        ----------
-        exact : bool
-            Whether the totals keep complex128, so that another estimator goes on with the very same bits. Otherwise
-            they are rounded to complex64: what is estimated from them has that precision anyway.
-
-        Returns
-        -------
-        dict
-            ``gains`` (scan, polarization, subband) and ``shape`` of the images; for the mean the totals ``own`` and
-            ``shared`` (polarization, subband, y, x), for the median the images over their gains, ``scaled``.
-
-        Raises
-        ------
-        ValueError
-            If there is no scan yet.
+        ``gains`` (scan, polarization, subband) and ``shape`` of the images; for the mean the totals ``own`` and
+        ``shared``, for the median the images over their gains, ``scaled``. With ``exact`` the totals keep complex128,
+        so that another estimator goes on with the very same bits; otherwise they are rounded to complex64: what is
+        estimated from them has that precision anyway.
         """
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
@@ -317,18 +209,7 @@ class BackgroundEstimator:
         return found | {name: total.astype(kind).reshape(self._shape) for name, total in totals.items()}
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
-        """Take in what another estimator gathered in its first pass over the scans that follow.
-
-        Parameters
-        ----------
-        sums : dict
-            From :meth:`first_sums`.
-
-        Raises
-        ------
-        ValueError
-            If its images have another shape.
-        """
+        """Take in what another estimator gathered in its first pass (:meth:`first_sums`) over the scans that follow."""
         shape = tuple(int(n) for n in sums["shape"])
         if self._shape is None:
             self._begin(shape)
@@ -343,61 +224,25 @@ class BackgroundEstimator:
         self._signature = None
 
     def first_result(self) -> dict[str, NDArray[Any]]:
-        """Give what the second pass needs.
-
-        Returns
-        -------
-        dict
-            ``gains``, ``signature`` and ``shared`` (complex64).
-
-        Raises
-        ------
-        ValueError
-            If there are less than two scans.
-        """
+        """Give what the second pass needs: ``gains``, ``signature`` and ``shared``, of at least two scans."""
         signature = self.signature()
         shared = np.zeros_like(signature) if self._shared is None else self._shared
         return {"gains": np.stack(self.gains), "signature": signature, "shared": shared}
 
     def continue_from(self, first: dict[str, NDArray[Any]], scans: slice = slice(None)) -> None:
-        """Begin the second pass where another estimator ended the first.
-
-        Parameters
-        ----------
-        first : dict
-            From :meth:`first_result`.
-        scans : slice
-            Those scans of it that this estimator will see.
-        """
+        """Begin the second pass, over ``scans``, where another estimator ended the first (:meth:`first_result`)."""
         self._shape = first["signature"].shape
         self._signature, self._shared = first["signature"], first["shared"]
         self.gains = list(first["gains"][scans])
 
     def second_sums(self) -> dict[str, NDArray[Any]]:
-        """Give what the second pass has gathered.
-
-        Returns
-        -------
-        dict
-            ``median``, the sum of the medians at every ``step``-th pixel, and ``count``, the number of scans in it.
-
-        Raises
-        ------
-        ValueError
-            If there is no scan yet.
-        """
+        """Give what the second pass has gathered: the medians' sum at every ``step``-th pixel, and the scans."""
         if self._median is None:
             raise ValueError("images must hold at least one scan, got none")
         return {"median": self._median, "count": np.array(self._smoothed)}
 
     def take_second(self, sums: dict[str, NDArray[Any]]) -> None:
-        """Take in what another estimator gathered in its second pass over the scans that follow.
-
-        Parameters
-        ----------
-        sums : dict
-            From :meth:`second_sums`.
-        """
+        """Take in what another gathered in its second pass (:meth:`second_sums`) over the scans that follow."""
         self._median = sums["median"] if self._median is None else self._median + sums["median"]
         self._smoothed += int(sums["count"])
 
@@ -443,17 +288,7 @@ def _complex_median(stack: ComplexArray) -> ComplexArray:
 def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
     """Gain background B̄2 common to the polarizations: the root mean square of theirs, brought to the shared gain.
 
-    Parameters
-    ----------
-    level : (polarization, subband, y, x) ndarray
-        B2 of every channel in units of its own gain.
-    gains : (scan, polarization, subband) ndarray
-        Scan gains.
-
-    Returns
-    -------
-    (subband, y, x) ndarray of float32
-        B̄2.
+    ``level`` (polarization, subband, y, x) is B2 of every channel in units of its own gain.
     """
     ratio = np.mean(gains / shared_gain(gains), axis=0)
     return np.sqrt(np.mean((level * ratio[..., None, None]) ** 2, axis=0)).astype(np.float32)
@@ -497,25 +332,7 @@ class CausalBackground:
         self._means: list[Any] = []
 
     def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
-        """Take the next scan in.
-
-        Parameters
-        ----------
-        image : (polarization, subband, y, x) ndarray of complex64
-            Scan image.
-
-        Returns
-        -------
-        gain : (polarization, subband) ndarray
-            Its scan gain.
-        background : Background or None
-            What to clean it with; None during the warm-up.
-
-        Raises
-        ------
-        ValueError
-            If the image has no gain or another shape than those before.
-        """
+        """Take the next scan in; give its gain and what to clean it with, None during the warm-up."""
         one = BackgroundEstimator(**self._settings)
         gain = one.add_signature(image)
         self._tool._shape = self._tool._shape or image.shape
@@ -537,29 +354,12 @@ class CausalBackground:
         return gain, Background(signature, level, shared, shared_level(level, self._means[2][None]))
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what has been learnt, for a later :meth:`restore`.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays are not changed by later scans.
-        """
+        """Give what has been learnt, for a later :meth:`restore`; later scans do not change it."""
         found = {"count": np.array(self._count), "shape": np.array(self._tool._shape or (), np.int64)}
         return found | {f"mean{i}": value for i, value in enumerate(self._means)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what an estimate with the same parameters had learnt.
-
-        Parameters
-        ----------
-        state : mapping of str to ndarray
-            From :meth:`state`.
-
-        Raises
-        ------
-        ValueError
-            If an array is missing.
-        """
+        """Go on from what an estimate with the same parameters had learnt (:meth:`state`)."""
         count = int(state["count"])
         means = [f"mean{i}" for i in range(min(count + 2, 4) if count else 0)]
         missing = [name for name in means if name not in state]

@@ -95,24 +95,9 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.basis = basis
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn the clutter.
+        """Learn the clutter from samples (n_samples, n_features) without targets, real or complex; ``y`` is not used.
 
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Clutter samples without targets.
-        y : ignored
-            Not used.
-
-        Returns
-        -------
-        Self
-            The fitted whitener.
-
-        Raises
-        ------
-        ValueError
-            If a parameter or the samples break a rule, or the covariance is singular.
+        A covariance that is singular is a ValueError.
         """
         if self.moments not in ESTIMATORS:
             raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
@@ -122,23 +107,7 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any]:
-        """Whiten samples.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Samples.
-
-        Returns
-        -------
-        (n_samples, n_features) ndarray
-            ``W (x - mean)``, row by row.
-
-        Raises
-        ------
-        ValueError
-            If the samples do not fit those of ``fit``.
-        """
+        """Whiten samples row by row: ``W (x - mean)``."""
         check_is_fitted(self)
         samples = self._checked(X, reset=False)
         return np.asarray((samples - self.mean_) @ self.matrix_.T)

@@ -11,27 +11,9 @@ from sklearn.utils.validation import validate_data
 
 
 def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
-    """Check samples that may be complex and note their number of features on the estimator.
+    """Check samples (n_samples, n_features) that may be complex, and give them in double precision.
 
-    Parameters
-    ----------
-    estimator : BaseEstimator
-        Gets ``n_features_in_`` when ``reset`` is true, is compared with it otherwise.
-    X : (n_samples, n_features) array_like
-        Real or complex samples.
-    reset : bool
-        Whether this is a fit.
-
-    Returns
-    -------
-    (n_samples, n_features) ndarray of float64 or complex128
-        The samples.
-
-    Raises
-    ------
-    ValueError
-        If ``X`` is not two-dimensional, holds too few samples, another number of features, or values that are not
-        finite.
+    A fit resets ``n_features_in_`` of the estimator; otherwise the samples must have as many.
     """
     if not np.iscomplexobj(np.asarray(X)):
         return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))

@@ -91,16 +91,7 @@ def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
     """Scale a form without offsets to mean zero and variance one under CN(0, I).
 
     There ``E(T) = tr A`` and ``Var(T) = ||A||² + 2||b||²``, so that forms trained on different targets can be compared.
-
-    Parameters
-    ----------
-    form : LinearQuadraticForm
-        Form on whitened data with orthonormal vectors and no offset.
-
-    Returns
-    -------
-    LinearQuadraticForm
-        The scaled form.
+    Its vectors are orthonormal.
     """
     spread = float(np.sqrt(np.sum(form.strength**2) + 2 * np.sum(np.abs(form.linear) ** 2)))
     scale = 1 / spread if spread > 0 else 1.0
@@ -189,24 +180,9 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         self.classes = classes
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
-        """Learn from target examples.
+        """Learn from whitened target examples (n_samples, n_features), real or complex.
 
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Whitened target examples.
-        y : (n_samples,) array_like, optional
-            Class of each example; used with ``classes="separate"`` only.
-
-        Returns
-        -------
-        Self
-            The fitted detector.
-
-        Raises
-        ------
-        ValueError
-            If a parameter or the samples break a rule.
+        ``y``, the class of each, is used with ``classes="separate"`` only.
         """
         self._check_parameters()
         samples = check_samples(self, X, reset=True)
@@ -227,23 +203,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score samples.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Whitened samples.
-
-        Returns
-        -------
-        (n_samples,) ndarray
-            Higher means more like a target (Cosgrove et al. 2004, Eq. 12).
-
-        Raises
-        ------
-        ValueError
-            If the samples do not fit those of ``fit``.
-        """
+        """Score whitened samples: higher means more like a target (Cosgrove et al. 2004, Eq. 12)."""
         check_is_fitted(self)
         samples = check_samples(self, X, reset=False)
         return np.asarray(np.max([form(samples) for form in self.forms_], axis=0))

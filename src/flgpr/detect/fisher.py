@@ -51,27 +51,7 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.rcond = rcond
 
     def fit(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> FisherDiscriminant:
-        """Find the direction.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Training values.
-        y : (sample,) array_like
-            Labels of two classes.
-        sample_weight : (sample,) array_like, optional
-            How often each sample counts.
-
-        Returns
-        -------
-        FisherDiscriminant
-            Itself.
-
-        Raises
-        ------
-        ValueError
-            If there are not two classes, or a value is not finite.
-        """
+        """Find the direction from values (sample, feature) of two classes; weights say how often each counts."""
         values, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         kind = type_of_target(labels, input_name="y", raise_unknown=True)
@@ -87,35 +67,13 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Confidence: the projection onto the direction.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Values.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Higher is more like the second class; zero is :meth:`predict`'s border.
-        """
+        """Confidence: the projection onto the direction, positive on the second class's side of the border."""
         check_is_fitted(self)
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         return np.asarray(values @ self.direction_ - self.threshold_)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Say the class on whose side of the border each sample lies.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Values.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Labels.
-        """
+        """Say the class on whose side of the border each sample lies."""
         check_is_fitted(self)
         return np.asarray(self.classes_[(self.decision_function(X) > 0).astype(np.intp)])
 
@@ -126,24 +84,7 @@ class FisherDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def class_moments(X: FloatArray, label: NDArray[Any], weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of both classes and the within-class scatter (Wang et al. 2007, Eq. 21).
-
-    Parameters
-    ----------
-    X : (sample, feature) ndarray
-        Values.
-    label : (sample,) ndarray
-        0 or 1.
-    weight : (sample,) ndarray
-        How often each sample counts.
-
-    Returns
-    -------
-    means : (2, feature) ndarray
-        u1 and u2.
-    scatter : (feature, feature) ndarray
-        S_w.
-    """
+    """Means of the classes 0 and 1 and the within-class scatter S_w, weighted (Wang et al. 2007, Eq. 21)."""
     means = np.stack([np.average(X[label == k], axis=0, weights=weight[label == k]) for k in (0, 1)])
     centred = X - means[label.astype(np.intp)]
     return means, (centred * weight[:, None]).T @ centred / weight.sum()

@@ -19,25 +19,7 @@ _PARAMETERS = {
 
 
 def resolve_gamma(gamma: float | str, X: FloatArray) -> float:
-    """Width parameter of a kernel.
-
-    Parameters
-    ----------
-    gamma : float or {"scale", "auto"}
-        "scale" is 1 / (n_features · variance of X), "auto" 1 / n_features.
-    X : (sample, feature) ndarray
-        Training examples.
-
-    Returns
-    -------
-    float
-        The value.
-
-    Raises
-    ------
-    ValueError
-        If it is neither a positive number nor one of the names.
-    """
+    """Width of a kernel: a number, "scale", 1 / (n_features · variance of X), or "auto", 1 / n_features."""
     if gamma == "scale":
         variance = float(X.var())
         return 1 / (X.shape[1] * variance) if variance > 0 else 1.0
@@ -51,28 +33,10 @@ def resolve_gamma(gamma: float | str, X: FloatArray) -> float:
 def evaluate_kernel(
     kernel: Kernel, X: FloatArray, centres: FloatArray, gamma: float, degree: float, coef0: float
 ) -> FloatArray:
-    """Evaluate K(x, centre); the kernel need not be a Mercer kernel, nor symmetric.
+    """Evaluate K(x, centre) as (n, m); the kernel need not be a Mercer kernel, nor symmetric.
 
-    Parameters
-    ----------
-    kernel : str or callable
-        A name in ``KERNELS``, or a function of two arrays (n, feature), (m, feature) that returns (n, m).
-    X : (n, feature) ndarray
-        Examples; (n, m) kernel values themselves for "precomputed".
-    centres : (m, feature) ndarray
-        Where the basis functions sit.
-    gamma, degree, coef0 : float
-        Parameters as in :func:`sklearn.metrics.pairwise.pairwise_kernels`.
-
-    Returns
-    -------
-    (n, m) ndarray
-        Values.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown, or a function's values have another shape or are not finite.
+    It is a name in ``KERNELS`` with the parameters of :func:`sklearn.metrics.pairwise.pairwise_kernels`, or a function
+    of two arrays (n, feature), (m, feature). "precomputed" takes the values as ``X``.
     """
     if callable(kernel):
         values = np.asarray(kernel(X, centres), dtype=np.float64)

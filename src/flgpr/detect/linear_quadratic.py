@@ -48,45 +48,18 @@ class LinearQuadraticForm:
         return np.asarray(value, dtype=np.float64)
 
     def after(self, mean: NDArray[Any], matrix: NDArray[Any]) -> LinearQuadraticForm:
-        """Give the form of y whose value is that of this one at ``x = matrix (y - mean)``.
-
-        Parameters
-        ----------
-        mean : (n_raw,) ndarray
-            Clutter mean.
-        matrix : (n_features, n_raw) ndarray
-            Whitening matrix.
-
-        Returns
-        -------
-        LinearQuadraticForm
-            Form on raw samples.
-        """
+        """Give the form of raw samples y whose value is that of this one at ``x = matrix (y - mean)``."""
         vectors, linear = self.vectors @ matrix.conj(), matrix.conj().T @ self.linear
         offset = self.offset + vectors.conj() @ mean
         constant = self.constant - 2 * float((linear.conj() @ mean).real)
         return LinearQuadraticForm(self.strength, vectors, linear, offset, constant)
 
     def likelihood(self, image: NDArray[Any], shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Evaluate the form on the chip around every pixel.
+        """Evaluate the form on the chip around every pixel of an image (channel, y, x), as float32 (y, x).
 
-        Parameters
-        ----------
-        image : (channel, y, x) ndarray
-            Image; not finite where nothing was imaged.
-        shape : (int, int)
-            Pixels of a chip down-track and cross-track. The chip of pixel i reaches from ``i - n//2`` on over n
-            pixels; its samples are stacked channel by channel, row by row.
-
-        Returns
-        -------
-        (y, x) ndarray of float32
-            Values of the form; NaN where the chip leaves the image or touches a pixel that is not finite.
-
-        Raises
-        ------
-        ValueError
-            If channels and chip do not make the form's number of features.
+        The chip of pixel i reaches from ``i - n//2`` on over n pixels, down-track and cross-track; its samples are
+        stacked channel by channel, row by row. NaN where the chip leaves the image or touches a pixel that is not
+        finite.
         """
         channels, (v, u) = image.shape[0], shape
         if channels * v * u != self.linear.size:
@@ -121,21 +94,7 @@ def hermitian_form(
 ) -> LinearQuadraticForm:
     """Write ``x^H A x + 2 Re(b^H x)`` through eigenvectors (Cosgrove et al. 2004, Eq. 9-12).
 
-    Parameters
-    ----------
-    A : (n, n) ndarray
-        Hermitian matrix.
-    b : (n,) ndarray
-        Linear part.
-    rank : int, optional
-        Number of eigenvectors kept; None keeps all.
-    by_magnitude : bool
-        Keep the largest in magnitude rather than the largest.
-
-    Returns
-    -------
-    LinearQuadraticForm
-        Strengths in the order in which they are kept.
+    The ``rank`` largest are kept, in magnitude if asked; None keeps all.
     """
     values, vectors = np.linalg.eigh(A)
     order = np.argsort(-np.abs(values) if by_magnitude else -values, kind="stable")[:rank]

@@ -94,25 +94,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         self.moments = moments
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn from target examples.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Whitened target examples.
-        y : ignored
-            Not used.
-
-        Returns
-        -------
-        Self
-            The fitted detector.
-
-        Raises
-        ------
-        ValueError
-            If a parameter or the samples break a rule.
-        """
+        """Learn from whitened target examples (n_samples, n_features), real or complex; ``y`` is not used."""
         if self.rank is not None and self.rank < 0:
             raise ValueError(f"rank must be None or at least 0, got {self.rank}")
         if not 0 <= self.shrinkage <= 1:
@@ -133,22 +115,6 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score samples.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Whitened samples.
-
-        Returns
-        -------
-        (n_samples,) ndarray
-            Log-likelihood ratio up to a constant (Cosgrove et al. 2004, Eq. 2).
-
-        Raises
-        ------
-        ValueError
-            If the samples do not fit those of ``fit``.
-        """
+        """Score whitened samples: the log-likelihood ratio up to a constant (Cosgrove et al. 2004, Eq. 2)."""
         check_is_fitted(self)
         return self.forms_[0](check_samples(self, X, reset=False))

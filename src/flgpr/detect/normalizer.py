@@ -43,27 +43,7 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         y: Any = None,  # noqa: ARG002
         sample_weight: ArrayLike | None = None,
     ) -> HistogramNormalizer:
-        """Learn the map.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Training values.
-        y : object
-            Not used.
-        sample_weight : (sample,) array_like of whole numbers, optional
-            How often each sample counts.
-
-        Returns
-        -------
-        HistogramNormalizer
-            Itself.
-
-        Raises
-        ------
-        ValueError
-            If a value is not finite or a weight is not a whole number.
-        """
+        """Learn the map from values (sample, feature); whole-numbered weights say how often each counts."""
         values: FloatArray = validate_data(self, X, dtype=np.float64)
         weight = _check_sample_weight(sample_weight, values, dtype=np.float64, ensure_non_negative=True)
         if (weight != np.rint(weight)).any():
@@ -74,18 +54,7 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
         return self
 
     def transform(self, X: ArrayLike) -> FloatArray:
-        """Apply the map.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Values.
-
-        Returns
-        -------
-        (sample, feature) ndarray
-            Normalised values; training values lie in [-1, 1].
-        """
+        """Apply the map; training values come to lie in [-1, 1]."""
         check_is_fitted(self)
         values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         columns = [_follow(column, knots) for column, knots in zip(values.T, self.knots_, strict=True)]

@@ -105,25 +105,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: Any = None) -> OneClassRelevanceVectorMachine:
-        """Fit the machine to mines.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Mines.
-        y : object
-            Ignored: every row counts as a mine.
-
-        Returns
-        -------
-        OneClassRelevanceVectorMachine
-            The machine itself.
-
-        Raises
-        ------
-        ValueError
-            If a parameter breaks its rule.
-        """
+        """Fit the machine to mines (sample, feature); ``y`` is ignored."""
         del y
         self._check_parameters()
         if self.formulation not in FORMULATIONS:
@@ -171,62 +153,18 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         return np.asarray(check_random_state(self.random_state).uniform(low, high, (count, X.shape[1])))
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
-        """Probability of a mine.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            p(mine).
-        """
+        """Probability of a mine, p(mine)."""
         return expit(self._log_odds(X))
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Probabilities of no mine and of a mine.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample, 2) ndarray
-            The last column is p(mine).
-        """
+        """Probabilities of no mine and of a mine, (sample, 2)."""
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Probability of a mine less ``offset_``.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Positive for mines.
-        """
+        """Probability of a mine less ``offset_``: positive for mines."""
         return expit(self._log_odds(X)) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Mine or not.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray of int
-            1 for a mine, -1 for something else.
-        """
+        """Mine (1) or not (-1)."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

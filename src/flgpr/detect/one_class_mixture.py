@@ -58,25 +58,7 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: Any = None) -> GaussianMixtureNovelty:
-        """Fit the mixture to mines.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Mines, at least two.
-        y : object
-            Ignored.
-
-        Returns
-        -------
-        GaussianMixtureNovelty
-            The detector itself.
-
-        Raises
-        ------
-        ValueError
-            If a parameter breaks its rule.
-        """
+        """Fit the mixture to mines (sample, feature), at least two; ``y`` is ignored."""
         del y
         if not self.max_components >= 1:
             raise ValueError(f"max_components must be at least 1, got {self.max_components!r}")
@@ -99,48 +81,15 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def score_samples(self, X: ArrayLike) -> FloatArray:
-        """Log density.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Natural logarithm, of the standardised features.
-        """
+        """Log density of the standardised features."""
         check_is_fitted(self, "mixture_")
         X = np.asarray(validate_data(self, X, reset=False, dtype=np.float64))
         return np.asarray(self.mixture_.score_samples((X - self.center_) / self.scale_))
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Log density less ``offset_``.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Positive for mines.
-        """
+        """Log density less ``offset_``: positive for mines."""
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Mine or not.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray of int
-            1 for a mine, -1 for something else.
-        """
+        """Mine (1) or not (-1)."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

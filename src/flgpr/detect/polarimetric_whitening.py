@@ -43,25 +43,7 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         self.moments = moments
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
-        """Learn the clutter.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Clutter pixels, one polarization per feature.
-        y : ignored
-            Not used.
-
-        Returns
-        -------
-        Self
-            The fitted filter.
-
-        Raises
-        ------
-        ValueError
-            If a parameter or the samples break a rule, or Σ is singular.
-        """
+        """Learn the clutter from its pixels, (n_samples, n_features) with a feature per polarization."""
         if self.moments not in ESTIMATORS:
             raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
         samples = check_samples(self, X, reset=True)
@@ -78,23 +60,7 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Score pixels.
-
-        Parameters
-        ----------
-        X : (n_samples, n_features) array_like of float or complex
-            Pixels, one polarization per feature.
-
-        Returns
-        -------
-        (n_samples,) ndarray
-            Whitened energy; its mean over the clutter is the number of polarizations.
-
-        Raises
-        ------
-        ValueError
-            If the samples do not fit those of ``fit``.
-        """
+        """Score pixels by their whitened energy, whose mean over the clutter is the number of polarizations."""
         check_is_fitted(self)
         return self.forms_[0](check_samples(self, X, reset=False))
 

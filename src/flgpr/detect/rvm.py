@@ -21,18 +21,7 @@ PRIORS = ("ard", "laplacian")
 
 
 def moderate(mean: FloatArray, variance: FloatArray) -> FloatArray:
-    """Argument that stands for a normal one in σ: κ m, κ = (1 + π s²/8)^(-1/2) (MacKay 1992).
-
-    Parameters
-    ----------
-    mean, variance : ndarray
-        m and s² of the argument.
-
-    Returns
-    -------
-    ndarray
-        κ m; σ of it is about the mean of σ.
-    """
+    """Argument whose σ is about the mean of a normal one's: κ m, κ = (1 + π s²/8)^(-1/2) (MacKay 1992)."""
     return np.asarray(mean / np.sqrt(1 + np.pi * variance / 8))
 
 
@@ -213,25 +202,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         self.max_iter = max_iter
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> RelevanceVectorClassifier:
-        """Fit the machine.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-        y : (sample,) array_like
-            Two different labels.
-
-        Returns
-        -------
-        RelevanceVectorClassifier
-            The machine itself.
-
-        Raises
-        ------
-        ValueError
-            If a parameter breaks its rule or ``y`` does not hold two classes.
-        """
+        """Fit the machine to examples (sample, feature) of two labels."""
         return self._fit_from(X, y, None)
 
     def _fit_from(self, X: ArrayLike, y: ArrayLike, start: SparseFit | None) -> RelevanceVectorClassifier:
@@ -250,49 +221,16 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         return self
 
     def decision_function(self, X: ArrayLike) -> FloatArray:
-        """Log odds of the second class: the argument of σ (flsar2004, Eq. 1), moderated if the probabilities are.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Positive where the second class is more likely.
-        """
+        """Log odds of the second class: the argument of σ (flsar2004, Eq. 1), moderated if the probabilities are."""
         return self._log_odds(X)
 
     def predict_proba(self, X: ArrayLike) -> FloatArray:
-        """Probabilities of the two classes (flsar2004, Eq. 4).
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample, 2) ndarray
-            In the order of ``classes_``.
-        """
+        """Probabilities of the two classes (flsar2004, Eq. 4), in the order of ``classes_``."""
         p = expit(self._log_odds(X))
         return np.column_stack([1 - p, p])
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """More likely class.
-
-        Parameters
-        ----------
-        X : (sample, feature) array_like
-            Examples.
-
-        Returns
-        -------
-        (sample,) ndarray
-            Labels.
-        """
+        """More likely class."""
         positive = self.decision_function(X) > 0
         return self.classes_[positive.astype(int)]
 

@@ -25,26 +25,11 @@ NEAR = 1e-3
 
 @dataclass(frozen=True)
 class SparseFit:
-    """A sparse Bayesian logistic model.
+    """A sparse Bayesian logistic model of ``active`` columns of the design, rising.
 
-    Attributes
-    ----------
-    active : (k,) ndarray of int
-        Columns of the design that stay, rising.
-    alpha : (k,) ndarray
-        Precisions of the weights' priors.
-    mean : (k,) ndarray
-        Mode of the weights.
-    covariance : (k, k) ndarray
-        Covariance of the weights about it (Laplace's approximation).
-    log_evidence : float
-        Laplace's approximation of log p(t | alpha).
-    n_iter : int
-        Iterations, those of all starts together.
-    converged : bool
-        Whether nothing was left to gain.
-    rate : float
-        Rate of the Laplacian prior; 0 with ARD.
+    ``alpha`` are the precisions of the weights' priors, ``mean`` their mode and ``covariance`` that about it (Laplace's
+    approximation, as of ``log_evidence``, log p(t | alpha)). ``n_iter`` counts the iterations of all starts together;
+    ``converged`` tells that nothing was left to gain; ``rate`` is that of the Laplacian prior, 0 with ARD.
     """
 
     active: NDArray[np.int64]
@@ -71,38 +56,17 @@ def fit_sparse(
 ) -> SparseFit:
     """Fit p(t = 1) = σ(Σ w_i φ_i + offset) with w_i ~ N(0, 1/α_i) and α maximising the evidence.
 
-    Parameters
-    ----------
-    design : (sample, basis) array_like
-        Basis functions at the samples.
-    target : (sample,) array_like
-        0 or 1.
-    offset : float
-        Fixed part of the argument of σ.
-    algorithm : {"fast", "ard"}
-        "fast" adds and removes basis functions one by one (Tipping & Faul 2003). The evidence has many local maxima, so
-        it starts ``n_starts`` times, once by the best single action at a time and else from different first functions,
-        and exchanges members of the best models. "ard"
-        begins with all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever smaller, the last
-        digits of the precisions come from the fast ascent, no function entering.
-    rate : float or "auto"
-        Rate of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights' priors Laplacian with
-        scale 1/sqrt(rate); 0 is ARD. "auto" takes the rate that makes the variances of the ARD fit most likely.
-    n_starts : int
-        Number of starts ("fast").
-    start : SparseFit, optional
-        Model to begin with, its ``active`` referring to this design; takes the place of all starts but that by single
-        actions ("fast").
-    tol : float
-        Largest gain of log evidence by a function's entering, and largest change of log α, that is left. The change of
-        log α does not count once 50 rounds of it gain less than a hundredth of ``tol``.
-    max_iter : int
-        Most iterations of one ascent.
+    ``design`` is (sample, basis), ``target`` 0 or 1. "fast" adds and removes basis functions one by one (Tipping & Faul
+    2003). The evidence has many local maxima, so it starts ``n_starts`` times, once by the best single action at a time
+    and else from different first functions, and exchanges members of the best models; a ``start`` takes the place of
+    all but the first. "ard" begins with all basis functions and prunes (Tipping 2001, Sec. 2-3); as its steps grow ever
+    smaller, the last digits of the precisions come from the fast ascent, no function entering.
 
-    Returns
-    -------
-    SparseFit
-        The model. It may be empty: then nothing is to be gained over the offset alone.
+    ``rate`` is that of the exponential prior exp(-rate/(2α)) on the variances, which makes the weights' priors
+    Laplacian with scale 1/sqrt(rate); 0 is ARD, and "auto" takes the rate that makes the variances of the ARD fit most
+    likely. ``tol`` is the largest gain of log evidence by a function's entering, and the largest change of log α, that
+    is left; the change does not count once 50 rounds of it gain less than a hundredth of ``tol``. The model may be
+    empty: then nothing is to be gained over the offset alone.
     """
     # Rows of basis functions, contiguous, because every sum over samples runs along them.
     rows = np.ascontiguousarray(np.asarray(design, dtype=np.float64).T)

@@ -102,13 +102,7 @@ class ArrayFile(Mapping[str, NDArray[Any]]):
         return self._kept[name]
 
     def check(self) -> None:
-        """Read every array and keep none.
-
-        Raises
-        ------
-        WorkError
-            If one is damaged.
-        """
+        """Read every array and keep none; a damaged one is a WorkError."""
         for name, one in self._head.items():
             self._read(name, one)
 
@@ -174,10 +168,6 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
     def __delitem__(self, name: str) -> None:
         self.path(name).unlink()
         self._latest = None
-
-    def part(self, stage: str, number: int) -> str:
-        """Name of the part that a block of a stage leaves."""
-        return f"{stage}-{number:06d}"
 
     def drop_parts(self, stage: str) -> None:
         """Delete the parts of a stage that is folded."""

@@ -106,16 +106,9 @@ class FeatureSums:
         self._scans = np.zeros(len(alarms), np.int64)
 
     def add(self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray) -> None:
-        """Take one scan in.
+        """Take one scan in: cleaned magnitudes, each channel in units of its own gain background, and cleaned images.
 
-        Parameters
-        ----------
-        magnitude : (polarization, subband, y, x) ndarray of float32
-            Cleaned magnitudes, each channel in units of its own gain background.
-        coherent : (polarization, subband, y, x) ndarray of complex64
-            Cleaned images whose polarizations share one gain.
-        pose : (6,) ndarray
-            Pose of the scan.
+        Both are (polarization, subband, y, x); the polarizations of the complex images share one gain.
         """
         grid = self.grid
         local = lane_to_scan(self._centres, pose)[:, :2]
@@ -132,13 +125,7 @@ class FeatureSums:
         self._scans[seen] += 1
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, to be taken in by another.
-
-        Returns
-        -------
-        dict
-            ``row``, the numbers of the alarms that were seen, and the sums of those alarms.
-        """
+        """Give what was gathered, to be merged into another: ``row``, the alarms that were seen, and their sums."""
         row = np.flatnonzero(self._scans)
         named: dict[str, NDArray[Any]] = {f"peak.{name}": value for name, value in self._peak.items()}
         named |= {f"sum.{name}": value for name, value in self._sum.items()}
@@ -147,13 +134,7 @@ class FeatureSums:
         return {"row": row} | {name: value[row] for name, value in named.items()}
 
     def merge(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans for the same alarms.
-
-        Parameters
-        ----------
-        state : dict
-            From :meth:`state`.
-        """
+        """Take in what another gathered (:meth:`state`) of other scans for the same alarms."""
         row = state["row"]
         for name, value in self._peak.items():
             value[row] = np.maximum(value[row], state[f"peak.{name}"])
@@ -164,13 +145,10 @@ class FeatureSums:
         self._scans[row] += state["scans"]
 
     def table(self) -> pd.DataFrame:
-        """Compute the features from the sums.
+        """Compute the features from the sums, with the index of the alarms; NaN where no scan counts.
 
-        Returns
-        -------
-        DataFrame
-            ``scans`` (number of scans that count) and, per sub-band, the ten features as ``FEATURE_SUBBAND``, with the
-            index of the alarms; NaN where no scan counts. Angles in rad.
+        ``scans`` is the number of those that count; per sub-band follow the ten features as ``FEATURE_SUBBAND``, angles
+        in rad.
         """
         with np.errstate(invalid="ignore", divide="ignore"):
             ten = {

@@ -39,15 +39,7 @@ class ContrastSums:
         self._weighted, self._weight, self._scans = (np.zeros(len(alarms)) for _ in range(3))
 
     def add(self, magnitude: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
-        """Take one scan in.
-
-        Parameters
-        ----------
-        magnitude : (y, x) ndarray of float32
-            Cleaned magnitudes of the channel.
-        pose : (6,) ndarray
-            Pose of the scan.
-        """
+        """Take in one scan's cleaned magnitudes (y, x) of the channel."""
         grid, patch = self._grid, self._patch
         local = lane_to_scan(self._centres, pose)
         seen = np.flatnonzero(local[:, 1] <= self._y_max)
@@ -65,35 +57,17 @@ class ContrastSums:
         self._scans[seen] += 1
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, to be taken in by another.
-
-        Returns
-        -------
-        dict
-            ``row``, the numbers of the alarms that were seen, and the sums of those alarms.
-        """
+        """Give what was gathered, to be merged into another: ``row``, the alarms that were seen, and their sums."""
         row = np.flatnonzero(self._scans)
         return {"row": row, "weighted": self._weighted[row], "weight": self._weight[row], "scans": self._scans[row]}
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans for the same alarms.
-
-        Parameters
-        ----------
-        state : mapping
-            From :meth:`state`.
-        """
+        """Take in what another gathered (:meth:`state`) of other scans for the same alarms."""
         for name, value in (("weighted", self._weighted), ("weight", self._weight), ("scans", self._scans)):
             value[state["row"]] += state[name]
 
     def table(self) -> pd.DataFrame:
-        """Compute the contrast from the sums.
-
-        Returns
-        -------
-        DataFrame
-            As :func:`local_contrast`.
-        """
+        """Compute the contrast from the sums, as :func:`local_contrast` gives it."""
         with np.errstate(invalid="ignore"):
             columns = {"contrast": self._weighted / self._weight, "scans": self._scans}
             return pd.DataFrame(columns, index=self._index)

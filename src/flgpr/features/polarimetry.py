@@ -69,34 +69,15 @@ def entropy_alpha(
 
 
 def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexArray:
-    """Coherency matrix k·kᴴ of every pixel, not averaged.
-
-    Parameters
-    ----------
-    hh, hv, vv : (...) ndarray of complex
-        Scattering matrix.
-
-    Returns
-    -------
-    (..., 3, 3) ndarray of complex128
-        Wang et al. 2007, Eq. 10 without the mean.
-    """
+    """Coherency matrix k·kᴴ (..., 3, 3) of every pixel: Wang et al. 2007, Eq. 10 without the mean."""
     vector = np.stack([hh + vv, hh - vv, 2 * hv], axis=-1) / np.sqrt(2)
     return np.asarray(vector[..., :, None] * vector[..., None, :].conj())
 
 
 def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Entropy and mean angle of averaged coherency matrices.
+    """Entropy and mean angle α of averaged coherency matrices (..., 3, 3); NaN where the matrix is zero.
 
-    Parameters
-    ----------
-    matrix : (..., 3, 3) ndarray of complex
-        Hermitian and positive semidefinite; negative eigenvalues from rounding count as zero.
-
-    Returns
-    -------
-    entropy, alpha : (...) ndarray
-        H and α (rad); NaN where the matrix is zero.
+    Negative eigenvalues from rounding count as zero.
     """
     flat = np.ascontiguousarray(matrix.reshape(-1, 3, 3), dtype=np.complex128)
     values, vectors = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3), np.complex128)

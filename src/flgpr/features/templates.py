@@ -45,18 +45,7 @@ def cut_regions(image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[fl
 
 
 def unit_energy(image: ArrayLike) -> NDArray[Any]:
-    """Scale images so that the inner product of each with itself is 1 (par. 19 and 21).
-
-    Parameters
-    ----------
-    image : (..., y, x) array_like
-        Images, real or complex.
-
-    Returns
-    -------
-    ndarray
-        The same shape; an image without energy stays zero.
-    """
+    """Scale images to an inner product of 1 with themselves (par. 19 and 21); without energy they stay zero."""
     values = np.asarray(image)
     norm = np.sqrt((np.abs(values) ** 2).sum(axis=(-2, -1), keepdims=True))
     return values / np.where(norm > 0, norm, 1)

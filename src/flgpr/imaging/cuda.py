@@ -64,22 +64,7 @@ class CudaEngine:
         self._run(image, out, self._forward_pass, image.shape[1])
 
     def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
-        """Time the adjoint on data that are on the device already, transfers left out.
-
-        Parameters
-        ----------
-        rows : int
-            Polarizations, of all scans together.
-        subbands : int
-            Sub-bands.
-        repeats : int
-            Times that the sums are made; a first time is not counted.
-
-        Returns
-        -------
-        float
-            Seconds for all rows once.
-        """
+        """Time the adjoint of all rows, polarizations of all scans together, on data on the device already, s."""
         shape = (self._geometry.tx.size, self._spectrum.entries.size - 1)
         with self._lock:
             lane = self._lanes(rows, shape, (subbands, self._geometry.pixel_count), subbands)[0]

@@ -9,22 +9,7 @@ from flgpr.model import Grid, lane_to_scan
 
 
 def count_looks(poses: NDArray[np.float64], grid: Grid, points: ArrayLike) -> NDArray[np.int64]:
-    """Count the scans whose image holds each point.
-
-    Parameters
-    ----------
-    poses : (scan, 6) ndarray
-        Poses of the scans, m and rad.
-    grid : Grid
-        Pixels of the images in the scan frame.
-    points : (..., 3) array_like
-        Points in the lane frame, m.
-
-    Returns
-    -------
-    (...) ndarray of int
-        Number of looks.
-    """
+    """Count the scans, by their poses, whose image of ``grid`` holds each point (..., 3) of the lane frame."""
     count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
     x_min, x_max, y_min, y_max = grid.extent()
     for pose in poses:

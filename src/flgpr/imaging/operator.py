@@ -161,17 +161,9 @@ class ImagingOperator:
         return self.engine.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
-        """Make memory for images, to be passed as ``out``; page-locked for a CUDA device.
+        """Make memory for (lead, subband, *pixel) images, to be passed as ``out``; page-locked for a CUDA device.
 
-        Parameters
-        ----------
-        *lead : int
-            Number of polarizations, after leading axes if any.
-
-        Returns
-        -------
-        (lead, subband, pixels.shape[:-1]) ndarray of complex64 or complex128
-            Uninitialised images.
+        ``lead`` is the number of polarizations, after leading axes if any.
         """
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 

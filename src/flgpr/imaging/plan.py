@@ -24,22 +24,11 @@ Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Layout:
-    """Antennas, each once, and pixels in blocks.
+    """Antennas (antenna, 3), each once and transmitters first, and pixels (3, pixel) in blocks.
 
-    Attributes
-    ----------
-    tx, rx : (pair,) ndarray of int
-        Rows of ``antenna``.
-    antenna : (antenna, 3) ndarray
-        Positions, m: first the transmitters, then the receivers.
-    pixels : (3, pixel) ndarray
-        Positions, m, the last pixel repeated to fill a block.
-    count : int
-        Number of pixels.
-    medium : (2,) ndarray
-        Refractive indices above and below z = 0, the second zero where there is no ground.
-    gain : (antenna, pixel) or (antenna, 0) ndarray
-        Amplitude of each antenna at each pixel; empty where it is one everywhere.
+    ``tx`` and ``rx`` are rows of ``antenna``. The last of ``count`` pixels is repeated to fill a block. ``medium`` are
+    the refractive indices above and below z = 0, the second zero where there is no ground; ``gain`` the amplitude of
+    each antenna at each pixel, empty where it is one everywhere.
     """
 
     tx: IndexArray
@@ -150,24 +139,12 @@ def place_tones(frequency: FloatArray, swath: tuple[float, float], tolerance: fl
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything the kernels of one operator are made from.
+    """Everything the kernels of one operator are made from; the spectrum's tones and bins are in double precision.
 
-    Attributes
-    ----------
-    layout : Layout
-        Antennas and pixels.
-    window : Window
-        Interpolation window.
-    spectrum : Spectrum
-        Tones and bins, in double precision.
-    per_turn, carrier : float
-        Spacing of the spectrum and its position zero over the speed of light, 1/m.
-    start : int
-        First bin that a path reaches; the window's outer taps start earlier.
-    phase : (1 or pair, tone) ndarray of complex or None
-        Factor on every tone.
-    rounding : float
-        Largest phase that the 32-bit delays of the kernels in single precision are off by, rad.
+    ``per_turn`` and ``carrier`` are the spacing of the spectrum and its position zero over the speed of light, 1/m.
+    ``start`` is the first bin that a path reaches; the window's outer taps start earlier. ``phase`` (1 or pair, tone)
+    is a factor on every tone. ``rounding`` is the largest phase that the 32-bit delays of the kernels in single
+    precision are off by, rad.
     """
 
     layout: Layout

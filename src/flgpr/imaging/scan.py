@@ -85,18 +85,7 @@ class ScanImager:
             yield self.image(int(scan))
 
     def operator(self, scan: int) -> ImagingOperator:
-        """Imaging operator of a scan on the grid.
-
-        Parameters
-        ----------
-        scan : int
-            Index of the scan in the run.
-
-        Returns
-        -------
-        ImagingOperator
-            Its pixels are ``grid.points()`` in the scan frame.
-        """
+        """Imaging operator of a scan on the grid."""
         pose = self._poses[scan]
         key = tuple(pose[[2, 4, 5]])
         if self._operator is None or key != self._key:
@@ -107,22 +96,7 @@ class ScanImager:
     def operator_on(
         self, scan: int, points: NDArray[np.float64], subbands: Mapping[str, tuple[float, float]] | None = None
     ) -> ImagingOperator:
-        """Imaging operator of a scan on other points.
-
-        Parameters
-        ----------
-        scan : int
-            Index of the scan in the run.
-        points : (..., 3) ndarray
-            Pixels in the scan frame, m.
-        subbands : mapping of str to (lo, hi), optional
-            Bands in Hz; None takes the whole band without sub-bands.
-
-        Returns
-        -------
-        ImagingOperator
-            The operator.
-        """
+        """Imaging operator of a scan on other points (..., 3) of the scan frame, by default over the whole band."""
         pose = self._poses[scan]
         return ImagingOperator(
             self.run["frequency"].values,
@@ -136,39 +110,22 @@ class ScanImager:
         )
 
     def signal(self, scan: int) -> NDArray[np.complex64]:
-        """Read the data of a scan.
-
-        Parameters
-        ----------
-        scan : int
-            Index of the scan in the run.
-
-        Returns
-        -------
-        (polarization, pair, frequency) ndarray of complex64
-            Received field.
-        """
+        """Read the data (polarization, pair, frequency) of a scan."""
         return np.asarray(self.run["signal"].isel(scan=scan).values, dtype=np.complex64)
 
     def image(self, scan: int, signal: ArrayLike | None = None) -> xr.DataArray:
-        """Image one scan.
+        """Image one scan, or other data of it such as cleaned ones.
 
-        Parameters
-        ----------
-        scan : int
-            Index of the scan in the run.
-        signal : (polarization, pair, frequency) array_like, optional
-            Data to image in place of the run's own, such as cleaned data.
-
-        Returns
-        -------
-        xarray.DataArray
-            Complex64, dimensions (polarization, subband, y, x), coordinates in the scan frame, m; its attributes
-            ``scan`` and ``pose`` tell where it was taken.
+        The image is complex64 (polarization, subband, y, x) in the scan frame; its attributes ``scan`` and ``pose``
+        tell where it was taken.
         """
         data = self.signal(scan) if signal is None else signal
+        return self.labelled(scan, self.operator(scan).adjoint(data))
+
+    def labelled(self, scan: int, values: NDArray[np.complex64]) -> xr.DataArray:
+        """Attach to values (polarization, subband, y, x) the names, axes and pose of a scan's image."""
         return xr.DataArray(
-            self.operator(scan).adjoint(data),
+            values,
             dims=("polarization", "subband", "y", "x"),
             coords={
                 "polarization": self.run["polarization"].values,
@@ -181,16 +138,5 @@ class ScanImager:
         )
 
     def looks(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Count the complete scans whose grid holds each point.
-
-        Parameters
-        ----------
-        points : (..., 3) array_like
-            Points in the lane frame, m.
-
-        Returns
-        -------
-        (...) ndarray of int
-            Number of looks.
-        """
+        """Count the complete scans whose grid holds each point (..., 3) of the lane frame."""
         return count_looks(self._poses[self.scans], self.grid, points)

@@ -28,14 +28,7 @@ def _pool() -> ThreadPoolExecutor:
 def share(count: int, run: Callable[[int, int], None], step: int | None = None) -> None:
     """Call ``run(begin, end)`` for parts of ``range(count)`` on as many threads as numba is set to use.
 
-    Parameters
-    ----------
-    count : int
-        Number of items.
-    run : callable
-        Works on the items from ``begin`` up to ``end``; must release the interpreter lock to run beside others.
-    step : int, optional
-        Items per part. Default: so many that every thread gets a few parts.
+    It must release the interpreter lock to run beside others. By default every thread gets a few parts.
     """
     threads = get_num_threads()
     size = step or max(1, -(-count // (TASKS_PER_THREAD * threads)))

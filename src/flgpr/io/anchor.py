@@ -67,103 +67,36 @@ class Anchor:
     heights_known: bool
 
     def to_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Take points from the lane frame to geocentric (Earth-centred, Earth-fixed) coordinates.
-
-        Parameters
-        ----------
-        position : (..., 3) array_like
-            Lane frame, m.
-
-        Returns
-        -------
-        (..., 3) ndarray
-            WGS 84 geocentric x, y, z, m.
-        """
+        """Take points (..., 3) from the lane frame to geocentric (Earth-centred, Earth-fixed) WGS 84 coordinates, m."""
         return geocentric(self.origin) + self.turn(position, shifted=True)
 
     def turn(self, vector: ArrayLike, shifted: bool = False) -> FloatArray:
-        """Turn vectors from lane axes to geocentric axes.
-
-        Parameters
-        ----------
-        vector : (..., 3) array_like
-            Lane axes.
-        shifted : bool
-            Whether they are points, to which the anchor's shift is added first.
-
-        Returns
-        -------
-        (..., 3) ndarray
-            Geocentric axes.
-        """
+        """Turn vectors, or points to which the anchor's shift is added first, from lane to geocentric axes."""
         level = np.asarray(vector, dtype=np.float64) @ _heading(self.azimuth).T
         return (level + (self.shift if shifted else 0.0)) @ east_north_up(self.origin)
 
     def from_geocentric(self, position: ArrayLike) -> FloatArray:
-        """Take geocentric points to the lane frame, the inverse of :meth:`to_geocentric`.
-
-        Parameters
-        ----------
-        position : (..., 3) array_like
-            WGS 84 geocentric x, y, z, m.
-
-        Returns
-        -------
-        (..., 3) ndarray
-            Lane frame, m.
-        """
+        """Take geocentric points (..., 3) to the lane frame, the inverse of :meth:`to_geocentric`."""
         local = (np.asarray(position, dtype=np.float64) - geocentric(self.origin)) @ east_north_up(self.origin).T
         return (local - self.shift) @ _heading(self.azimuth)
 
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Take points from the lane frame to longitude, latitude and ellipsoidal height.
-
-        Parameters
-        ----------
-        position : (..., 3) array_like
-            Lane frame, m.
-
-        Returns
-        -------
-        (..., 3) ndarray
-            WGS 84 longitude, latitude (degrees), height (m).
-        """
+        """Take points (..., 3) from the lane frame to WGS 84 longitude, latitude (degrees) and height (m)."""
         xyz = self.to_geocentric(position)
         lon, lat, height = _geodesy(GEOCENTRIC, GEODETIC).transform(*np.moveaxis(xyz, -1, 0))
         return np.stack([lon, lat, height], axis=-1)
 
     def from_geodetic(self, position: ArrayLike) -> FloatArray:
-        """Take longitude, latitude and ellipsoidal height to the lane frame.
-
-        Parameters
-        ----------
-        position : (..., 3) array_like
-            WGS 84 longitude, latitude (degrees), height (m).
-
-        Returns
-        -------
-        (..., 3) ndarray
-            Lane frame, m.
-        """
+        """Take WGS 84 longitude, latitude (degrees) and height (m), (..., 3), to the lane frame."""
         xyz = _geodesy(GEODETIC, GEOCENTRIC).transform(*np.moveaxis(np.asarray(position, dtype=np.float64), -1, 0))
         return self.from_geocentric(np.stack(xyz, axis=-1))
 
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Tell how well a place is known, as far as the anchor goes.
+        """Tell how well the anchor knows a place: the standard deviation in the worst horizontal direction, m.
 
         Across the line from the surveyed points' mean the variance is ``σ²·(1/n + r²/spread) + r²·σ_azimuth²`` with
         r the distance from there: that of a least-squares fit of shift and direction. Along the line it is less. What
         the radar itself does not know comes on top.
-
-        Parameters
-        ----------
-        x, y : array_like
-            Lane frame, m.
-
-        Returns
-        -------
-        ndarray
-            Standard deviation in the worst horizontal direction, m.
         """
         r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (np.asarray(y) - self.center[1]) ** 2
         return np.asarray(np.sqrt(self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2))
@@ -171,22 +104,13 @@ class Anchor:
     def georeference(self) -> dict[str, float]:
         """Give the run attribute ``georeference``: where the lane frame's origin lies and which way its y axis points.
 
-        Returns
-        -------
-        dict
-            ``latitude``, ``longitude`` (degrees, WGS 84) and ``azimuth`` (degrees clockwise from north).
+        ``latitude`` and ``longitude`` are WGS 84, ``azimuth`` is clockwise from north, all in degrees.
         """
         longitude, latitude, _ = (float(value) for value in self.to_geodetic(np.zeros(3)))
         return {"latitude": latitude, "longitude": longitude, "azimuth": math.degrees(self.azimuth)}
 
     def utm(self) -> str:
-        """Name the UTM zone (WGS 84) the lane lies in.
-
-        Returns
-        -------
-        str
-            Such as ``EPSG:32633``.
-        """
+        """Name the UTM zone (WGS 84) the lane lies in, such as ``EPSG:32633``."""
         lon, lat, _ = self.origin
         return f"EPSG:{(32600 if lat >= 0 else 32700) + min(int((lon + 180) // 6) + 1, 60)}"
 
@@ -354,54 +278,19 @@ def fit_anchor(
 
 
 def geocentric(origin: tuple[float, float, float]) -> FloatArray:
-    """Take a geodetic point to geocentric coordinates.
-
-    Parameters
-    ----------
-    origin : tuple of float
-        Longitude, latitude (degrees), ellipsoidal height (m).
-
-    Returns
-    -------
-    (3,) ndarray
-        x, y, z, m.
-    """
+    """Take longitude, latitude (degrees) and ellipsoidal height (m) to geocentric coordinates, m."""
     return np.array(_geodesy(GEODETIC, GEOCENTRIC).transform(*origin), dtype=np.float64)
 
 
 def east_north_up(origin: tuple[float, float, float]) -> FloatArray:
-    """Make the unit vectors to east, north and up at a geodetic point.
-
-    Parameters
-    ----------
-    origin : tuple of float
-        Longitude, latitude (degrees), ellipsoidal height (m).
-
-    Returns
-    -------
-    (3, 3) ndarray
-        Rows east, north, up in geocentric axes.
-    """
+    """Make the unit vectors to east, north and up, in geocentric axes, at longitude, latitude (degrees) and height."""
     lon, lat = math.radians(origin[0]), math.radians(origin[1])
     cl, sl, cp, sp = math.cos(lon), math.sin(lon), math.cos(lat), math.sin(lat)
     return np.array([[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
 
 
 def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
-    """Take WGS 84 longitude and latitude to a projected reference system.
-
-    Parameters
-    ----------
-    lonlat : (..., 2) array_like
-        Longitude, latitude, degrees.
-    crs : str
-        Reference system.
-
-    Returns
-    -------
-    (..., 2) ndarray
-        Easting and northing, m.
-    """
+    """Take WGS 84 longitude and latitude (..., 2), degrees, to easting and northing of a projected system, m."""
     points = np.moveaxis(np.asarray(lonlat, dtype=np.float64), -1, 0)
     return np.stack(_geodesy("EPSG:4326", crs).transform(*points), axis=-1)
 

@@ -73,23 +73,7 @@ class ArrayFile:
     limit: int = LIMIT
 
     def read(self, name: str) -> NDArray[Any]:
-        """Read an array.
-
-        Parameters
-        ----------
-        name : str
-            One of ``arrays``.
-
-        Returns
-        -------
-        ndarray
-            Its values in the machine's byte order.
-
-        Raises
-        ------
-        ValueError
-            If there is no such array, it is too large, or the file is damaged.
-        """
+        """Read one of ``arrays`` in the machine's byte order; if it is too large or damaged, that is a ValueError."""
         if name not in self.arrays:
             known = ", ".join(list(self.arrays)[:12]) or "no array"
             raise ValueError(f"{self.path}: variable must be one of {known}, got {name!r}")

@@ -11,25 +11,7 @@ class MissingExtraError(ValueError):
 
 
 def optional(module: str, extra: str) -> Any:
-    """Import a module of an optional extra.
-
-    Parameters
-    ----------
-    module : str
-        Name of the module.
-    extra : str
-        The extra of flgpr that installs it.
-
-    Returns
-    -------
-    module
-        The module.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed; the message names the extra.
-    """
+    """Import a module of an optional extra of flgpr; the error, if it is not installed, names the extra."""
     try:
         return import_module(module)
     except ImportError as error:

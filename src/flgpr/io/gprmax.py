@@ -26,17 +26,7 @@ _FIELDS = ("Ex", "Ey", "Ez", "Hx", "Hy", "Hz", "Ix", "Iy", "Iz")
 
 @dataclass(frozen=True)
 class GprmaxReceiver:
-    """What was recorded at a node.
-
-    Attributes
-    ----------
-    name : str
-        As given in the input file.
-    position : (3,) ndarray
-        Of the node in the model, m.
-    fields : dict of str to (time,) ndarray
-        "Ex" and so on, V/m or A/m.
-    """
+    """What was recorded at a node: ``fields`` by component ("Ex" and so on), V/m or A/m."""
 
     name: str
     position: NDArray[np.float64]
@@ -45,17 +35,7 @@ class GprmaxReceiver:
 
 @dataclass(frozen=True)
 class Excitation:
-    """What drove a source, as gprMax 4 stores it.
-
-    Attributes
-    ----------
-    samples : (time,) ndarray
-        Current, A.
-    start : float
-        Time of the first sample, s.
-    length : float
-        Length of the dipole, m.
-    """
+    """What drove a source, as gprMax 4 stores it: current in A, and the dipole's length in m."""
 
     samples: NDArray[np.float64]
     start: float
@@ -97,27 +77,7 @@ class GprmaxOutput:
     excitation: Excitation | None = None
 
     def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a field.
-
-        Parameters
-        ----------
-        receiver : str
-            Name of the receiver.
-        component : str
-            "Ex" and so on.
-        frequency : (frequency,) ndarray
-            Hz.
-
-        Returns
-        -------
-        (frequency,) ndarray of complex
-            V/m per Hz; an electric field, whose first sample is at time 0.
-
-        Raises
-        ------
-        ValueError
-            If the file holds no such receiver or field.
-        """
+        """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a receiver's electric field from time 0 on, V/m per Hz."""
         if receiver not in self.receivers or component not in self.receivers[receiver].fields:
             raise ValueError(f"{self.path}: no {component} of a receiver named {receiver!r}")
         return fourier(self.receivers[receiver].fields[component], self.time_step, frequency)
@@ -235,51 +195,14 @@ def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
 def fourier(
     values: NDArray[np.float64], time_step: float, frequency: NDArray[np.float64], start: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Fourier integral of samples.
-
-    Parameters
-    ----------
-    values : (time,) ndarray
-        Samples.
-    time_step : float
-        s.
-    frequency : (frequency,) ndarray
-        Hz.
-    start : float
-        Time of the first sample, s.
-
-    Returns
-    -------
-    (frequency,) ndarray of complex
-        ``Σ values·exp(-j2πft)·Δt``.
-    """
+    """Fourier integral of samples from ``start`` on: ``Σ values·exp(-j2πft)·Δt``."""
     time = start + time_step * np.arange(values.size)
     out = [np.exp(-2j * np.pi * f * time) @ values for f in frequency]
     return np.asarray(out, dtype=np.complex128) * time_step
 
 
 def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
-    """Evaluate a waveform of unit amplitude as gprMax defines it.
-
-    Parameters
-    ----------
-    kind : {"gaussian", "gaussiandot", "gaussiandotnorm", "ricker"}
-        Its name in gprMax.
-    frequency : float
-        Its frequency, Hz.
-    time : (time,) array_like
-        s.
-
-    Returns
-    -------
-    (time,) ndarray
-        Values.
-
-    Raises
-    ------
-    ValueError
-        If the kind is not known or the frequency not positive.
-    """
+    """Evaluate a waveform of unit amplitude as gprMax defines it."""
     if not frequency > 0:
         raise ValueError(f"the waveform's frequency must be positive, got {frequency:g}")
     t = np.asarray(time, dtype=np.float64)
@@ -298,18 +221,7 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
 
 
 def explain_gprmax(path: Path) -> list[str]:
-    """Tell what a result file holds, in words.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    list of str
-        A line per fact.
-    """
+    """Tell what a result file holds, a line per fact."""
     told = read_gprmax(path)
     highest = 299_792_458.0 / (10 * told.cell.max())
     lines = [
@@ -340,25 +252,7 @@ def _place(position: NDArray[np.float64]) -> str:
 
 
 def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
-    """Read the manifest of a folder of gprMax decks.
-
-    Parameters
-    ----------
-    folder : str or Path
-        What ``flgpr simulate --engine gprmax`` made.
-
-    Returns
-    -------
-    dict
-        As :class:`flgpr.simulate.Decks` describes it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such folder.
-    ValueError
-        If the manifest is missing or damaged.
-    """
+    """Read the manifest, as :class:`flgpr.simulate.Decks` describes it, of a folder of gprMax decks."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
@@ -429,22 +323,9 @@ class GprmaxRun:
         return len(self.manifest["pose"])
 
     def scan(self, index: int) -> NDArray[np.complex64]:
-        """Put a scan together.
+        """Put a scan together: (polarization, pair, frequency) of field over current moment.
 
-        Parameters
-        ----------
-        index : int
-            Number of the scan.
-
-        Returns
-        -------
-        (polarization, pair, frequency) ndarray of complex64
-            Field over current moment; a sweep with values that are not finite is NaN.
-
-        Raises
-        ------
-        ValueError
-            If a result is damaged or does not fit its input file.
+        A sweep with values that are not finite is NaN.
         """
         labels = self.manifest["polarization"]
         pairs = len(self.manifest["tx_position"])

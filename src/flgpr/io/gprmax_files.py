@@ -19,21 +19,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GprmaxTold:
-    """What a result file of gprMax does not tell.
+    """What a result file of gprMax does not tell: the tones to keep and the source's polarization.
 
-    Attributes
-    ----------
-    band : (float, float)
-        First and last tone to keep, Hz.
-    transmit : {"H", "V"}
-        Polarization of the source.
-    ground : float
-        Height of the mean ground in the model, m.
-    horizontal, vertical : {"x", "y", "z"}
-        Component of the field that is H, and V.
-    waveform : (str, float) or None
-        Type and frequency (Hz) of the source's waveform; gprMax 4 stores the source's samples, so that it is needed
-        for results of gprMax 3 only.
+    ``ground`` is the height of the mean ground in the model, ``horizontal`` and ``vertical`` name the component of the
+    field that is H, and V. ``waveform`` is type and frequency of the source's; gprMax 4 stores samples, so that it is
+    needed for results of gprMax 3 only.
     """
 
     band: tuple[float, float]
@@ -45,32 +35,13 @@ class GprmaxTold:
 
 
 def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dataset:
-    """Read results of gprMax models as the scans of a run.
+    """Read results of gprMax models, one a scan, as a run whose vehicle frame has its origin at the source.
 
     The model's axes are the lane's, its z less ``ground``. The signal is the field over the source's current moment
     where the source is a Hertzian dipole, else over the source's current, times j, as in
     :class:`flgpr.io.gprmax.GprmaxRun`. The direct wave stays in the data. Tones are those of the time window. Places
-    are the nodes' as the files have them; the field components lie half a cell further along their own axis.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Files in the order of the scans.
-    told : GprmaxTold
-        What the files do not tell.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run; its vehicle frame's origin is the source.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If a file is damaged, holds no or several sources, differs from the first in time step, window or form of the
-        array, or the source's waveform is not known.
+    are the nodes' as the files have them; the field components lie half a cell further along their own axis. Files that
+    differ from the first in time step, window or form of the array are a ValueError.
     """
     if not paths:
         raise ValueError("files must be one or more, got none")

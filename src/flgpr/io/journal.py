@@ -24,19 +24,7 @@ _FORMAT = "flgpr-journal-1"
 
 
 class WrittenScan(NamedTuple):
-    """A scan that is on disk.
-
-    Attributes
-    ----------
-    sha256 : str
-        Digest of its chunk.
-    pose : (6,) ndarray
-        x, y, z (m), heading, pitch, roll (rad).
-    time : float
-        s, NaN where unknown.
-    valid : (polarization, pair) ndarray of bool
-        Which sweeps are finite.
-    """
+    """A scan that is on disk: its chunk's digest, pose, time (NaN where unknown), and which sweeps are finite."""
 
     sha256: str
     pose: NDArray[np.float64]
@@ -55,24 +43,8 @@ class OtherRunError(JournalError):
 class Journal:
     """The journal in a folder, held by one process at a time.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the unfinished store; made if it is not there.
-    about : dict
-        What is being written, as JSON values: a later process must bring the same.
-    resume : bool
-        Whether to go on with a journal that is there; otherwise it is emptied.
-
-    Attributes
-    ----------
-    scans : list of WrittenScan
-        The scans written before, in order.
-
-    Raises
-    ------
-    JournalError
-        If another process holds the journal, or the journal to be resumed is about something else.
+    ``about`` says what is being written, in JSON values: a later process must bring the same. One that does not resume
+    empties it. ``scans`` were written before, in order.
     """
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:

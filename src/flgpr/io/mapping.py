@@ -285,27 +285,7 @@ class Mapping(_Table):
 
 
 def factor(unit: str, kind: str, where: str) -> float:
-    """Look a unit up.
-
-    Parameters
-    ----------
-    unit : str
-        As written in the mapping.
-    kind : {"frequency", "length", "time", "angle"}
-        What it must measure.
-    where : str
-        Entry of the mapping, for the message.
-
-    Returns
-    -------
-    float
-        What to multiply by for SI units.
-
-    Raises
-    ------
-    ValueError
-        If the unit is not known, or is still a guess that ends in a question mark.
-    """
+    """Look up what to multiply a unit by for SI units; an unknown one, or a guess ending in "?", is an error."""
     if unit.endswith("?"):
         raise ValueError(f"{where} is still a guess, got {unit!r}: check it and take the question mark away")
     if unit not in UNITS[kind]:
@@ -314,25 +294,7 @@ def factor(unit: str, kind: str, where: str) -> float:
 
 
 def parse_mapping(text: str, name: str = "mapping") -> Mapping:
-    """Parse a mapping.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    name : str
-        What to call it in messages.
-
-    Returns
-    -------
-    Mapping
-        The mapping.
-
-    Raises
-    ------
-    ValueError
-        If it is not TOML, an entry is missing or unknown, or breaks a rule; the message names the entry.
-    """
+    """Parse a mapping, TOML; an entry that is missing, unknown or against a rule is an error that names it."""
     try:
         return Mapping.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:

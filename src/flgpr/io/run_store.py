@@ -38,15 +38,7 @@ class RunStoreError(ValueError):
 
 
 class VerifiedStore(Store):  # type: ignore[misc]
-    """A read-only Zarr store that returns only what the commit manifest vouches for.
-
-    Parameters
-    ----------
-    root : Path
-        Folder of the store.
-    files : dict
-        Key -> {"sha256", "bytes"} from the manifest.
-    """
+    """A read-only Zarr store that returns only what the commit manifest vouches for."""
 
     supports_writes = False
     supports_deletes = False
@@ -64,23 +56,7 @@ class VerifiedStore(Store):  # type: ignore[misc]
         return hash(self.root)
 
     def read(self, key: str) -> bytes | None:
-        """Read one key and check it against the manifest.
-
-        Parameters
-        ----------
-        key : str
-            Key inside the store.
-
-        Returns
-        -------
-        bytes or None
-            Content; None for a key the manifest does not list.
-
-        Raises
-        ------
-        RunStoreError
-            If the file is missing or differs from what was committed.
-        """
+        """Read one key and check it against the manifest; None if that does not list it."""
         entry = self.files.get(key)
         if entry is None:
             return None
@@ -248,22 +224,7 @@ class RunWriter:
                 self._discard()
 
     def append(self, signal: ArrayLike, pose: ArrayLike, time: float = float("nan")) -> None:
-        """Write one scan.
-
-        Parameters
-        ----------
-        signal : (polarization, pair, frequency) array_like of complex
-            Received field.
-        pose : (6,) array_like
-            x, y, z (m), heading, pitch, roll (rad).
-        time : float
-            Time of the scan, s; NaN where unknown.
-
-        Raises
-        ------
-        ValueError
-            If the scan breaks a rule of :func:`flgpr.model.make_run`.
-        """
+        """Write one scan by the rules of ``make_run``: field (polarization, pair, frequency), pose, time if known."""
         block = np.asarray(signal, dtype=np.complex64)
         if block.shape != self._shape:
             raise ValueError(
@@ -279,13 +240,7 @@ class RunWriter:
         self._journal.append(WrittenScan(digest, np.asarray(pose, dtype=np.float64), float(time), valid))
 
     def commit(self) -> None:
-        """Write the small arrays and the manifest, then give the store its name.
-
-        Raises
-        ------
-        ValueError
-            If no scan was written or the run breaks a rule of :func:`flgpr.model.make_run`.
-        """
+        """Write the small arrays and the manifest, then give the store its name; a run without scans is an error."""
         scans = self._journal.scans
         if not scans:
             raise ValueError("a run must hold at least one scan, got none")

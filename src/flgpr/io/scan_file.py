@@ -41,17 +41,7 @@ class TruncatedFrameError(ScanFileError):
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame, checked against its checksum.
-
-    Attributes
-    ----------
-    kind : str
-        "scan", "run" or "end".
-    header : dict
-        Its header.
-    payload : bytes
-        Its payload.
-    """
+    """A frame, "scan", "run" or "end", checked against its checksum."""
 
     kind: str
     header: dict[str, Any]
@@ -280,24 +270,10 @@ def encode_scan(
 
 
 def frame_size(head: bytes) -> int:
-    """Tell how long a frame is.
+    """Tell how many bytes a frame has, from its first :func:`head_size` or more.
 
-    Parameters
-    ----------
-    head : bytes
-        Its first bytes, at least :func:`head_size` of them.
-
-    Returns
-    -------
-    int
-        Length of the whole frame, bytes.
-
-    Raises
-    ------
-    TruncatedFrameError
-        If there are too few bytes to tell.
-    ScanFileError
-        If they do not begin a frame, or it would be larger than any scan.
+    Bytes that do not begin a frame, or one larger than any scan, are a ScanFileError; too few are a
+    TruncatedFrameError.
     """
     if len(head) < _HEAD.size:
         raise TruncatedFrameError(f"frame must have at least {_HEAD.size} bytes, got {len(head)}")
@@ -446,16 +422,5 @@ def read_description(folder: Path) -> RunDescription | None:
 
 
 def scan_name(number: int) -> str:
-    """Name of a scan's file.
-
-    Parameters
-    ----------
-    number : int
-        Number of the scan.
-
-    Returns
-    -------
-    str
-        Such as ``scan-000017.scan``.
-    """
+    """Name of a scan's file, such as ``scan-000017.scan``."""
     return f"scan-{number:06d}{SCAN_SUFFIX}"

@@ -16,22 +16,8 @@ def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
     """Read a text table; columns are separated by semicolons, commas, tabs or blanks.
 
     Complex numbers are written as ``a+bi`` or ``a+bj``. A first line that is not of numbers names the columns; lines
-    that begin with ``#`` or ``%`` are left out.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        ``table`` (row, column), and with a header line also every column that holds numbers, by name.
-
-    Raises
-    ------
-    ValueError
-        If the file is not text, a line has another number of cells than the first, or a cell is no number.
+    that begin with ``#`` or ``%`` are left out. It comes as ``table`` (row, column), and with a header line also as
+    every column that holds numbers, by name.
     """
     rows = _rows(path)
     if not rows:

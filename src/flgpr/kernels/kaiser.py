@@ -22,18 +22,9 @@ MAX_WIDTH = 16
 
 @dataclass(frozen=True)
 class Window:
-    """A Kaiser-Bessel window.
+    """A Kaiser-Bessel window over ``width`` of a profile's ``size`` bins, a power of two.
 
-    Attributes
-    ----------
-    width : int
-        Number of bins it covers.
-    beta : float
-        Shape.
-    size : int
-        Bins of a profile, a power of two.
-    error : float
-        Largest relative interpolation error of any tone of the design.
+    ``error`` is the largest relative interpolation error of any tone of the design.
     """
 
     width: int
@@ -77,11 +68,6 @@ def design(tones: int, tolerance: float, pixels: float = 1e5) -> Window:
 
     ``pixels`` counts the values that are interpolated in each profile: it decides between a wide window on short
     profiles and a narrow one on long profiles.
-
-    Raises
-    ------
-    ValueError
-        If ``tolerance`` is beyond double precision.
     """
     if tolerance < 1e-13:
         raise ValueError(f"tolerance must be at least 1e-13, got {tolerance:g}")

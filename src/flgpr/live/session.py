@@ -164,15 +164,7 @@ class LiveRun:
     def run(self) -> LiveReport:
         """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long.
 
-        Returns
-        -------
-        LiveReport
-            How it went.
-
-        Raises
-        ------
-        ValueError
-            If a source cannot be read or a snapshot belongs to something else.
+        A source that cannot be read, or a snapshot that belongs to something else, is a ValueError.
         """
         options = self.options
         _check_output(self.output)

@@ -56,36 +56,14 @@ class Vehicle:
         return self.speed * self.reaction + self.speed**2 / (2 * self.deceleration)
 
     def left(self, x: float, y: float, pose: NDArray[np.float64]) -> float:
-        """Distance from the vehicle's front to a place, along its heading.
-
-        Parameters
-        ----------
-        x, y : float
-            Place in the lane frame, m.
-        pose : (6,) ndarray
-            Pose of the vehicle.
-
-        Returns
-        -------
-        float
-            m; negative once the front is past it.
-        """
+        """Distance from the vehicle's front to a place in the lane, along its heading, m; negative once past it."""
         return float(lane_to_scan([x, y, 0.0], pose)[1]) - self.front
 
     def margin(self, left: float, latency: float) -> float | None:
-        """Room between the stand and an alarm, if the brakes are called for now.
+        """Room between the stand and an alarm, m, if the brakes are called for now; negative if it cannot stop before.
 
-        Parameters
-        ----------
-        left : float
-            Distance left when the scan was taken, m.
-        latency : float
-            How long ago that was, s; the vehicle has gone on since.
-
-        Returns
-        -------
-        float or None
-            m; negative if the vehicle cannot stop before it. None without a speed.
+        ``left`` is the distance left when the scan was taken, ``latency`` seconds ago: the vehicle has gone on since.
+        None without a speed.
         """
         stopping = self.stopping_distance
         return None if stopping is None or self.speed is None else left - self.speed * latency - stopping

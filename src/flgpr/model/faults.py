@@ -11,21 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 
 def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:
-    """Tell one fault: the entry, the rule, and what came instead.
+    """Tell one fault of pydantic in a line, such as ``targets.0.dept: no such entry; did you mean depth?``.
 
-    Parameters
-    ----------
-    fault : mapping
-        One of :meth:`pydantic.ValidationError.errors`.
-    schema : type
-        Model that was to be filled.
-    whole : str
-        What to call the file where no single entry is at fault; may be empty.
-
-    Returns
-    -------
-    str
-        The fault in one line, such as ``targets.0.dept: no such entry; did you mean depth?``.
+    ``whole`` is what to call the file where no single entry is at fault; it may be empty.
     """
     place = tuple(fault["loc"])
     where = ".".join(map(str, place)) or whole

@@ -179,25 +179,7 @@ class Grid:
 
     @classmethod
     def spanning(cls, x: tuple[float, float], y: tuple[float, float], spacing: float) -> Grid:
-        """Make the grid whose first and last pixel centres lie on the given limits.
-
-        Parameters
-        ----------
-        x, y : tuple of float
-            First and last pixel centre, m; the last is rounded to the spacing.
-        spacing : float
-            Pixel spacing both ways, m.
-
-        Returns
-        -------
-        Grid
-            The grid.
-
-        Raises
-        ------
-        ValueError
-            If a limit pair is not increasing or the spacing is not positive.
-        """
+        """Make the grid whose first and last pixel centres lie on the given limits, the last rounded to the spacing."""
         if not spacing > 0:
             raise ValueError(f"spacing must be positive, got {spacing}")
         if not (x[1] > x[0] and y[1] > y[0]):
@@ -221,26 +203,14 @@ class Grid:
         return _centres(self.y_min, self.dy, self.ny)
 
     def points(self) -> NDArray[np.float64]:
-        """Pixel centres as points.
-
-        Returns
-        -------
-        (ny, nx, 3) ndarray
-            x, y, z of every pixel, m; z = 0.
-        """
+        """Pixel centres as points (ny, nx, 3), z = 0."""
         points = np.zeros((*self.shape, 3))
         points[..., 0] = self.x[None, :]
         points[..., 1] = self.y[:, None]
         return points
 
     def extent(self) -> tuple[float, float, float, float]:
-        """Outer edges of the pixels.
-
-        Returns
-        -------
-        tuple of float
-            x_min, x_max, y_min, y_max of the pixel edges, m, as matplotlib's ``extent``.
-        """
+        """Outer edges of the pixels: x_min, x_max, y_min, y_max, as matplotlib's ``extent``."""
         return (
             self.x_min - self.dx / 2,
             self.x_min + (self.nx - 0.5) * self.dx,

@@ -53,18 +53,7 @@ class Lane:
         return (self.x_max - self.x_min) * (self.y_max - self.y_min)
 
     def contains(self, x: Any, y: Any) -> Any:
-        """Tell which points lie in the lane.
-
-        Parameters
-        ----------
-        x, y : array_like
-            Points in the lane frame, m.
-
-        Returns
-        -------
-        ndarray of bool
-            True inside and on the border.
-        """
+        """Tell which points lie in the lane or on its border."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
 

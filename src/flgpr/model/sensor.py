@@ -64,21 +64,11 @@ class Antenna(BaseModel):
     beam: Literal["constant", "aperture"] = "constant"
 
     def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Give n of a horn's power pattern cos^n.
+        """Give n of a horn's power pattern cos^n at every frequency.
 
         The pattern's directivity is ``2(n + 1)``, so that a constant aperture has ``n + 1`` grow as f². Where that
         would make n negative the aperture is too small for any beam: n stays 0, and the gain that f² lacks there is
         mismatch.
-
-        Parameters
-        ----------
-        frequency : ndarray
-            Hz.
-
-        Returns
-        -------
-        ndarray
-            n at every frequency.
         """
         if self.beam == "constant":
             return np.full(np.shape(frequency), self.exponent)
@@ -247,12 +237,9 @@ class Sensor(BaseModel):
         return self
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions of every pair, transmitter by transmitter; of a scanned pair, position by position.
+        """Positions of every pair's transmitter and receiver, (pair, 3) each, in the vehicle frame.
 
-        Returns
-        -------
-        tx_position, rx_position : (pair, 3) ndarray
-            Vehicle frame, m; pair = transmitter index times number of receivers plus receiver index.
+        They go transmitter by transmitter; of a scanned pair, position by position.
         """
         tx, rx = np.asarray(self.tx, dtype=float), np.asarray(self.rx, dtype=float)
         first, second = self.pair_indices()

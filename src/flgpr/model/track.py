@@ -28,27 +28,7 @@ def make_track(
     pitch: ArrayLike = 0.0,
     roll: ArrayLike = 0.0,
 ) -> pd.DataFrame:
-    """Assemble and validate a track.
-
-    Parameters
-    ----------
-    time : (fix,) array_like
-        Time of each fix on the clock of the positions, s, strictly increasing.
-    position : (fix, 3) array_like
-        x, y, z in the lane frame, m.
-    heading, pitch, roll : (fix,) array_like or float
-        Attitude, rad.
-
-    Returns
-    -------
-    DataFrame
-        Columns as in ``TRACK_COLUMNS``.
-
-    Raises
-    ------
-    ValueError
-        If a shape does not fit, a value is not finite or the time does not increase.
-    """
+    """Assemble and validate a track: times on the positions' clock, and positions (fix, 3) in the lane frame."""
     times, points = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if times.ndim != 1 or times.size < 2 or points.shape != (times.size, 3):
         raise ValueError(
@@ -61,23 +41,7 @@ def make_track(
 
 
 def check_track(track: pd.DataFrame) -> pd.DataFrame:
-    """Validate a track.
-
-    Parameters
-    ----------
-    track : DataFrame
-        Columns as in ``TRACK_COLUMNS``.
-
-    Returns
-    -------
-    DataFrame
-        The same table.
-
-    Raises
-    ------
-    ValueError
-        If a column is missing, a value is not finite, or the time does not increase strictly.
-    """
+    """Validate a track: the columns of ``TRACK_COLUMNS``, finite, and time that increases strictly."""
     names = [column.name for column in TRACK_COLUMNS]
     missing = [name for name in names if name not in track.columns]
     if missing:
@@ -100,28 +64,10 @@ def poses_at(
     clock_rate: float = 1.0,
     max_gap: float = np.inf,
 ) -> NDArray[np.float64]:
-    """Interpolate a track at the radar's times.
+    """Interpolate a track at the radar's times, linearly between fixes, to poses (scan, 6) with headings within ±π.
 
-    Parameters
-    ----------
-    track : DataFrame
-        A track.
-    time : (scan,) array_like
-        Times on the radar's clock, s.
-    clock_offset, clock_rate : float
-        Time on the track's clock is ``clock_offset + clock_rate·time``, s and 1.
-    max_gap : float
-        Longest time between the two fixes a pose may be interpolated from, s.
-
-    Returns
-    -------
-    (scan, 6) ndarray
-        x, y, z (m), heading within ±π, pitch, roll (rad), linear between fixes.
-
-    Raises
-    ------
-    ValueError
-        If a time is not finite, lies outside the track, or falls into a gap.
+    Time on the track's clock is ``clock_offset + clock_rate·time``. A time outside the track, or in a gap longer than
+    ``max_gap``, is a ValueError.
     """
     check_track(track)
     stamp = track["time"].to_numpy()
@@ -150,24 +96,8 @@ def poses_at(
 def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0), latency: float = 0.0) -> pd.DataFrame:
     """Take a track of a positioning antenna to the array's reference point.
 
-    Parameters
-    ----------
-    track : DataFrame
-        Track of the positioning antenna.
-    lever_arm : (3,) array_like
-        Positioning antenna in the vehicle frame, m.
-    latency : float
-        How late the time stamps are, s.
-
-    Returns
-    -------
-    DataFrame
-        Track of the reference point: ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``.
-
-    Raises
-    ------
-    ValueError
-        If the track or the lever arm is not valid.
+    ``p - Rz(-heading)·Rx(pitch)·Ry(roll)·lever_arm`` at ``time - latency``; the lever arm is the antenna's place in the
+    vehicle frame, the latency how late the time stamps are.
     """
     check_track(track)
     lever = np.asarray(lever_arm, dtype=np.float64)
@@ -180,41 +110,16 @@ def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0),
 
 
 def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
-    """Rotation from the vehicle frame to lane axes at every fix.
-
-    Parameters
-    ----------
-    track : DataFrame
-        A track.
-
-    Returns
-    -------
-    (fix, 3, 3) ndarray
-        ``Rz(-heading)·Rx(pitch)·Ry(roll)``.
-    """
+    """Rotation (fix, 3, 3) from the vehicle frame to lane axes at every fix: ``Rz(-heading)·Rx(pitch)·Ry(roll)``."""
     heading, pitch, roll = (track[name].to_numpy(dtype=np.float64) for name in ("heading", "pitch", "roll"))
     return np.stack([heading_matrix(h) @ attitude_matrix(p, r) for h, p, r in zip(heading, pitch, roll, strict=True)])
 
 
 def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
-    """Heading of a track from the direction it moves in.
+    """Heading clockwise from +y of a track from the direction it moves in.
 
-    Parameters
-    ----------
-    position : (fix, 2 or 3) array_like
-        Positions in the lane frame, m.
-    least : float
-        Length a fix must be from its neighbours for a direction to be taken, m; others take the nearest one's.
-
-    Returns
-    -------
-    (fix,) ndarray
-        Heading clockwise from +y, rad.
-
-    Raises
-    ------
-    ValueError
-        If the track never moves.
+    A fix nearer than ``least`` to its neighbours takes the heading of the nearest that is not; a track that never moves
+    is a ValueError.
     """
     points = np.asarray(position, dtype=np.float64)[:, :2]
     rows = np.arange(len(points))

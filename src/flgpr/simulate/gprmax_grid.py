@@ -64,20 +64,9 @@ class Grid(NamedTuple):
         """Put a vector at a point of the lane on the components around it, by cubic interpolation.
 
         Each component lies on its own lattice, half a cell off along its axis, so that dipoles in different directions
-        at one point would sit at different places if they were snapped to the grid. Spread, they sit at the point:
-        with ten cells per wavelength a wave loses at most 0.4 % of its amplitude per axis, and no phase.
-
-        Parameters
-        ----------
-        point : (3,) array_like
-            Lane frame, m.
-        direction : (3,) array_like
-            Unit vector in lane axes.
-
-        Returns
-        -------
-        list of GridPoint
-            Components, nodes and weights; the weights of a component sum to the vector's part along it.
+        at one point would sit at different places if they were snapped to the grid. Spread, they sit at the point: with
+        ten cells per wavelength a wave loses at most 0.4 % of its amplitude per axis, and no phase. The weights of a
+        component sum to the vector's part along it.
         """
         place = self.local(point) / self.cell
         points = []

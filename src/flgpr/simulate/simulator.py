@@ -86,18 +86,7 @@ class Simulator:
         return len(self.pose)
 
     def scan(self, index: int) -> NDArray[np.complex64]:
-        """Simulate one scan.
-
-        Parameters
-        ----------
-        index : int
-            Number of the scan; scans may be asked for in any order.
-
-        Returns
-        -------
-        (polarization, pair, frequency) ndarray of complex64
-            Received over transmitted wave.
-        """
+        """Simulate any scan: (polarization, pair, frequency) of received over transmitted wave."""
         pose = self.pose[index]
         array = self._array(index)
         view = self._view(array, pose)

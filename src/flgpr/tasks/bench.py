@@ -67,13 +67,7 @@ class Case:
 
 
 def sri_scan() -> Scan:
-    """Make the scan that is imaged.
-
-    Returns
-    -------
-    Scan
-        36 pairs, 1024 tones, three polarizations.
-    """
+    """Make the scan that is imaged: 36 pairs, 1024 tones, three polarizations."""
     sensor, rng = load_sensor("sri-array"), np.random.default_rng(0)
     height = np.array([0.0, 0.0, sensor.height])
     tx, rx = (np.asarray(position) + height for position in sensor.pairs())
@@ -95,14 +89,8 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.compl
 class Truth:
     """Direct double-precision sums on part of the pixels and tones.
 
-    Attributes
-    ----------
-    pixel, tone : ndarray of int
-        Which pixels and tones.
-    images, channel, buried : ndarray
-        The 15 images, the full band of the first polarization, and the 15 images with every pixel 10 cm deep.
-    forward : ndarray
-        Tones of the forward model of the three images.
+    There are the 15 images, the full band of the first polarization, the 15 images with every pixel 10 cm deep, and
+    tones of the forward model of the three images.
     """
 
     pixel: NDArray[np.int64]
@@ -114,18 +102,7 @@ class Truth:
 
 
 def direct_sums(scan: Scan) -> Truth:
-    """Sum term by term what the codes are checked against.
-
-    Parameters
-    ----------
-    scan : Scan
-        The scan.
-
-    Returns
-    -------
-    Truth
-        The sums.
-    """
+    """Sum term by term what the codes are checked against."""
     pixel = np.sort(np.random.default_rng(1).choice(len(scan.pixels), CHECKED_PIXELS, replace=False))
     tone = np.linspace(0, scan.frequency.size - 1, CHECKED_TONES).astype(np.int64)
     some = scan.pixels[pixel]

@@ -45,27 +45,7 @@ def write_gprmax_decks(
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
 ) -> Decks:
-    """Write a scene's gprMax input files into a new folder, with truth, objects and lane.
-
-    Parameters
-    ----------
-    scene, sensor, seed, cells_per_wavelength, max_cells
-        As in :func:`flgpr.simulate.make_decks`.
-    folder : str or Path
-        Folder to make.
-
-    Returns
-    -------
-    Decks
-        What was written, and what was left out.
-
-    Raises
-    ------
-    FileExistsError
-        If the folder exists.
-    ValueError
-        If the model would be too large or cannot be written.
-    """
+    """Write a scene's gprMax decks (``make_decks``) into a new folder, with truth, objects and lane."""
     folder = Path(folder)
     if folder.exists():
         raise FileExistsError(f"output must not exist yet, got {folder}")

@@ -29,41 +29,12 @@ def simulate_to_store(
     resume: bool = True,
     truth: str | Path | None = None,
 ) -> list[Path]:
-    """Simulate a lane scan by scan into a run store; truth, objects and lane are written beside it.
+    """Simulate a lane scan by scan into a run store, and give the paths of all that was written.
 
-    Stopped at any moment, even by a kill, it goes on when called again with the same arguments, and the store is the
-    same to the bit.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is there.
-    sensor : Sensor
-        What looks at it.
-    seed : int
-        Seed of world and errors.
-    output : str or Path
-        Run store to make; ``NAME-truth.csv``, ``NAME-objects.csv`` and ``NAME-lane.toml`` are written beside it.
-    errors : bool
-        Whether the sensor's errors are added.
-    track : Track
-        Shows progress.
-    resume : bool
-        Go on with what a stopped call left; otherwise begin again.
-    truth : str or Path, optional
-        CSV of the truth in place of ``NAME-truth.csv``; its GeoJSON stands beside it.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    FileExistsError
-        If the store exists.
-    RunStoreError
-        If what a stopped call left is another lane's.
+    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names, GeoJSON beside it), ``NAME-objects.csv`` and
+    ``NAME-lane.toml``. Stopped at any moment, even by a kill, it goes on when called again with the same arguments, and
+    the store is the same to the bit; without ``resume`` it begins again. What another lane's call left is a
+    RunStoreError.
     """
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
@@ -97,20 +68,7 @@ def _hash(part: Scene | Sensor) -> str:
 
 
 def preview_figure(scene: Scene, seed: int) -> Figure:
-    """Draw a scene from above and in section, before anything is simulated.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    seed : int
-        Seed of what is drawn at random.
-
-    Returns
-    -------
-    Figure
-        Plan with targets and clutter by kind, and the depth of every target along the lane.
-    """
+    """Draw a scene from above, targets and clutter by kind, and in section, before anything is simulated."""
     world = draw_world(scene, seed)
     lane = scene.lane
     side = max(scene.clutter.roadside[1], abs(lane.x_min), abs(lane.x_max)) + 0.5

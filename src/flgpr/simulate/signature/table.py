@@ -60,23 +60,12 @@ class SignatureTable:
         return ASPECT[: self.values.shape[3]]
 
     def at(self, frequency: FloatArray, permittivity: ComplexArray, depth: float) -> NDArray[np.complex64]:
-        """Signature for given tones, soil and depth.
+        """Signature (aspect, sine, separation, 4, frequency) for given tones, soil and depth: HH, VV, (HV ± VH)/2, m.
 
-        Parameters
-        ----------
-        frequency : (frequency,) ndarray
-            Hz; below the table amplitudes fall as f², above it they stay.
-        permittivity : (frequency,) ndarray of complex
-            Of the soil; between nodes cubic in the refractive index, clipped to the table. Amplitudes are analytic in
-            the index, so that a loss other than the table's is a step aside in it, taken to first order and up to a
-            loss tangent 0.06 away.
-        depth : float
-            Soil over the top, m; infinity is soil without a surface.
-
-        Returns
-        -------
-        (aspect, sine, separation, 4, frequency) ndarray of complex64
-            HH, VV, (HV + VH)/2, (HV - VH)/2, m.
+        Below the table's frequencies amplitudes fall as f², above them they stay. Between nodes they are cubic in the
+        refractive index, clipped to the table; they are analytic in it, so that a loss other than the table's is a step
+        aside in it, taken to first order and up to a loss tangent 0.06 away. ``depth`` is soil over the top; infinity
+        is soil without a surface.
         """
         real = np.clip(np.interp(FREQUENCY, frequency, permittivity.real), PERMITTIVITY[0], PERMITTIVITY[-1])
         between = CubicSpline(np.sqrt(PERMITTIVITY), np.identity(PERMITTIVITY.size), axis=0)
