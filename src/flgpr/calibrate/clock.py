@@ -21,34 +21,20 @@ Operator = Callable[..., Any]
 
 @dataclass(frozen=True)
 class ClockFit:
-    """Clock of the track against the radar's.
+    """Clock of the track against the radar's."""
 
-    Attributes
-    ----------
-    offset, rate : float
-        Time on the track's clock is ``offset + rate·(radar's time)``, s and 1.
-    trials : DataFrame
-        What was tried: offset (s), rate, sharpness.
-    """
-
+    #: offset, rate: time on the track's clock is ``offset + rate·(radar's time)``, s and 1
     offset: float
     rate: float
-    trials: pd.DataFrame
+    trials: pd.DataFrame  #: what was tried: offset (s), rate, sharpness
 
 
 @dataclass(frozen=True)
 class BiasFit:
-    """Range bias of a radar.
+    """Range bias of a radar."""
 
-    Attributes
-    ----------
-    bias : float
-        By how much one-way ranges are measured too long, m.
-    points : DataFrame
-        Per reflector: its place x, y, z, where its image peaks (x_peak, y_peak), and the bias it tells, m.
-    """
-
-    bias: float
+    bias: float  #: by how much one-way ranges are measured too long, m
+    #: per reflector: its place x, y, z, where its image peaks (x_peak, y_peak), and the bias it tells, m
     points: pd.DataFrame
 
 

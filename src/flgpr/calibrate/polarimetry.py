@@ -17,19 +17,13 @@ _PLACE = {"HH": (0, 0), "HV": (1, 0), "VH": (0, 1), "VV": (1, 1)}
 
 @dataclass(frozen=True)
 class Distortion:
-    """What an antenna pair does to the scattering matrix.
+    """What an antenna pair does to the scattering matrix."""
 
-    Attributes
-    ----------
-    rx, tx : (..., 2, 2) ndarray of complex
-        R and T with their HH element one. Off the diagonal: crosstalk; second diagonal element: channel imbalance.
-    misfit : (...) ndarray
-        Root mean square of ``M - a·R·S·T`` over that of M.
-    """
-
+    #: rx, tx: (..., 2, 2): R and T with their HH element one. Off the diagonal: crosstalk; second diagonal element:
+    #: channel imbalance
     rx: NDArray[np.complex128]
     tx: NDArray[np.complex128]
-    misfit: NDArray[np.float64]
+    misfit: NDArray[np.float64]  #: (...): root mean square of ``M - a·R·S·T`` over that of M
 
 
 def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:

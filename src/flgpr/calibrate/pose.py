@@ -14,21 +14,11 @@ from flgpr.model.track import check_track, poses_at
 
 @dataclass(frozen=True)
 class LeverFit:
-    """Lever arm and latency.
+    """Lever arm and latency."""
 
-    Attributes
-    ----------
-    lever_arm : (3,) ndarray
-        Positioning antenna in the vehicle frame, m.
-    latency : float
-        How late its time stamps are, s.
-    rms : float
-        Root mean square of what is left, m.
-    """
-
-    lever_arm: NDArray[np.float64]
-    latency: float
-    rms: float
+    lever_arm: NDArray[np.float64]  #: positioning antenna in the vehicle frame, m
+    latency: float  #: how late its time stamps are, s
+    rms: float  #: root mean square of what is left, m
 
 
 def estimate_lever_arm(

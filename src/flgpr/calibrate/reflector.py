@@ -17,23 +17,14 @@ SLOPES = {"sphere": 0.0, "corner": 1.0}
 
 @dataclass(frozen=True)
 class PairFit:
-    """Delay and gain of every pair.
+    """Delay and gain of every pair."""
 
-    Attributes
-    ----------
-    polarization : tuple of str
-        Polarizations the reflector answers in.
-    delay : (polarization, pair) ndarray
-        How late the pair's echo comes, s.
-    gain : (polarization, pair) ndarray of complex
-        Echo over that of a unit reflector, after the delay is removed.
-    contrast : (polarization, pair) ndarray
-        Height of the echo over the median level within the search, 1; below 3 hardly more than chance.
-    """
-
-    polarization: tuple[str, ...]
-    delay: NDArray[np.float64]
+    polarization: tuple[str, ...]  #: polarizations the reflector answers in
+    delay: NDArray[np.float64]  #: (polarization, pair): how late the pair's echo comes, s
+    #: (polarization, pair): echo over that of a unit reflector, after the delay is removed
     gain: NDArray[np.complex128]
+    #: (polarization, pair): height of the echo over the median level within the search, 1; below 3 hardly more than
+    #: chance
     contrast: NDArray[np.float64]
 
 

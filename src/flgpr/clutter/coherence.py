@@ -160,18 +160,10 @@ def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
 
 @dataclass(frozen=True)
 class Coherence:
-    """How well frames agree at strong pixels.
+    """How well frames agree at strong pixels."""
 
-    Attributes
-    ----------
-    loss_db : (pixel,) ndarray
-        Magnitude of the sum under the sum of the frames' own peaks, dB, by pixel, strongest first.
-    at : (pixel, 2) ndarray of int
-        Row and column of each.
-    """
-
-    loss_db: FloatArray
-    at: NDArray[np.int64]
+    loss_db: FloatArray  #: magnitude of the sum under the sum of the frames' own peaks, dB, by pixel, strongest first
+    at: NDArray[np.int64]  #: (pixel, 2): row and column of each
 
 
 def measured_coherence(images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20) -> Coherence:

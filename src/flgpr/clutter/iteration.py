@@ -28,26 +28,14 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True)
 class Iterated:
-    """Course of an iterated suppression.
+    """Course of an iterated suppression."""
 
-    Attributes
-    ----------
-    data : tuple of (..., polarization, pair, frequency) ndarray of complex64
-        Data after 0, 1, ... iterations.
-    residual : (iteration + 1, polarization) ndarray
-        Norm of the cleaned data over that of the data, of the iterations kept.
-    amplitude : (iteration, region, polarization) ndarray
-        B of Eq. 7.
-    asked : int
-        Number of iterations asked for.
-    rise : float or None
-        Relative rise of the residual at which the iteration was stopped; None if it ran to its end.
-    """
-
-    data: tuple[ComplexArray, ...]
+    data: tuple[ComplexArray, ...]  #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
+    #: (iteration + 1, polarization): norm of the cleaned data over that of the data, of the iterations kept
     residual: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    asked: int
+    amplitude: NDArray[np.float64]  #: (iteration, region, polarization): B of Eq. 7
+    asked: int  #: number of iterations asked for
+    #: relative rise of the residual at which the iteration was stopped; None if it ran to its end
     rise: float | None = None
 
     @property

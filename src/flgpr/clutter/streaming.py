@@ -31,17 +31,12 @@ _LOWEST, _CLIP = 0.75, 5.0  # share of the pixels in r_k; standard deviations of
 
 @dataclass(frozen=True)
 class Background:
-    """What is taken from a scan image.
+    """What is taken from a scan image."""
 
-    Attributes
-    ----------
-    signature, shared_signature : (polarization, subband, y, x) ndarray of complex64
-        B1 in units of the channel's own gain, and of the gain shared by the polarizations.
-    gain, shared_gain : ndarray of float32
-        B2 likewise; ``shared_gain`` (subband, y, x) is the same for all polarizations.
-    """
-
+    #: signature, shared_signature: (polarization, subband, y, x): B1 in units of the channel's own gain, and of the
+    #: gain shared by the polarizations
     signature: ComplexArray
+    #: gain, shared_gain: B2 likewise; ``shared_gain`` (subband, y, x) is the same for all polarizations
     gain: MagnitudeArray
     shared_signature: ComplexArray
     shared_gain: MagnitudeArray

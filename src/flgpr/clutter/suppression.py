@@ -21,17 +21,10 @@ class Operator(Protocol):
 
 @dataclass(frozen=True)
 class Suppression:
-    """Outcome of a suppression.
+    """Outcome of a suppression."""
 
-    Attributes
-    ----------
-    data : (..., polarization, pair, frequency) ndarray of complex64
-        Data less the modelled response.
-    residual : (iteration + 1,) ndarray
-        Weighted norm of the cleaned data over that of the data, from 1 before the first iteration on.
-    """
-
-    data: NDArray[np.complex64]
+    data: NDArray[np.complex64]  #: (..., polarization, pair, frequency): data less the modelled response
+    #: weighted norm of the cleaned data over that of the data, from 1 before the first iteration on
     residual: NDArray[np.float64]
 
 

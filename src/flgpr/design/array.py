@@ -24,24 +24,12 @@ _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of an array.
+    """What is asked of an array."""
 
-    Attributes
-    ----------
-    band : (float, float) or None
-        Tones that make the image, Hz; None takes all.
-    window : str
-        Window over them.
-    site : str
-        Packaged site whose soil and surface the mines lie in.
-    depth : float
-        Depth of the mines' top, m.
-    """
-
-    band: tuple[float, float] | None = None
+    band: tuple[float, float] | None = None  #: tones that make the image, Hz; None takes all
     window: str = "hann"
-    site: str = "arid-sand"
-    depth: float = 0.05
+    site: str = "arid-sand"  #: packaged site whose soil and surface the mines lie in
+    depth: float = 0.05  #: depth of the mines' top, m
 
 
 @dataclass

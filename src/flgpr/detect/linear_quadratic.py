@@ -13,27 +13,13 @@ from flgpr.kernels.correlate import correlate_bank
 
 @dataclass(frozen=True)
 class LinearQuadraticForm:
-    """``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k`` (Cosgrove et al. 2004, Eq. 4 and 12).
+    """``T(x) = Σ_j s_j |u_j^H x - o_j|² + 2 Re(b^H x) + k`` (Cosgrove et al. 2004, Eq. 4 and 12)."""
 
-    Attributes
-    ----------
-    strength : (rank,) ndarray
-        Weights s_j, of either sign.
-    vectors : (rank, n_features) ndarray
-        u_j, one per row.
-    linear : (n_features,) ndarray
-        b.
-    offset : (rank,) ndarray
-        o_j.
-    constant : float
-        k.
-    """
-
-    strength: NDArray[np.float64]
-    vectors: NDArray[Any]
-    linear: NDArray[Any]
-    offset: NDArray[Any]
-    constant: float = 0.0
+    strength: NDArray[np.float64]  #: weights s_j, of either sign
+    vectors: NDArray[Any]  #: (rank, n_features): u_j, one per row
+    linear: NDArray[Any]  #: b
+    offset: NDArray[Any]  #: o_j
+    constant: float = 0.0  #: k
 
     @property
     def rank(self) -> int:

@@ -24,43 +24,21 @@ _ALONE = 1e-9  # a candidate with less than this share of its scatter outside th
 
 @dataclass(frozen=True)
 class Fold:
-    """What a discriminant learns from one training set, and the samples it is tried on.
+    """What a discriminant learns from one training set, and the samples it is tried on."""
 
-    Attributes
-    ----------
-    samples : (sample,) ndarray of int
-        Rows that are tried.
-    values : (sample, feature) ndarray
-        Their normalised features.
-    scatter : (feature, feature) ndarray
-        Within-class scatter of the training set.
-    difference : (feature,) ndarray
-        Difference of the class means of the training set.
-    """
-
-    samples: NDArray[np.intp]
-    values: FloatArray
-    scatter: FloatArray
-    difference: FloatArray
+    samples: NDArray[np.intp]  #: rows that are tried
+    values: FloatArray  #: (sample, feature): their normalised features
+    scatter: FloatArray  #: (feature, feature): within-class scatter of the training set
+    difference: FloatArray  #: difference of the class means of the training set
 
 
 @dataclass(frozen=True)
 class SearchStep:
-    """One step of a search.
+    """One step of a search."""
 
-    Attributes
-    ----------
-    feature : int
-        Feature that was added.
-    score : float
-        What the scorer gave the set with it.
-    confidence : (sample,) ndarray
-        Confidences with that set.
-    """
-
-    feature: int
-    score: float
-    confidence: FloatArray
+    feature: int  #: feature that was added
+    score: float  #: what the scorer gave the set with it
+    confidence: FloatArray  #: confidences with that set
 
 
 def make_fold(

@@ -25,23 +25,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """How features are computed.
+    """How features are computed."""
 
-    Attributes
-    ----------
-    patch : PatchShape
-        Incoherent patch and its regions, cross-track x down-track.
-    inner : tuple of int
-        Central pixels of the coherent patch over which the polarimetric values are averaged, cross-track x down-track.
-    y_max : float
-        Farthest distance ahead of the array that counts, m.
-    psi : {"circular", "linear"}
-        How angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it.
-    """
-
-    patch: PatchShape = field(default_factory=PatchShape)
+    patch: PatchShape = field(default_factory=PatchShape)  #: incoherent patch and its regions, cross-track x down-track
+    #: central pixels of the coherent patch over which the polarimetric values are averaged, cross-track x down-track
     inner: tuple[int, int] = (5, 3)
-    y_max: float = 16.0
+    y_max: float = 16.0  #: farthest distance ahead of the array that counts, m
+    #: how angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it
     psi: Literal["circular", "linear"] = "circular"
 
     def __post_init__(self) -> None:

@@ -10,24 +10,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class PatchShape:
-    """Size and regions of an incoherent patch.
+    """Size and regions of an incoherent patch."""
 
-    Attributes
-    ----------
-    size : int
-        Pixels along a side, odd; the paper's patch has 25.
-    spacing : float
-        Pixel spacing, m.
-    inner : tuple of int
-        Inner region, pixels cross-track x down-track.
-    guard : tuple of int
-        Inner and guard region together; what lies outside it is the outer region.
-    """
-
-    size: int = 25
-    spacing: float = 0.1
-    inner: tuple[int, int] = (5, 3)
-    guard: tuple[int, int] = (9, 7)
+    size: int = 25  #: pixels along a side, odd; the paper's patch has 25
+    spacing: float = 0.1  #: pixel spacing, m
+    inner: tuple[int, int] = (5, 3)  #: inner region, pixels cross-track x down-track
+    guard: tuple[int, int] = (9, 7)  #: inner and guard region together; what lies outside it is the outer region
 
     def __post_init__(self) -> None:
         sizes = (self.size, *self.inner, *self.guard)

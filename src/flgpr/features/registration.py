@@ -14,20 +14,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Registration:
-    """How far an image lies off the survey.
+    """How far an image lies off the survey."""
 
-    Attributes
-    ----------
-    shift : tuple of float
-        What is added to a surveyed place to find it in the image, x and y, m.
-    residual : float
-        Rms distance of the fiducials from their shifted survey, m.
-    used : int
-        Number of fiducials.
-    """
-
-    shift: tuple[float, float]
-    residual: float
+    shift: tuple[float, float]  #: what is added to a surveyed place to find it in the image, x and y, m
+    residual: float  #: rms distance of the fiducials from their shifted survey, m
     used: int
 
 

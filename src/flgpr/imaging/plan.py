@@ -92,24 +92,13 @@ def _amplitude(pattern: Pattern, name: str, position: FloatArray, pixels: FloatA
 
 @dataclass(frozen=True)
 class Tones:
-    """Where tones lie on a uniform spectrum.
+    """Where tones lie on a uniform spectrum."""
 
-    Attributes
-    ----------
-    step : float
-        Spacing of the spectrum, Hz.
-    place : (tone,) ndarray
-        Position of each tone on it, relative to the carrier, in steps; whole numbers where the tones are uniform.
-    carrier : float
-        Frequency of position zero, Hz.
-    uniform : bool
-        Whether all places are whole numbers.
-    """
-
-    step: float
+    step: float  #: spacing of the spectrum, Hz
+    #: position of each tone on it, relative to the carrier, in steps; whole numbers where the tones are uniform
     place: FloatArray
-    carrier: float
-    uniform: bool
+    carrier: float  #: frequency of position zero, Hz
+    uniform: bool  #: whether all places are whole numbers
 
     @property
     def extent(self) -> int:

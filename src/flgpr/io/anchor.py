@@ -23,48 +23,24 @@ GEODETIC, GEOCENTRIC = "EPSG:4979", "EPSG:4978"
 
 @dataclass(frozen=True)
 class Anchor:
-    """A rigid tie of the lane frame to the Earth (WGS 84).
+    """A rigid tie of the lane frame to the Earth (WGS 84)."""
 
-    Attributes
-    ----------
-    origin : tuple of float
-        Longitude, latitude (degrees) and ellipsoidal height (m) of the plane's point of contact.
-    azimuth : float
-        Direction of the lane's +y, clockwise from true north at the origin, rad.
-    shift : tuple of float
-        Lane frame's origin east, north and up of the contact point, m.
-    center : tuple of float
-        Mean x and y of the surveyed points in the lane frame, m; the uncertainty is least there.
-    sigma : float
-        Standard deviation of one coordinate of one surveyed point, m.
-    count : int
-        Number of surveyed points.
-    spread : float
-        Sum of squared distances of the surveyed points from their mean, m²; infinite where the direction was given.
-    sigma_azimuth : float
-        Standard deviation of a given direction, rad; 0 where it was fitted.
-    residuals : tuple of float
-        Horizontal misfit of each surveyed point, m.
-    crs : str
-        Reference system the points were surveyed in.
-    crs_accuracy : float
-        Stated accuracy of the step from that system to WGS 84, m; NaN where the registry states none.
-    heights_known : bool
-        Whether the points had heights; else the lane's ground is put on the ellipsoid.
-    """
-
+    #: longitude, latitude (degrees) and ellipsoidal height (m) of the plane's point of contact
     origin: tuple[float, float, float]
-    azimuth: float
-    shift: tuple[float, float, float]
+    azimuth: float  #: direction of the lane's +y, clockwise from true north at the origin, rad
+    shift: tuple[float, float, float]  #: lane frame's origin east, north and up of the contact point, m
+    #: mean x and y of the surveyed points in the lane frame, m; the uncertainty is least there
     center: tuple[float, float]
-    sigma: float
-    count: int
+    sigma: float  #: standard deviation of one coordinate of one surveyed point, m
+    count: int  #: number of surveyed points
+    #: sum of squared distances of the surveyed points from their mean, m²; infinite where the direction was given
     spread: float
-    sigma_azimuth: float
-    residuals: tuple[float, ...]
-    crs: str
+    sigma_azimuth: float  #: standard deviation of a given direction, rad; 0 where it was fitted
+    residuals: tuple[float, ...]  #: horizontal misfit of each surveyed point, m
+    crs: str  #: reference system the points were surveyed in
+    #: stated accuracy of the step from that system to WGS 84, m; NaN where the registry states none
     crs_accuracy: float
-    heights_known: bool
+    heights_known: bool  #: whether the points had heights; else the lane's ground is put on the ellipsoid
 
     def to_geocentric(self, position: ArrayLike) -> FloatArray:
         """Take points (..., 3) from the lane frame to geocentric (Earth-centred, Earth-fixed) WGS 84 coordinates, m."""

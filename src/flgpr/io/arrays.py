@@ -32,43 +32,21 @@ _SPARE = 2**29  # bytes that a child may take beside what it reads
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """What is known of an array before it is read.
+    """What is known of an array before it is read."""
 
-    Attributes
-    ----------
-    name : str
-        Name inside the file; members of groups and structures as ``group/name`` or ``struct.name``.
-    shape : tuple of int
-        Its shape, as the program that wrote the file shows it.
-    dtype : str
-        Type of its values.
-    unit : str
-        Unit the file itself states, empty if none.
-    """
-
-    name: str
-    shape: tuple[int, ...]
-    dtype: str
-    unit: str = ""
+    name: str  #: name inside the file; members of groups and structures as ``group/name`` or ``struct.name``
+    shape: tuple[int, ...]  #: its shape, as the program that wrote the file shows it
+    dtype: str  #: type of its values
+    unit: str = ""  #: unit the file itself states, empty if none
 
 
 @dataclass
 class ArrayFile:
-    """An opened file of named arrays.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    kind : str
-        Its format in words.
-    arrays : dict
-        Name -> :class:`ArrayInfo`.
-    """
+    """An opened file of named arrays."""
 
     path: Path
-    kind: str
-    arrays: dict[str, ArrayInfo]
+    kind: str  #: its format in words
+    arrays: dict[str, ArrayInfo]  #: name -> :class:`ArrayInfo`
     _read: Callable[[str], Any] = field(repr=False)
     limit: int = LIMIT
 

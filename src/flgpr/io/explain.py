@@ -23,24 +23,12 @@ _SUFFIX_UNITS |= {"m": "m", "cm": "cm", "mm": "mm"}
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a file holds.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    kind : str
-        Its format.
-    lines : list of str
-        What it holds, a line per array or fact.
-    mapping : str
-        Draft of a mapping; empty where none is needed or possible.
-    """
+    """What a file holds."""
 
     path: Path
     kind: str
-    lines: list[str] = field(default_factory=list)
-    mapping: str = ""
+    lines: list[str] = field(default_factory=list)  #: what it holds, a line per array or fact
+    mapping: str = ""  #: draft of a mapping; empty where none is needed or possible
 
 
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:

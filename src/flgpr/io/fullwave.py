@@ -26,21 +26,11 @@ _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
 
 @dataclass(frozen=True)
 class FullwaveLane:
-    """A full-wave lane in flgpr's terms.
+    """A full-wave lane in flgpr's terms."""
 
-    Attributes
-    ----------
-    run : xarray.Dataset
-        The run; its vehicle frame's origin is midway between the transmitters.
-    truth : DataFrame or None
-        The mines; None if the archive does not tell.
-    objects : DataFrame or None
-        Rocks and posts; None if the archive does not tell.
-    """
-
-    run: xr.Dataset
-    truth: pd.DataFrame | None
-    objects: pd.DataFrame | None
+    run: xr.Dataset  #: the run; its vehicle frame's origin is midway between the transmitters
+    truth: pd.DataFrame | None  #: the mines; None if the archive does not tell
+    objects: pd.DataFrame | None  #: rocks and posts; None if the archive does not tell
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:

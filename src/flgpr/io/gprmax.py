@@ -44,37 +44,17 @@ class Excitation:
 
 @dataclass(frozen=True)
 class GprmaxOutput:
-    """A result file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    version, title : str
-        Of gprMax, and of the model.
-    time_step : float
-        s; the electric field's first sample is at time 0.
-    steps : int
-        Number of time steps.
-    cell : (3,) ndarray
-        Edges of a cell, m.
-    receivers : dict of str to GprmaxReceiver
-        By name.
-    sources : list of (str, (3,) ndarray)
-        Type and position (m) of every source.
-    excitation : Excitation or None
-        Of the first source, where the file holds it.
-    """
+    """A result file."""
 
     path: Path
-    version: str
-    title: str
-    time_step: float
+    version: str  #: of gprMax
+    title: str  #: of the model
+    time_step: float  #: s; the electric field's first sample is at time 0
     steps: int
-    cell: NDArray[np.float64]
-    receivers: dict[str, GprmaxReceiver]
-    sources: list[tuple[str, NDArray[np.float64]]]
-    excitation: Excitation | None = None
+    cell: NDArray[np.float64]  #: edges of a cell, m
+    receivers: dict[str, GprmaxReceiver]  #: by name
+    sources: list[tuple[str, NDArray[np.float64]]]  #: type and position (m) of every source
+    excitation: Excitation | None = None  #: of the first source, where the file holds it
 
     def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a receiver's electric field from time 0 on, V/m per Hz."""

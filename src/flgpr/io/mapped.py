@@ -27,21 +27,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import brought.
-
-    Attributes
-    ----------
-    run : xarray.Dataset
-        The run.
-    track : DataFrame or None
-        The track the poses come from, on its own clock; None if the poses came otherwise.
-    notes : list of str
-        What was done to the data on the way, in words.
-    """
+    """What an import brought."""
 
     run: xr.Dataset
+    #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  #: what was done to the data on the way, in words
 
 
 def import_mapped(

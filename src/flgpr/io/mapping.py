@@ -24,45 +24,24 @@ class _Table(BaseModel):
 
 
 class Index(_Table):
-    """Which entry of a list each pair uses, such as the two columns of a table of channels.
+    """Which entry of a list each pair uses, such as the two columns of a table of channels."""
 
-    Attributes
-    ----------
-    file, variable : str
-        Where the numbers lie.
-    column : int
-        Column of a two-dimensional variable, from 0.
-    first : int
-        Number of the first entry: 1 in MATLAB's counting, 0 in C's.
-    """
-
-    file: str = "data"
-    variable: str = "table"
-    column: int | None = None
-    first: Literal[0, 1]
+    file: str = "data"  #: where the numbers lie
+    variable: str = "table"  #: where the numbers lie
+    column: int | None = None  #: column of a two-dimensional variable, from 0
+    first: Literal[0, 1]  #: number of the first entry: 1 in MATLAB's counting, 0 in C's
 
 
 class Quantity(_Table):
-    """A variable, or values written here, with a unit.
+    """A variable, or values written here, with a unit."""
 
-    Attributes
-    ----------
-    file, variable : str
-        Where the values lie; ``values`` instead gives them here.
-    column : int
-        Column of a two-dimensional variable, from 0.
-    unit : str
-        Unit; there is no default.
-    zero_first : bool
-        Whether the first value is subtracted, for clocks with an arbitrary start.
-    """
-
+    #: file, variable: where the values lie; ``values`` instead gives them here
     file: str = "data"
     variable: str | None = None
     values: float | list[float] | list[list[float]] | None = None
-    column: int | None = None
-    unit: str
-    zero_first: bool = False
+    column: int | None = None  #: column of a two-dimensional variable, from 0
+    unit: str  #: unit; there is no default
+    zero_first: bool = False  #: whether the first value is subtracted, for clocks with an arbitrary start
 
     @model_validator(mode="after")
     def _one_source(self) -> Quantity:
@@ -72,31 +51,18 @@ class Quantity(_Table):
 
 
 class Positions(_Table):
-    """Antenna positions: one variable (..., 3) or one per axis, or values written here.
-
-    Attributes
-    ----------
-    variable, x, y, z : str
-        Where they lie.
-    values : list
-        Positions written here.
-    unit : str
-        Unit of length.
-    index : Index
-        If the positions list antennas: which of them each pair uses.
-    frame : {"vehicle", "lane"}
-        "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array that keeps its form
-        and heading; poses follow from them.
-    """
+    """Antenna positions: one variable (..., 3) or one per axis, or values written here."""
 
     file: str = "data"
-    variable: str | None = None
-    x: str | None = None
-    y: str | None = None
-    z: str | None = None
-    values: list[list[float]] | None = None
-    unit: str
-    index: Index | None = None
+    variable: str | None = None  #: where they lie
+    x: str | None = None  #: where they lie
+    y: str | None = None  #: where they lie
+    z: str | None = None  #: where they lie
+    values: list[list[float]] | None = None  #: positions written here
+    unit: str  #: unit of length
+    index: Index | None = None  #: if the positions list antennas: which of them each pair uses
+    #: "vehicle": fixed to the vehicle. "lane": positions per scan in the lane frame of an array that keeps its form and
+    #: heading; poses follow from them
     frame: Literal["vehicle", "lane"] = "vehicle"
 
     @model_validator(mode="after")
@@ -108,24 +74,16 @@ class Positions(_Table):
 
 
 class Signal(_Table):
-    """The measured field.
-
-    Attributes
-    ----------
-    variable, imaginary : str
-        The array, and the one with its imaginary part if that is apart.
-    dims : list of str
-        What each of its axes is: scan, polarization, pair (or tx and rx), frequency (or sample for impulse data);
-        "single" for an axis of length one that is nothing.
-    conjugate : bool
-        True where the recorder's phase is exp(+j2πfL/c).
-    """
+    """The measured field."""
 
     file: str = "data"
+    #: variable, imaginary: the array, and the one with its imaginary part if that is apart
     variable: str
     imaginary: str | None = None
+    #: what each of its axes is: scan, polarization, pair (or tx and rx), frequency (or sample for impulse data);
+    #: "single" for an axis of length one that is nothing
     dims: list[str]
-    conjugate: bool = False
+    conjugate: bool = False  #: True where the recorder's phase is exp(+j2πfL/c)
 
     @model_validator(mode="after")
     def _known_dims(self) -> Signal:
@@ -141,49 +99,24 @@ class Signal(_Table):
 
 
 class Samples(Quantity):
-    """The axis of impulse data.
+    """The axis of impulse data."""
 
-    Attributes
-    ----------
-    meaning : {"delay", "range", "path"}
-        Two-way delay (unit of time), one-way range or total path (unit of length).
-    band : tuple of float
-        Frequencies to keep.
-    band_unit : str
-        Their unit.
-    pad : int
-        See :func:`flgpr.io.signals.impulse_to_frequency`.
-    """
-
+    #: two-way delay (unit of time), one-way range or total path (unit of length)
     meaning: Literal["delay", "range", "path"]
-    band: tuple[float, float]
-    band_unit: str
-    pad: Annotated[int, Field(ge=1, le=16)] = 1
+    band: tuple[float, float]  #: frequencies to keep
+    band_unit: str  #: their unit
+    pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.io.signals.impulse_to_frequency`
 
 
 class PathOffset(Quantity):
-    """What was subtracted from every path by the recorder, such as the distance of a scene centre.
+    """What was subtracted from every path by the recorder, such as the distance of a scene centre."""
 
-    Attributes
-    ----------
-    meaning : {"range", "path"}
-        One-way range (doubled) or total path.
-    along : {"scan", "pair"}
-        What several values belong to.
-    """
-
-    meaning: Literal["range", "path"]
-    along: Literal["scan", "pair"] = "pair"
+    meaning: Literal["range", "path"]  #: one-way range (doubled) or total path
+    along: Literal["scan", "pair"] = "pair"  #: what several values belong to
 
 
 class Poses(_Table):
-    """Pose of every scan: each component a number or the name of a variable, all six required.
-
-    Attributes
-    ----------
-    unit, angle_unit : str
-        Units of x, y, z and of heading, pitch, roll.
-    """
+    """Pose of every scan: each component a number or the name of a variable, all six required."""
 
     file: str = "data"
     x: float | str
@@ -192,66 +125,41 @@ class Poses(_Table):
     heading: float | str
     pitch: float | str
     roll: float | str
-    unit: str
-    angle_unit: str
+    unit: str  #: of x, y, z
+    angle_unit: str  #: of heading, pitch, roll
 
 
 class TrackTable(_Table):
-    """Positions on another clock than the radar's.
+    """Positions on another clock than the radar's."""
 
-    Attributes
-    ----------
-    time : Quantity
-        Time of each fix.
-    position : Positions
-        Positions (fix, 3) in the lane frame.
-    heading, pitch, roll : float or str
-        Number or variable, or "course" for a heading along the way.
-    clock_offset, clock_rate : float
-        Time on the track's clock is ``clock_offset + clock_rate·(radar's time)``; see :mod:`flgpr.calibrate`.
-    lever_arm : tuple of float
-        The positioning antenna in the vehicle frame, m.
-    latency : float
-        How late the time stamps are, s.
-    max_gap : float
-        Longest gap between fixes to interpolate over, s.
-    """
-
-    time: Quantity
-    position: Positions
+    time: Quantity  #: time of each fix
+    position: Positions  #: positions (fix, 3) in the lane frame
+    #: heading, pitch, roll: number or variable, or "course" for a heading along the way
     heading: float | str
     pitch: float | str
     roll: float | str
     angle_unit: str
+    #: clock_offset, clock_rate: time on the track's clock is ``clock_offset + clock_rate·(radar's time)``; see
+    #: :mod:`flgpr.calibrate`
     clock_offset: float
     clock_rate: float = 1.0
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    latency: float = 0.0
-    max_gap: Annotated[float, Field(gt=0)] = 1.0
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: the positioning antenna in the vehicle frame, m
+    latency: float = 0.0  #: how late the time stamps are, s
+    max_gap: Annotated[float, Field(gt=0)] = 1.0  #: longest gap between fixes to interpolate over, s
 
 
 class Mapping(_Table):
-    """A whole mapping.
+    """A whole mapping."""
 
-    Attributes
-    ----------
-    title, source : str
-        Kept with the run.
-    files : dict
-        Name -> path relative to the mapping's folder; ``data`` is what the command line names, if it names files.
-        A list or a pattern is read file by file and joined.
-    join : str
-        Dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan" where each file
-        is one of them.
-    polarization : list of str
-        Labels in the order of the data.
-    """
-
-    title: str
-    source: str = ""
+    title: str  #: kept with the run
+    source: str = ""  #: kept with the run
+    #: name -> path relative to the mapping's folder; ``data`` is what the command line names, if it names files. A list
+    #: or a pattern is read file by file and joined
     files: dict[str, str | list[str]] = {}
+    #: dimension along which several files continue ("scan" or "pair"), or "new pair" and "new scan" where each file is
+    #: one of them
     join: Literal["scan", "pair", "new scan", "new pair"] = "scan"
-    polarization: list[str]
+    polarization: list[str]  #: labels in the order of the data
     signal: Signal
     frequency: Quantity | None = None
     samples: Samples | None = None

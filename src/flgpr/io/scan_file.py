@@ -50,28 +50,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class RunDescription:
-    """What all scans of a run have in common.
+    """What all scans of a run have in common."""
 
-    Attributes
-    ----------
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    polarization : list of str
-        Polarizations.
-    tx_position, rx_position : (pair, 3) ndarray
-        Antenna positions of each pair in the vehicle frame, m.
-    title : str
-        What to call the run.
-    attrs : dict
-        More to remember, such as ``georeference``.
-    """
-
-    frequency: NDArray[np.float64]
+    frequency: NDArray[np.float64]  #: tones, Hz
     polarization: list[str]
+    #: tx_position, rx_position: (pair, 3): antenna positions of each pair in the vehicle frame, m
     tx_position: NDArray[np.float64]
     rx_position: NDArray[np.float64]
-    title: str = "run"
-    attrs: dict[str, Any] = field(default_factory=dict)
+    title: str = "run"  #: what to call the run
+    attrs: dict[str, Any] = field(default_factory=dict)  #: more to remember, such as ``georeference``
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -99,24 +86,13 @@ class RunDescription:
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan as it arrived.
+    """One scan as it arrived."""
 
-    Attributes
-    ----------
-    number : int
-        Its number in the run, from 0.
-    time : float
-        Time of the scan, s; NaN where unknown.
-    pose : (6,) ndarray or None
-        x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where the vehicle did not know it.
-    signal : (polarization, pair, frequency) ndarray of complex64
-        Received field over transmitted field.
-    """
-
-    number: int
-    time: float
+    number: int  #: its number in the run, from 0
+    time: float  #: time of the scan, s; NaN where unknown
+    #: x, y, z (m), heading, pitch, roll (rad) in the lane frame; None where the vehicle did not know it
     pose: NDArray[np.float64] | None
-    signal: NDArray[np.complex64]
+    signal: NDArray[np.complex64]  #: (polarization, pair, frequency): received field over transmitted field
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:

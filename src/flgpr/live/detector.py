@@ -37,24 +37,14 @@ _MOST_SCANS = 64
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """How the live chain trades time for certainty.
+    """How the live chain trades time for certainty."""
 
-    Attributes
-    ----------
-    looks : int
-        Scans that must have seen a place before an alarm is raised there.
-    warm_up : int
-        The first scan that is cleaned, counted from 1; those before it only teach the background. At least 2.
-    span : int or None
-        Scans that the background remembers; None remembers all.
-    least_step : float
-        A scan nearer than this to the last one taken is left out, m: a standing vehicle tells nothing new, and its
-        scans would teach the background what stands before it.
-    """
-
-    looks: int = 3
+    looks: int = 3  #: scans that must have seen a place before an alarm is raised there
+    #: the first scan that is cleaned, counted from 1; those before it only teach the background. At least 2
     warm_up: int = 5
-    span: int | None = None
+    span: int | None = None  #: scans that the background remembers; None remembers all
+    #: a scan nearer than this to the last one taken is left out, m: a standing vehicle tells nothing new, and its scans
+    #: would teach the background what stands before it
     least_step: float = 0.25
 
     def __post_init__(self) -> None:

@@ -49,69 +49,31 @@ _REPORTED = 10_000  # latencies kept for the percentiles
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What a live run is asked for.
+    """What a live run is asked for."""
 
-    Attributes
-    ----------
-    recipe : str or path
-        Packaged recipe or TOML file.
-    output : path
-        Folder for events, snapshot and alarms.
-    incoming : path, optional
-        Folder of scans.
-    socket : path, optional
-        Unix socket to listen on.
-    model : path, optional
-        Trained classifier.
-    lane : path, optional
-        TOML of the lane.
-    anchor : path, optional
-        TOML that ties the lane to the Earth.
-    settings : LiveSettings
-        Of the detector.
-    vehicle : Vehicle
-        The vehicle.
-    snapshot : int
-        A snapshot is written after that many scans; 0 writes only the last.
-    idle : float or None
-        End after so many seconds without a scan.
-    fresh : bool
-        Begin anew, whatever the output folder holds of an earlier live run.
-    """
-
-    recipe: PathLike
-    output: PathLike
+    recipe: PathLike  #: packaged recipe or TOML file
+    output: PathLike  #: folder for events, snapshot and alarms
     incoming: PathLike | None = None
-    socket: PathLike | None = None
-    model: PathLike | None = None
-    lane: PathLike | None = None
-    anchor: PathLike | None = None
+    socket: PathLike | None = None  #: unix socket to listen on
+    model: PathLike | None = None  #: trained classifier
+    lane: PathLike | None = None  #: TOML of the lane
+    anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
     settings: LiveSettings = field(default_factory=LiveSettings)
     vehicle: Vehicle = field(default_factory=Vehicle)
-    snapshot: int = 20
-    idle: float | None = None
-    fresh: bool = False
+    snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
+    idle: float | None = None  #: end after so many seconds without a scan
+    fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
 
 
 @dataclass(frozen=True)
 class LiveReport:
-    """How a live run went.
+    """How a live run went."""
 
-    Attributes
-    ----------
-    counts : dict
-        What came and what became of it, see ``live_intake.COUNTS``.
-    latency_ms : dict
-        ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many.
-    alarms : int
-        Alarms that stand at the end.
-    rate : float
-        Frames dealt with per second between the first and the last one of this process; NaN with fewer than two.
-    """
-
-    counts: dict[str, int]
+    counts: dict[str, int]  #: what came and what became of it, see ``live_intake.COUNTS``
+    #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many
     latency_ms: dict[str, float]
-    alarms: int
+    alarms: int  #: alarms that stand at the end
+    #: frames dealt with per second between the first and the last one of this process; NaN with fewer than two
     rate: float
 
 

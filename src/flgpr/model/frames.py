@@ -141,15 +141,6 @@ def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]
 class Grid:
     """A rectangular grid of pixel centres on the plane z = 0.
 
-    Attributes
-    ----------
-    x_min, y_min : float
-        Centre of the first pixel, m.
-    nx, ny : int
-        Number of pixels cross-track and down-track.
-    dx, dy : float
-        Pixel spacing, m.
-
     Examples
     --------
     >>> from flgpr.model import Grid
@@ -164,12 +155,12 @@ class Grid:
     (-1.25, 1.25, 6.75, 8.25)
     """
 
-    x_min: float
-    y_min: float
-    nx: int
-    ny: int
-    dx: float
-    dy: float
+    x_min: float  #: centre of the first pixel, m
+    y_min: float  #: centre of the first pixel, m
+    nx: int  #: number of pixels cross-track and down-track
+    ny: int  #: number of pixels cross-track and down-track
+    dx: float  #: pixel spacing, m
+    dy: float  #: pixel spacing, m
 
     def __post_init__(self) -> None:
         if self.nx < 1 or self.ny < 1:

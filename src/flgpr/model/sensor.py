@@ -18,19 +18,11 @@ Position = tuple[float, float, float]
 
 
 class Tones(BaseModel):
-    """Uniform stepped-frequency tones.
-
-    Attributes
-    ----------
-    start, step : float
-        First tone and spacing, Hz.
-    count : int
-        Number of tones.
-    """
+    """Uniform stepped-frequency tones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    start: Annotated[float, Field(ge=1e6)]
-    step: Annotated[float, Field(gt=0)]
+    start: Annotated[float, Field(ge=1e6)]  #: first tone and spacing, Hz
+    step: Annotated[float, Field(gt=0)]  #: first tone and spacing, Hz
     count: Annotated[int, Field(ge=1)]
 
     def axis(self) -> NDArray[np.float64]:
@@ -39,28 +31,19 @@ class Tones(BaseModel):
 
 
 class Antenna(BaseModel):
-    """Directivity of the antennas.
-
-    Attributes
-    ----------
-    kind : {"horn", "dipole"}
-        A horn has the power pattern cos^n about its axis, a gain that grows as f² (constant aperture) and receives
-        waves; H and V are the horizontal and vertical directions across each ray. A dipole is ideal and short, along
-        x for H and along z for V, and records the field at the receiver over the transmitter's current moment.
-    gain_db, gain_frequency : float
-        A horn's gain on its axis, dBi, and the frequency at which it holds, Hz.
-    exponent : float
-        n of a horn's cos^n at ``gain_frequency``.
-    beam : {"constant", "aperture"}
-        Whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
-        narrows as 1/f.
-    """
+    """Directivity of the antennas."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    #: a horn has the power pattern cos^n about its axis, a gain that grows as f² (constant aperture) and receives
+    #: waves; H and V are the horizontal and vertical directions across each ray. A dipole is ideal and short, along x
+    #: for H and along z for V, and records the field at the receiver over the transmitter's current moment
     kind: Literal["horn", "dipole"] = "horn"
+    #: gain_db, gain_frequency: a horn's gain on its axis, dBi, and the frequency at which it holds, Hz
     gain_db: float = 7.8
     gain_frequency: Annotated[float, Field(gt=0)] = 1e9
-    exponent: Annotated[float, Field(ge=0)] = 2.0
+    exponent: Annotated[float, Field(ge=0)] = 2.0  #: n of a horn's cos^n at ``gain_frequency``
+    #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
+    #: narrows as 1/f
     beam: Literal["constant", "aperture"] = "constant"
 
     def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,84 +59,49 @@ class Antenna(BaseModel):
 
 
 class SystemErrors(BaseModel):
-    """What the radar adds to the echoes. Each entry is switched off by leaving it at its zero or None.
-
-    Attributes
-    ----------
-    isolation_db : float or None
-        Leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns.
-    isolation_bandwidth : float or None
-        Spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is the same at all.
-    antenna_gain_db, antenna_phase, antenna_delay : float
-        Rms error of every antenna's H and V port, dB, rad and s.
-    antenna_drift : float
-        Slow change of these errors over their fixed part, rms.
-    imbalance_db, imbalance_phase : float
-        Rms gain, dB, and phase, rad, of V over H that all transmitting, and that all receiving antennas share.
-    ringing_db : float or None
-        Response of an antenna's resonances over its direct one, each at its own frequency, dB.
-    ringing_q : float
-        Their quality factor: they ring as ``exp(-π·f·t/Q)``.
-    ringing_frequencies : tuple of float
-        Their frequencies, Hz; every port's differ from them by 2 % rms.
-    sweep_time : float
-        Time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle.
-    self_signature_db : float or None
-        Level of the self-signature over the clutter in the image, dB.
-    self_signature_drift : float
-        Its relative change from scan to scan, rms.
-    gain_db : float
-        Change of the gain from scan to scan, dB rms.
-    clutter_to_noise_db : float or None
-        Mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB.
-    noise_range : float
-        Distance ahead of the array, m.
-    noise_band : (float, float)
-        Band of that image, Hz.
-    interference_tones : int
-        Number of tones hit by radio-frequency interference.
-    interference_db : (float, float)
-        Least and greatest level of the interference over the noise, dB.
-    burst_probability : float
-        Fraction of sweeps that pulsed interference hits.
-    burst_tones : (int, int)
-        Least and greatest number of consecutive tones that it hits.
-    burst_db : (float, float)
-        Least and greatest level of it over the noise, dB.
-    position, heading, attitude : float
-        Rms error of the reported position in each axis, m, of the reported heading, and of pitch and roll, rad.
-    missing : float
-        Fraction of sweeps that are lost.
-    """
+    """What the radar adds to the echoes. Each entry is switched off by leaving it at its zero or None."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    #: leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns
     isolation_db: float | None = None
+    #: spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is the same at all
     isolation_bandwidth: Annotated[float, Field(gt=0)] | None = None
+    #: antenna_gain_db, antenna_phase, antenna_delay: rms error of every antenna's H and V port, dB, rad and s
     antenna_gain_db: Annotated[float, Field(ge=0)] = 0.0
     antenna_phase: Annotated[float, Field(ge=0)] = 0.0
     antenna_delay: Annotated[float, Field(ge=0)] = 0.0
-    antenna_drift: Annotated[float, Field(ge=0)] = 0.0
+    antenna_drift: Annotated[float, Field(ge=0)] = 0.0  #: slow change of these errors over their fixed part, rms
+    #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all transmitting, and that all
+    #: receiving antennas share
     imbalance_db: Annotated[float, Field(ge=0)] = 0.0
     imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
+    #: response of an antenna's resonances over its direct one, each at its own frequency, dB
     ringing_db: float | None = None
-    ringing_q: Annotated[float, Field(gt=0)] = 15.0
+    ringing_q: Annotated[float, Field(gt=0)] = 15.0  #: their quality factor: they ring as ``exp(-π·f·t/Q)``
+    #: their frequencies, Hz; every port's differ from them by 2 % rms
     ringing_frequencies: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
-    self_signature_db: float | None = None
-    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0
-    gain_db: Annotated[float, Field(ge=0)] = 0.0
+    self_signature_db: float | None = None  #: level of the self-signature over the clutter in the image, dB
+    self_signature_drift: Annotated[float, Field(ge=0)] = 0.0  #: its relative change from scan to scan, rms
+    gain_db: Annotated[float, Field(ge=0)] = 0.0  #: change of the gain from scan to scan, dB rms
+    #: mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB
     clutter_to_noise_db: float | None = None
-    noise_range: Annotated[float, Field(gt=0)] = 16.0
-    noise_band: tuple[float, float] = (0.75e9, 1.35e9)
-    interference_tones: Annotated[int, Field(ge=0)] = 0
+    noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
+    noise_band: tuple[float, float] = (0.75e9, 1.35e9)  #: band of that image, Hz
+    interference_tones: Annotated[int, Field(ge=0)] = 0  #: number of tones hit by radio-frequency interference
+    #: least and greatest level of the interference over the noise, dB
     interference_db: tuple[float, float] = (10.0, 30.0)
-    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0
+    burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0  #: fraction of sweeps that pulsed interference hits
+    #: least and greatest number of consecutive tones that it hits
     burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
-    burst_db: tuple[float, float] = (10.0, 30.0)
+    burst_db: tuple[float, float] = (10.0, 30.0)  #: least and greatest level of it over the noise, dB
+    #: position, heading, attitude: rms error of the reported position in each axis, m, of the reported heading, and of
+    #: pitch and roll, rad
     position: Annotated[float, Field(ge=0)] = 0.0
     heading: Annotated[float, Field(ge=0)] = 0.0
     attitude: Annotated[float, Field(ge=0)] = 0.0
-    missing: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    missing: Annotated[float, Field(ge=0, lt=1)] = 0.0  #: fraction of sweeps that are lost
 
     @model_validator(mode="after")
     def _check_order(self) -> SystemErrors:

@@ -11,30 +11,14 @@ import pandas as pd
 
 @dataclass(frozen=True)
 class Column:
-    """What a table's column holds.
-
-    Attributes
-    ----------
-    name : str
-        Column name.
-    kind : {"number", "text"}
-        Type of its values.
-    unit : str
-        Unit, "1" for a pure number, "" for text.
-    meaning : str
-        What the value says.
-    required : bool
-        Whether the table must have it.
-    missing : str
-        The value that stands for "not known"; empty when the column may have no gap.
-    """
+    """What a table's column holds."""
 
     name: str
-    kind: Literal["number", "text"]
-    unit: str
-    meaning: str
-    required: bool = False
-    missing: str = "NaN"
+    kind: Literal["number", "text"]  #: type of its values
+    unit: str  #: unit, "1" for a pure number, "" for text
+    meaning: str  #: what the value says
+    required: bool = False  #: whether the table must have it
+    missing: str = "NaN"  #: the value that stands for "not known"; empty when the column may have no gap
 
 
 ALARM_COLUMNS = (

@@ -36,24 +36,13 @@ _ROCK = 6.0  # permittivity, as the simulator's own rocks
 
 @dataclass
 class Decks:
-    """Input files of a scene.
+    """Input files of a scene."""
 
-    Attributes
-    ----------
-    files : dict of str to str
-        Name and text of every file.
-    manifest : dict
-        What the reader needs to put the results together, as JSON values.
-    omissions : list of str
-        Parts of scene and sensor that are not in the files, in words.
-    summary : list of str
-        Size and cost, in words.
-    """
-
-    files: dict[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)  #: name and text of every file
+    #: what the reader needs to put the results together, as JSON values
     manifest: dict[str, Any] = field(default_factory=dict)
-    omissions: list[str] = field(default_factory=list)
-    summary: list[str] = field(default_factory=list)
+    omissions: list[str] = field(default_factory=list)  #: parts of scene and sensor that are not in the files, in words
+    summary: list[str] = field(default_factory=list)  #: size and cost, in words
 
 
 def make_decks(

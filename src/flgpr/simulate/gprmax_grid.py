@@ -21,24 +21,12 @@ class GridPoint(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A box of cubic cells in the lane frame.
+    """A box of cubic cells in the lane frame."""
 
-    Attributes
-    ----------
-    origin : (float, float, float)
-        Lane coordinates of node (0, 0, 0), m.
-    cell : float
-        Edge of a cell, m.
-    shape : (int, int, int)
-        Number of cells.
-    absorber : int
-        Cells of the absorbing layer on every side.
-    """
-
-    origin: tuple[float, float, float]
-    cell: float
+    origin: tuple[float, float, float]  #: lane coordinates of node (0, 0, 0), m
+    cell: float  #: edge of a cell, m
     shape: tuple[int, int, int]
-    absorber: int
+    absorber: int  #: cells of the absorbing layer on every side
 
     @property
     def size(self) -> FloatArray:

@@ -22,47 +22,24 @@ from flgpr.simulate.tables_buried import Heterogeneity, Holes, Lenses, Roots, St
 
 
 class Layer(_Part):
-    """A layer of soil over the rest.
+    """A layer of soil over the rest."""
 
-    Attributes
-    ----------
-    thickness : float
-        m.
-    moisture : float
-        Volumetric, m³/m³.
-    """
-
-    thickness: Positive
-    moisture: NotNegative
+    thickness: Positive  #: m
+    moisture: NotNegative  #: volumetric, m³/m³
 
 
 class Soil(_Part):
-    """The soil's permittivity.
+    """The soil's permittivity."""
 
-    Attributes
-    ----------
-    model : {"mironov", "topp", "peplinski", "fixed"}
-        Dielectric model.
-    clay, sand : float
-        Per cent by weight.
-    moisture : float
-        Volumetric, m³/m³, below all layers.
-    layers : tuple of Layer
-        Layers of other moisture above, from the top down.
-    permittivity, conductivity : float
-        ε' and ohmic conductivity (S/m) of the model "fixed".
-    loss_tangent : float or None
-        Overrides the model's loss when given.
-    """
-
-    model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"
-    clay: NotNegative = 3.0
-    sand: NotNegative = 90.0
-    moisture: NotNegative = 0.03
-    layers: tuple[Layer, ...] = ()
+    model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"  #: dielectric model
+    clay: NotNegative = 3.0  #: per cent by weight
+    sand: NotNegative = 90.0  #: per cent by weight
+    moisture: NotNegative = 0.03  #: volumetric, m³/m³, below all layers
+    layers: tuple[Layer, ...] = ()  #: layers of other moisture above, from the top down
+    #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
     permittivity: Annotated[float, Field(ge=1)] = 3.0
     conductivity: NotNegative = 0.0
-    loss_tangent: NotNegative | None = None
+    loss_tangent: NotNegative | None = None  #: overrides the model's loss when given
 
     def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
         """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
@@ -92,67 +69,33 @@ class Soil(_Part):
 
 
 class Surface(_Part):
-    """The rough surface.
+    """The rough surface."""
 
-    Attributes
-    ----------
-    echo : bool
-        Whether it scatters.
-    phase_screen : bool
-        Whether its heights disturb the phase of what lies below.
-    rms_height, correlation_length : float
-        s and l of the exponential correlation, m.
-    unevenness : float
-        Spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these
-        (ISO 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone.
-    waviness : float
-        Exponent with which that density falls.
-    slope : float
-        Rms tilt of the larger scale, rad.
-    cross_db : float
-        HV under HH, dB.
-    correlation : float
-        Correlation of HH and VV.
-    texture_shape : float or None
-        Shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter.
-    texture_length : float
-        Correlation length of the local power, m.
-    density : float or None
-        Scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m.
-    level_db : float
-        Added to σ⁰, dB: for sites whose level was measured.
-    """
-
-    echo: bool = True
-    phase_screen: bool = True
-    rms_height: NotNegative = 0.005
-    correlation_length: Positive = 0.05
+    echo: bool = True  #: whether it scatters
+    phase_screen: bool = True  #: whether its heights disturb the phase of what lies below
+    rms_height: NotNegative = 0.005  #: s of the exponential correlation, m
+    correlation_length: Positive = 0.05  #: l of the exponential correlation, m
+    #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these (ISO
+    #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
     unevenness: NotNegative = 0.0
-    waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0
-    slope: NotNegative = math.radians(5)
-    cross_db: float = -12.0
-    correlation: Annotated[float, Field(ge=0, le=1)] = 0.65
+    waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
+    slope: NotNegative = math.radians(5)  #: rms tilt of the larger scale, rad
+    cross_db: float = -12.0  #: HV under HH, dB
+    correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
+    #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
     texture_shape: Positive | None = 4.0
-    texture_length: Annotated[float, Field(gt=0.05)] = 0.5
-    density: Positive | None = None
-    level_db: float = 0.0
+    texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: correlation length of the local power, m
+    density: Positive | None = None  #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
+    level_db: float = 0.0  #: added to σ⁰, dB: for sites whose level was measured
 
 
 class Patch(_Part):
-    """A round patch of ground that scatters more, as wet ground does.
+    """A round patch of ground that scatters more, as wet ground does."""
 
-    Attributes
-    ----------
-    x, y, radius : float
-        Where it lies, m.
-    gain_db : float
-        By how much σ⁰ is higher in its middle, dB.
-    """
-
-    x: float
-    y: float
-    radius: Positive
-    gain_db: float = 4.0
+    x: float  #: m
+    y: float  #: m
+    radius: Positive  #: m
+    gain_db: float = 4.0  #: by how much σ⁰ is higher in its middle, dB
 
 
 def _sized(data: Any, own: tuple[str, ...]) -> Any:
@@ -167,45 +110,31 @@ def _sized(data: Any, own: tuple[str, ...]) -> Any:
 
 
 class Target(_Part):
-    """A mine or another body in or on the ground.
+    """A mine or another body in or on the ground."""
 
-    Attributes
-    ----------
-    kind : str
-        "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it
-        has a ``permittivity`` or a ``body``.
-    body : str or None
-        What scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists them) or a table made
-        of one's own. It brings its radius and height. None takes a generic metal or plastic mine of the given ones.
-    x, y, depth : float
-        Centre and depth of the top below the ground there, m; ``depth = -height`` lies on the ground.
-    radius, height : float
-        Of the cylinder, m, unless there is a ``profile``.
-    profile : tuple of (radius, drop) or None
-        Corners of the body from its top's centre to its bottom's, m.
-    permittivity : float or None
-        Of a dielectric body; None takes 2.9 for plastic and simulant and makes the rest metal.
-    gap : float or None
-        Air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest.
-    tilt, azimuth : float
-        Tilt of the axis and the direction it leans to, clockwise from +y, rad.
-    heading : float
-        Direction of a box's long side, clockwise from +y, rad.
-    """
-
+    #: "metal", "plastic", "simulant" (plastic without an air gap) or any other name, which then is metal unless it has
+    #: a ``permittivity`` or a ``body``
     kind: str
+    #: what scatters in the ground: a packaged body ("tm-62p"; ``flgpr simulate signature`` lists them) or a table made
+    #: of one's own. It brings its radius and height. None takes a generic metal or plastic mine of the given ones
     body: str | None = None
+    #: x, y, depth: centre and depth of the top below the ground there, m; ``depth = -height`` lies on the ground
     x: float
     y: float
     depth: float = 0.0
+    #: radius, height: of the cylinder, m, unless there is a ``profile``
     radius: Positive = 0.16
     height: Positive = 0.15
+    #: corners of the body from its top's centre to its bottom's, m
     profile: tuple[tuple[float, float], ...] | None = None
+    #: of a dielectric body; None takes 2.9 for plastic and simulant and makes the rest metal
     permittivity: Annotated[float, Field(ge=1)] | None = None
+    #: air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest
     gap: NotNegative | None = None
+    #: tilt, azimuth: tilt of the axis and the direction it leans to, clockwise from +y, rad
     tilt: float = 0.0
     azimuth: float = 0.0
-    heading: float = 0.0
+    heading: float = 0.0  #: direction of a box's long side, clockwise from +y, rad
 
     @model_validator(mode="before")
     @classmethod
@@ -228,30 +157,16 @@ class Target(_Part):
 
 
 class TargetDraw(_Part):
-    """A number of alike targets put into the lane at random.
+    """A number of alike targets put into the lane at random."""
 
-    Attributes
-    ----------
-    kind : str
-        As of a target.
-    depth : float
-        Depth of the top, m.
-    count : int
-        How many.
-    body : str or None
-        As of a target; boxes lie at any heading.
-    radius, height : float
-        m.
-    depth_jitter, position_jitter, tilt : float
-        Rms of the depth (m), of the place off an even grid along the lane (m), and of the tilt (rad) in each axis.
-    """
-
-    kind: str
-    body: str | None = None
-    depth: float
+    kind: str  #: as of a target
+    body: str | None = None  #: as of a target; boxes lie at any heading
+    depth: float  #: depth of the top, m
     count: Annotated[int, Field(ge=0)]
-    radius: Positive = 0.16
-    height: Positive = 0.15
+    radius: Positive = 0.16  #: m
+    height: Positive = 0.15  #: m
+    #: depth_jitter, position_jitter, tilt: rms of the depth (m), of the place off an even grid along the lane (m), and
+    #: of the tilt (rad) in each axis
     depth_jitter: NotNegative = 0.005
     position_jitter: NotNegative = 0.3
     tilt: NotNegative = math.radians(4)
@@ -263,97 +178,54 @@ class TargetDraw(_Part):
 
 
 class Thing(_Part):
-    """An object that is no target.
+    """An object that is no target."""
 
-    Attributes
-    ----------
-    kind : {"rock", "post", "bush", "fiducial"}
-        A rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of scatterers; a
-        fiducial is a corner reflector.
-    x, y : float
-        m.
-    radius, height : float
-        m; height above the ground there.
-    rcs_db : float or None
-        Cross section at 1 GHz of a bush or fiducial, dBsm.
-    """
-
+    #: a rock lies half in the ground; a post is a metal or wet wooden upright; a bush is a cloud of scatterers; a
+    #: fiducial is a corner reflector
     kind: Literal["rock", "post", "bush", "fiducial"]
-    x: float
-    y: float
-    radius: Positive = 0.05
-    height: NotNegative = 0.0
-    rcs_db: float | None = None
+    x: float  #: m
+    y: float  #: m
+    radius: Positive = 0.05  #: m
+    height: NotNegative = 0.0  #: m; height above the ground there
+    rcs_db: float | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
 
 
 class Clutter(_Part):
-    """Discrete clutter drawn from the seed.
+    """Discrete clutter drawn from the seed."""
 
-    Attributes
-    ----------
-    rocks : float
-        Rocks per m² on and beside the lane.
-    bushes, posts : float
-        Per metre of roadside, both sides together.
-    patches : float
-        Wet patches per m².
-    roadside : (float, float)
-        Least and greatest distance of bushes and posts from the lane's middle, m.
-    """
-
-    rocks: NotNegative = 0.0
-    bushes: NotNegative = 0.0
-    posts: NotNegative = 0.0
-    patches: NotNegative = 0.0
+    rocks: NotNegative = 0.0  #: rocks per m² on and beside the lane
+    bushes: NotNegative = 0.0  #: per metre of roadside, both sides together
+    posts: NotNegative = 0.0  #: per metre of roadside, both sides together
+    patches: NotNegative = 0.0  #: wet patches per m²
+    #: least and greatest distance of bushes and posts from the lane's middle, m
     roadside: tuple[float, float] = (3.5, 7.0)
 
 
 class Departure(_Part):
-    """A stretch over which the vehicle leaves the lane, with no scans while it is out.
+    """A stretch over which the vehicle leaves the lane, with no scans while it is out."""
 
-    Attributes
-    ----------
-    start, length : float
-        Where it leaves and how far on it comes back, m.
-    """
-
+    #: start, length: where it leaves and how far on it comes back, m
     start: float
     length: Positive
 
 
 class Track(_Part):
-    """The vehicle's way: positions of the array's reference point at each scan.
+    """The vehicle's way: positions of the array's reference point at each scan."""
 
-    Attributes
-    ----------
-    start, stop : float or None
-        First and last position along the lane, m; None begins 20 m before the lane and ends 5 m before its end.
-    step : (float, float)
-        Least and greatest distance between scans, m.
-    wander, wander_length : float
-        Rms and length of slow wandering across the lane, m; the heading follows it.
-    attitude : float
-        Rms pitch and roll, rad.
-    bounce : float
-        Rms change of height, m.
-    stops : tuple of (float, int)
-        Positions at which the vehicle stands, m, and how many scans it takes there besides its own.
-    departures : tuple of Departure
-        Where it leaves the lane and re-enters.
-    positions : tuple of float or None
-        Exact positions along the lane, m, instead of drawn ones.
-    """
-
+    #: start, stop: first and last position along the lane, m; None begins 20 m before the lane and ends 5 m before its
+    #: end
     start: float | None = None
     stop: float | None = None
-    step: tuple[float, float] = (1.0, 3.0)
+    step: tuple[float, float] = (1.0, 3.0)  #: least and greatest distance between scans, m
+    #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading follows it
     wander: NotNegative = 0.0
     wander_length: Positive = 20.0
-    attitude: NotNegative = 0.0
-    bounce: NotNegative = 0.0
+    attitude: NotNegative = 0.0  #: rms pitch and roll, rad
+    bounce: NotNegative = 0.0  #: rms change of height, m
+    #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
     stops: tuple[tuple[float, int], ...] = ()
-    departures: tuple[Departure, ...] = ()
-    positions: tuple[float, ...] | None = None
+    departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters
+    positions: tuple[float, ...] | None = None  #: exact positions along the lane, m, instead of drawn ones
 
     @model_validator(mode="after")
     def _check(self) -> Track:

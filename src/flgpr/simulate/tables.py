@@ -18,39 +18,26 @@ class Part(BaseModel):
 
 
 class Terrain(Part):
-    """The shape of the ground on scales above the surface's roughness; flat unless something is given.
+    """The shape of the ground on scales above the surface's roughness; flat unless something is given."""
 
-    Attributes
-    ----------
-    on : bool
-        False makes the ground flat, whatever the rest says.
-    slope_along, slope_across : float
-        Rise towards +y and +x of the mean ground about the lane's middle, rad.
-    undulation, undulation_length : float
-        Rms height s and length l of undulation with correlation ``s²·exp(-r²/l²)``, m. ISO 8608's class C has 8 mm in
-        waves of 3 to 30 m, D 17 mm and E 33 mm; 2.1 m then gives their slopes.
-    rut_depth, rut_width, rut_spacing : float
-        Depth, width at half the depth, and distance of the two wheel tracks along the lane, m.
-    rut_wander, rut_wander_length : float
-        Rms and length of the tracks' slow wandering across the lane, m.
-    follow : bool
-        Whether the vehicle rises, pitches and rolls with the ground.
-    wheelbase : float
-        Distance of the axles, m; the wheels run ``rut_spacing`` apart.
-    """
-
-    on: bool = True
+    on: bool = True  #: False makes the ground flat, whatever the rest says
+    #: slope_along, slope_across: rise towards +y and +x of the mean ground about the lane's middle, rad
     slope_along: Steepness = 0.0
     slope_across: Steepness = 0.0
+    #: undulation, undulation_length: rms height s and length l of undulation with correlation ``s²·exp(-r²/l²)``, m.
+    #: ISO 8608's class C has 8 mm in waves of 3 to 30 m, D 17 mm and E 33 mm; 2.1 m then gives their slopes
     undulation: NotNegative = 0.0
     undulation_length: Annotated[float, Field(ge=0.2)] = 2.1
+    #: rut_depth, rut_width, rut_spacing: depth, width at half the depth, and distance of the two wheel tracks along the
+    #: lane, m
     rut_depth: NotNegative = 0.0
     rut_width: Annotated[float, Field(ge=0.05)] = 0.3
     rut_spacing: Positive = 1.6
+    #: rut_wander, rut_wander_length: rms and length of the tracks' slow wandering across the lane, m
     rut_wander: NotNegative = 0.1
     rut_wander_length: Positive = 20.0
-    follow: bool = True
-    wheelbase: Positive = 3.0
+    follow: bool = True  #: whether the vehicle rises, pitches and rolls with the ground
+    wheelbase: Positive = 3.0  #: distance of the axles, m; the wheels run ``rut_spacing`` apart
 
     @property
     def flat(self) -> bool:
@@ -59,48 +46,27 @@ class Terrain(Part):
 
 
 class Grass(Part):
-    """Grass over all of the ground: scatterers in a layer, and its loss for all that lies below; none unless given.
+    """Grass over all of the ground: scatterers in a layer, and its loss for all that lies below; none unless given."""
 
-    Attributes
-    ----------
-    on : bool
-        False mows it, whatever the rest says.
-    height : float
-        Of the layer, m; 0 is no grass.
-    water : float
-        Vegetation water content W, kg/m².
-    loss : float
-        b of the optical depth ``τ = b·W`` at nadir at 1.4 GHz, m²/kg (O'Neill et al. 2019: 0.13 for grassland); it
-        grows as f (Schmugge & Jackson 1992).
-    upright : float
-        How much more V is lost than H where rays are level, ``τ_V = τ·(cos²θ + upright·sin²θ)``: 1 for leaves of every
-        direction, 2 for crops (Wigneron et al. 2017).
-    albedo, growth : float
-        Single-scattering albedo ω at 1.4 GHz, which sets the echo, and the power of frequency it grows with. Between 0
-        of SMOS's low vegetation (Fernandez-Moran et al. 2017) and 0.05 of grassland (Wigneron et al. 2017); growth is
-        0 for large and 3 for small particles, 1 is assumed.
-    cross_db : float
-        HV under HH, dB.
-    correlation : float
-        Correlation of HH and VV.
-    texture_shape, texture_length : float or None, float
-        As of the surface.
-    density : float or None
-        Scatterers per m²; None takes half of the surface's.
-    """
-
-    on: bool = True
-    height: Annotated[float, Field(ge=0, le=2)] = 0.0
-    water: NotNegative = 0.2
+    on: bool = True  #: False mows it, whatever the rest says
+    height: Annotated[float, Field(ge=0, le=2)] = 0.0  #: of the layer, m; 0 is no grass
+    water: NotNegative = 0.2  #: vegetation water content W, kg/m²
+    #: b of the optical depth ``τ = b·W`` at nadir at 1.4 GHz, m²/kg (O'Neill et al. 2019: 0.13 for grassland); it grows
+    #: as f (Schmugge & Jackson 1992)
     loss: NotNegative = 0.13
+    #: how much more V is lost than H where rays are level, ``τ_V = τ·(cos²θ + upright·sin²θ)``: 1 for leaves of every
+    #: direction, 2 for crops (Wigneron et al. 2017)
     upright: NotNegative = 2.0
+    #: albedo, growth: single-scattering albedo ω at 1.4 GHz, which sets the echo, and the power of frequency it grows
+    #: with. Between 0 of SMOS's low vegetation (Fernandez-Moran et al. 2017) and 0.05 of grassland (Wigneron et al.
+    #: 2017); growth is 0 for large and 3 for small particles, 1 is assumed
     albedo: Annotated[float, Field(ge=0, le=1)] = 0.02
     growth: Annotated[float, Field(ge=0, le=3)] = 1.0
-    cross_db: float = -7.0
-    correlation: Annotated[float, Field(ge=0, le=1)] = 0.2
-    texture_shape: Positive | None = 3.0
-    texture_length: Annotated[float, Field(gt=0.05)] = 0.5
-    density: Positive | None = None
+    cross_db: float = -7.0  #: HV under HH, dB
+    correlation: Annotated[float, Field(ge=0, le=1)] = 0.2  #: correlation of HH and VV
+    texture_shape: Positive | None = 3.0  #: as of the surface
+    texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: as of the surface
+    density: Positive | None = None  #: scatterers per m²; None takes half of the surface's
 
     @property
     def grown(self) -> bool:
@@ -109,16 +75,9 @@ class Grass(Part):
 
 
 class Shadow(Part):
-    """Shadows behind posts, bushes, larger rocks and metal bodies on the ground.
+    """Shadows behind posts, bushes, larger rocks and metal bodies on the ground."""
 
-    Attributes
-    ----------
-    on : bool
-        Whether they are thrown.
-    foliage : float
-        One-way loss of a bush at 0.87 GHz, dB per metre of leaves: 12 dB, the median of single trees (Vogel & Goldhirsh
-        1986), over some 9 m of crown (assumed). It grows as the root of frequency (Goldhirsh & Vogel 1998).
-    """
-
-    on: bool = False
+    on: bool = False  #: whether they are thrown
+    #: one-way loss of a bush at 0.87 GHz, dB per metre of leaves: 12 dB, the median of single trees (Vogel & Goldhirsh
+    #: 1986), over some 9 m of crown (assumed). It grows as the root of frequency (Goldhirsh & Vogel 1998)
     foliage: NotNegative = 1.3

@@ -18,26 +18,14 @@ _MARGIN = 35.0  # m of ground before and behind the lane that the radar may see
 
 @dataclass(frozen=True)
 class World:
-    """What a seed made of a scene.
-
-    Attributes
-    ----------
-    scene : Scene
-        The scene.
-    seed : int
-        The seed.
-    targets, objects, patches
-        Everything with a place, given and drawn.
-    holes : tuple of Hole
-        Refilled holes, over targets and empty.
-    """
+    """What a seed made of a scene."""
 
     scene: Scene
     seed: int
-    targets: tuple[Target, ...]
+    targets: tuple[Target, ...]  #: as all else with a place, given and drawn
     objects: tuple[Thing, ...]
     patches: tuple[Patch, ...]
-    holes: tuple[Hole, ...] = ()
+    holes: tuple[Hole, ...] = ()  #: refilled holes, over targets and empty
 
     def truth(self) -> pd.DataFrame:
         """Truth table of the targets that lie in the lane."""

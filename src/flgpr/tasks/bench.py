@@ -29,28 +29,14 @@ Run = Callable[[], NDArray[Any]]
 
 @dataclass(frozen=True)
 class Scan:
-    """One scan and what it is imaged on.
+    """One scan and what it is imaged on."""
 
-    Attributes
-    ----------
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    tx, rx : (pair, 3) ndarray
-        Antennas, m.
-    pixels : (pixel, 3) ndarray
-        Pixel centres, m, cross-track fastest.
-    data : (polarization, pair, frequency) ndarray
-        Sixty scatterers in noise of the same power.
-    image : (polarization, 1, pixel) ndarray
-        Noise for the forward model.
-    """
-
-    frequency: NDArray[np.float64]
-    tx: NDArray[np.float64]
-    rx: NDArray[np.float64]
-    pixels: NDArray[np.float64]
-    data: NDArray[np.complex64]
-    image: NDArray[np.complex64]
+    frequency: NDArray[np.float64]  #: tones, Hz
+    tx: NDArray[np.float64]  #: (pair, 3): antennas, m
+    rx: NDArray[np.float64]  #: (pair, 3): antennas, m
+    pixels: NDArray[np.float64]  #: (pixel, 3): pixel centres, m, cross-track fastest
+    data: NDArray[np.complex64]  #: (polarization, pair, frequency): sixty scatterers in noise of the same power
+    image: NDArray[np.complex64]  #: (polarization, 1, pixel): noise for the forward model
 
 
 @dataclass(frozen=True)

@@ -25,30 +25,14 @@ _LARGEST = 2_000_000  # pixels of the area that is focused for every trial
 
 @dataclass(frozen=True)
 class ClockSearch:
-    """Where a clock offset is looked for.
+    """Where a clock offset is looked for."""
 
-    Attributes
-    ----------
-    area : (x_min, x_max, y_min, y_max)
-        Ground that is focused, lane frame, m.
-    offsets : (float, float)
-        Least and greatest offset of the track's clock from the radar's, s.
-    step : float
-        First step, s; it is halved four times around the best.
-    height : float
-        z of the area, m.
-    spacing : float or None
-        Of the pixels, m; None takes a quarter of the shortest wavelength.
-    rates : tuple of float
-        Clock rates to try.
-    """
-
-    area: tuple[float, float, float, float]
-    offsets: tuple[float, float]
-    step: float = 0.05
-    height: float = 0.0
-    spacing: float | None = None
-    rates: tuple[float, ...] = (1.0,)
+    area: tuple[float, float, float, float]  #: ground that is focused, lane frame, m
+    offsets: tuple[float, float]  #: least and greatest offset of the track's clock from the radar's, s
+    step: float = 0.05  #: first step, s; it is halved four times around the best
+    height: float = 0.0  #: z of the area, m
+    spacing: float | None = None  #: of the pixels, m; None takes a quarter of the shortest wavelength
+    rates: tuple[float, ...] = (1.0,)  #: clock rates to try
 
 
 def calibrate_clock(

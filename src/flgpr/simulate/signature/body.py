@@ -19,18 +19,11 @@ Length = Annotated[float, Field(gt=0.001, le=1.0)]
 
 
 class BodyLayer(BaseModel):
-    """One level layer of a body.
-
-    Attributes
-    ----------
-    thickness : float
-        m.
-    zones : tuple of (outer half-width, relative permittivity or "metal")
-        From the axis outwards: radii of a round body, half-widths of a square one, m.
-    """
+    """One level layer of a body."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    thickness: Length
+    thickness: Length  #: m
+    #: from the axis outwards: radii of a round body, half-widths of a square one, m
     zones: tuple[tuple[Length, Annotated[float, Field(ge=1, le=100)] | Literal["metal"]], ...]
 
     @model_validator(mode="after")
@@ -42,26 +35,14 @@ class BodyLayer(BaseModel):
 
 
 class Body(BaseModel):
-    """A body in the ground, upright: round about its axis, or a box.
-
-    Attributes
-    ----------
-    name, source : str
-        Name, and where its dimensions come from.
-    shape : {"round", "box"}
-        A box is as long (``aspect`` times) as its layers' widths say.
-    elongation : float
-        Length over width of a box.
-    layers : tuple of BodyLayer
-        From the top down.
-    """
+    """A body in the ground, upright: round about its axis, or a box."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     name: str
-    source: str = ""
-    shape: Literal["round", "box"] = "round"
-    elongation: Annotated[float, Field(ge=1, le=10)] = 1.0
-    layers: Annotated[tuple[BodyLayer, ...], Field(min_length=1)]
+    source: str = ""  #: where its dimensions come from
+    shape: Literal["round", "box"] = "round"  #: a box is as long (``aspect`` times) as its layers' widths say
+    elongation: Annotated[float, Field(ge=1, le=10)] = 1.0  #: length over width of a box
+    layers: Annotated[tuple[BodyLayer, ...], Field(min_length=1)]  #: from the top down
 
     @property
     def height(self) -> float:

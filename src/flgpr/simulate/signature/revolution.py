@@ -37,25 +37,14 @@ _RANK = 1e-5  # fields on the body that are weaker than this, relative, are not 
 
 @dataclass(frozen=True)
 class Grid:
-    """Yee grid on the half plane: nodes in complex coordinates, permittivity of every cell.
+    """Yee grid on the half plane: nodes in complex coordinates, permittivity of every cell."""
 
-    Attributes
-    ----------
-    rho, z : (node,) ndarray of complex
-        Nodes, m; imaginary parts absorb. ``rho[0]`` is the axis.
-    permittivity : (rho cell, z cell) ndarray of complex
-        NaN in metal.
-    inside : (rho cell, z cell) ndarray of bool
-        Cells of the body.
-    ground : (z cell,) ndarray of complex
-        Permittivity without the body: the soil's, and 1 above the surface if the grid holds it.
-    """
-
+    #: rho, z: nodes, m; imaginary parts absorb. ``rho[0]`` is the axis
     rho: ComplexArray
     z: ComplexArray
-    permittivity: ComplexArray
-    inside: NDArray[np.bool_]
-    ground: ComplexArray
+    permittivity: ComplexArray  #: (rho cell, z cell): NaN in metal
+    inside: NDArray[np.bool_]  #: (rho cell, z cell): cells of the body
+    ground: ComplexArray  #: permittivity without the body: the soil's, and 1 above the surface if the grid holds it
 
 
 def _divided(edges: Sequence[float], cell: float) -> FloatArray:

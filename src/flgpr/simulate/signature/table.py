@@ -39,19 +39,12 @@ ASPECT = np.radians(5.0 * np.arange(19))
 
 @dataclass(frozen=True)
 class SignatureTable:
-    """A body's scattering amplitudes at the nodes of the library.
-
-    Attributes
-    ----------
-    body : Body
-        The body.
-    values : (permittivity, frequency, depth, aspect, sine, separation, 4) ndarray of complex64
-        HH, VV, (HV + VH)/2 and (HV - VH)/2 in m, as ``solve_round`` gives them.
-        Round bodies have one aspect, square ones those of an eighth of a turn, other boxes those of a quarter; boxes
-        have one depth, infinity: the surface's multiples are left out.
-    """
+    """A body's scattering amplitudes at the nodes of the library."""
 
     body: Body
+    #: (permittivity, frequency, depth, aspect, sine, separation, 4): HH, VV, (HV + VH)/2 and (HV - VH)/2 in m, as
+    #: ``solve_round`` gives them. Round bodies have one aspect, square ones those of an eighth of a turn, other boxes
+    #: those of a quarter; boxes have one depth, infinity: the surface's multiples are left out
     values: NDArray[np.complex64]
 
     @property
