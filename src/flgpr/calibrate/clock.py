@@ -84,27 +84,11 @@ def remove_range_bias(run: xr.Dataset, bias: float) -> xr.Dataset:
 
 
 def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
-    """Take all complete scans of a run as one aperture.
+    """Take all complete scans of a run as one aperture: field (polarization, scan·pair, frequency) and antennas, m.
 
-    Each scan is weighted by the way it stands for (half the distance to its neighbours), so that a vehicle that stands
-    still for a while is not counted for every scan.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-
-    Returns
-    -------
-    data : (polarization, scan·pair, frequency) ndarray
-        Weighted field; the weights' mean is one.
-    tx_position, rx_position : (scan·pair, 3) ndarray
-        Antennas in the lane frame, m.
-
-    Raises
-    ------
-    ValueError
-        If no scan is complete.
+    The antennas' places (scan·pair, 3), transmitting and receiving, are in the lane frame. Each scan is weighted by the
+    way it stands for (half the distance to its neighbours; the mean is one), so that a vehicle that stands still for a
+    while is not counted for every scan. A run without a complete scan is a ValueError.
     """
     check_run(run)
     scans = np.flatnonzero(complete_scans(run))
@@ -120,17 +104,9 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float6
 
 
 def way_weights(position: ArrayLike) -> NDArray[np.float64]:
-    """Share of the way each position stands for.
+    """Share of the way that each position (scan, 3) stands for: half the distance to both neighbours over the mean.
 
-    Parameters
-    ----------
-    position : (scan, 3) array_like
-        Positions in order, m.
-
-    Returns
-    -------
-    (scan,) ndarray
-        Half the distance to both neighbours over the mean; ones where nothing moves.
+    Ones where nothing moves.
     """
     points = np.asarray(position, dtype=np.float64)
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -139,18 +115,7 @@ def way_weights(position: ArrayLike) -> NDArray[np.float64]:
 
 
 def sharpness(image: ArrayLike) -> float:
-    """Sharpness of an image: ``Σ|x|⁴ / (Σ|x|²)²``, one for a single bright pixel.
-
-    Parameters
-    ----------
-    image : array_like of complex
-        Image.
-
-    Returns
-    -------
-    float
-        The sharpness; 0 for an empty image.
-    """
+    """Sharpness of an image: ``Σ|x|⁴ / (Σ|x|²)²``, one for a single bright pixel, 0 for an empty image."""
     power = np.abs(np.asarray(image, dtype=np.complex128)) ** 2
     total = float(power.sum())
     return float((power**2).sum()) / total**2 if total > 0 else 0.0
@@ -288,23 +253,10 @@ def estimate_range_bias(
 
 
 def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> NDArray[np.float64]:
-    """Find the brightest pixels that lie apart from one another.
+    """Find the brightest pixels that lie apart: ``count`` or fewer rows of x, y, z (m) and magnitude.
 
-    Parameters
-    ----------
-    image : (...) array_like
-        Image.
-    pixels : (..., 3) array_like
-        Its pixels, m.
-    count : int
-        How many to find.
-    apart : float
-        Least distance between them, m.
-
-    Returns
-    -------
-    (count or fewer, 4) ndarray
-        x, y, z (m) and magnitude, the brightest first.
+    ``pixels`` (..., 3) are those of the image (...); they are at least ``apart`` m from each other, the brightest
+    first.
     """
     level = np.abs(np.asarray(image)).ravel().astype(np.float64)
     places = np.asarray(pixels, dtype=np.float64).reshape(-1, 3)

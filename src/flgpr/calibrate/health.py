@@ -65,18 +65,7 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
 
 
 def health_summary(table: pd.DataFrame) -> list[str]:
-    """Say in words what a user must know of the channels.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From :func:`channel_health`.
-
-    Returns
-    -------
-    list of str
-        A line for dead channels and one for drift, or one that all is well.
-    """
+    """Say in words what a user must know of :func:`channel_health`: what is dead, what drifts, or all well."""
     lines = []
     dead = table[table["dead"]]
     if len(dead):

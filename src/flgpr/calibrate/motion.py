@@ -14,23 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
-    """Velocity of the vehicle at every scan, from its poses and times.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run of at least two scans with times.
-
-    Returns
-    -------
-    (scan, 3) ndarray
-        Velocity in the vehicle frame, m/s.
-
-    Raises
-    ------
-    ValueError
-        If a time is missing or does not increase.
-    """
+    """Velocity (scan, 3) in the vehicle frame, m/s, from a run's poses and times, which must be there and increase."""
     pose, time = run["pose"].values, run["time"].values
     if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise ValueError("run must have two scans or more with increasing times to tell a velocity")

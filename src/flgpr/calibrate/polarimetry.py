@@ -27,22 +27,9 @@ class Distortion:
 
 
 def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
-    """Order a run's data as scattering matrices.
+    """Order a run as scattering matrices (scan, pair, frequency, 2, 2): rows receive, columns transmit.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with HH, HV, VH and VV; "HV" transmits H.
-
-    Returns
-    -------
-    (scan, pair, frequency, 2, 2) ndarray of complex64
-        Rows receive, columns transmit, H before V.
-
-    Raises
-    ------
-    ValueError
-        If a polarization is missing.
+    H comes before V, and "HV" transmits H. A polarization that is missing is a ValueError.
     """
     labels = [str(label) for label in run["polarization"].values]
     missing = [label for label in _PLACE if label not in labels]

@@ -75,18 +75,7 @@ class Background:
 
 
 def shared_gain(gain: FloatArray) -> FloatArray:
-    """Gain common to the polarizations: the root mean square of theirs.
-
-    Parameters
-    ----------
-    gain : (..., polarization, subband) ndarray
-        Scan gains.
-
-    Returns
-    -------
-    (..., 1, subband) ndarray
-        r̄ of every sub-band.
-    """
+    """Gain r̄ (..., 1, subband) common to the polarizations: root mean square of theirs (..., polarization, subband)."""
     return np.sqrt(np.mean(gain**2, axis=-2, keepdims=True))
 
 

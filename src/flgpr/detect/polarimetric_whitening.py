@@ -66,25 +66,7 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
 
 
 def magnitude_form(channels: int, channel: int = 0) -> LinearQuadraticForm:
-    """Form ``|x_channel|²`` on pixels of several channels: thresholding one polarization's image.
-
-    Parameters
-    ----------
-    channels : int
-        Number of channels of a pixel.
-    channel : int
-        The channel taken.
-
-    Returns
-    -------
-    LinearQuadraticForm
-        Form for chips of one pixel.
-
-    Raises
-    ------
-    ValueError
-        If there is no such channel.
-    """
+    """Form ``|x_channel|²`` on pixels of several channels: thresholding one polarization's image."""
     if not 0 <= channel < channels:
         raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
     return LinearQuadraticForm(np.ones(1), np.eye(channels)[[channel]], np.zeros(channels), np.zeros(1))

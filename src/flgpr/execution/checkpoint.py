@@ -66,15 +66,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> int:
 class ArrayFile(Mapping[str, NDArray[Any]]):
     """Named arrays of a file, read and checked one by one when they are first asked for, and then kept.
 
-    Parameters
-    ----------
-    path : Path
-        File of :func:`write_arrays`.
-
-    Raises
-    ------
-    WorkError
-        If the file is not whole.
+    A file of :func:`write_arrays` that is not whole is a WorkError.
     """
 
     def __init__(self, path: Path) -> None:

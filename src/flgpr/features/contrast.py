@@ -17,19 +17,7 @@ from flgpr.model import Grid, lane_to_scan
 
 
 class ContrastSums:
-    """What :func:`local_contrast` computes, gathered scan by scan from plain arrays.
-
-    Parameters
-    ----------
-    alarms : DataFrame
-        x, y in the lane frame, m.
-    grid : Grid
-        Pixels of the images to come, in the scan frame.
-    y_max : float
-        Farthest distance ahead of the array that counts, m.
-    patch : PatchShape, optional
-        Patch; default the paper's.
-    """
+    """What :func:`local_contrast` computes, gathered scan by scan from plain arrays on ``grid``; ``y_max`` in m."""
 
     def __init__(self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None) -> None:
         self._grid, self._y_max, self._patch = grid, y_max, patch or PatchShape()

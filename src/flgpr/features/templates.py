@@ -112,18 +112,7 @@ def principal_templates(chips: ArrayLike, count: int = 1) -> tuple[NDArray[Any],
 
 
 def align_phases(chips: ArrayLike) -> NDArray[Any]:
-    """Turn complex images to one phase: that in which each is most like their first principal component.
-
-    Parameters
-    ----------
-    chips : (n, y, x) array_like
-        Images about mines, complex.
-
-    Returns
-    -------
-    (n, y, x) ndarray
-        The images, each times a number of modulus 1.
-    """
+    """Turn complex images (n, y, x) to one phase: that in which each is most like their first principal component."""
     values = np.asarray(chips)
     component = principal_templates(values, 1)[0][0]
     likeness = (values * np.conj(component)).sum(axis=(-2, -1), keepdims=True)

@@ -161,7 +161,7 @@ class ImagingOperator:
         return self.engine.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
-        """Make memory for (lead, subband, *pixel) images, to be passed as ``out``; page-locked for a CUDA device.
+        """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device.
 
         ``lead`` is the number of polarizations, after leading axes if any.
         """

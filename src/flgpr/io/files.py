@@ -12,52 +12,17 @@ from typing import Any
 
 
 def sha256(data: bytes | memoryview) -> str:
-    """Hexadecimal SHA-256 of bytes.
-
-    Parameters
-    ----------
-    data : bytes
-        What to hash.
-
-    Returns
-    -------
-    str
-        The digest.
-    """
+    """Hexadecimal SHA-256 of bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
 def canonical_json(value: Any) -> bytes:
-    """Write a JSON value in its one canonical form: sorted keys, no spaces, no NaN.
-
-    Parameters
-    ----------
-    value : object
-        Anything JSON can hold.
-
-    Returns
-    -------
-    bytes
-        UTF-8 text.
-
-    Raises
-    ------
-    ValueError
-        If the value holds NaN or infinity.
-    TypeError
-        If the value holds something JSON cannot.
-    """
+    """Write a JSON value in its one canonical form: sorted keys, no spaces, no NaN (a ValueError), UTF-8."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
 def sync_directory(path: Path) -> None:
-    """Flush a directory's entries to disk.
-
-    Parameters
-    ----------
-    path : Path
-        The directory.
-    """
+    """Flush a directory's entries to disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -66,27 +31,13 @@ def sync_directory(path: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Flush a file's content to disk.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Flush a file's content to disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
 
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Write a file so that it holds either its old content or all of the new.
-
-    Parameters
-    ----------
-    path : Path
-        Target; its folder must exist.
-    data : bytes or str
-        Content; text is written as UTF-8.
-    """
+    """Write a file, text as UTF-8, so that it holds either its old content or all of the new; its folder must exist."""
     temporary = path.with_name(path.name + ".partial")
     with temporary.open("wb") as file:
         file.write(data.encode() if isinstance(data, str) else data)
@@ -97,15 +48,7 @@ def write_whole(path: Path, data: bytes | str) -> None:
 
 
 def replace_folder(new: Path, folder: Path) -> None:
-    """Let a folder that is whole take the place of an older one.
-
-    Parameters
-    ----------
-    new : Path
-        The folder that is whole.
-    folder : Path
-        Where it belongs.
-    """
+    """Let a folder that is whole take the place of an older one."""
     old = folder.with_name(folder.name + ".old")
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
@@ -116,26 +59,9 @@ def replace_folder(new: Path, folder: Path) -> None:
 
 
 def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
-    """Make sure that a folder may be written at a place.
+    """Make sure that nothing lies at a place, or a folder that has one of the files ``marks``, and give its path.
 
-    Parameters
-    ----------
-    folder : str or Path
-        The place.
-    marks : sequence of str
-        Files of which a folder of the kind has one.
-    kind : str
-        What may be replaced there, for the message.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    FileExistsError
-        If something else lies there.
+    Anything else there is a FileExistsError that says which ``kind`` may be replaced.
     """
     folder = Path(folder)
     known = any((folder / name).is_file() for name in marks)

@@ -79,16 +79,9 @@ def georeference(
 
 
 def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
-    """Write georeferenced points as GeoJSON (RFC 7946: longitude and latitude, WGS 84).
+    """Write points of :func:`georeference` as GeoJSON (RFC 7946: longitude and latitude, WGS 84).
 
-    Parameters
-    ----------
-    points : DataFrame
-        From :func:`georeference`.
-    path : str or Path
-        File to write; it is whole or absent.
-    about : mapping, optional
-        Put into the collection's member ``flgpr``.
+    ``about`` goes into the collection's member ``flgpr``; the file is whole or absent.
     """
     features = []
     for row in points.to_dict("records"):
@@ -106,30 +99,12 @@ def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[s
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
-    """Write georeferenced points as CSV.
-
-    Parameters
-    ----------
-    points : DataFrame
-        From :func:`georeference`.
-    path : str or Path
-        File to write; it is whole or absent.
-    """
+    """Write points of :func:`georeference` as CSV; the file is whole or absent."""
     write_whole(Path(path), points.to_csv(index=False, lineterminator="\n"))
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
-    """Write georeferenced points as KML 2.2 placemarks.
-
-    Parameters
-    ----------
-    points : DataFrame
-        From :func:`georeference`.
-    path : str or Path
-        File to write; it is whole or absent.
-    title : str
-        Name of the document.
-    """
+    """Write points of :func:`georeference` as KML 2.2 placemarks under a title; the file is whole or absent."""
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
     document = ElementTree.SubElement(root, f"{{{_KML}}}Document")
@@ -155,21 +130,9 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
-    """Write georeferenced points as a GeoPackage of one layer.
+    """Write points of :func:`georeference` as a GeoPackage of one layer; the file is whole or absent.
 
-    Parameters
-    ----------
-    points : DataFrame
-        From :func:`georeference`.
-    path : str or Path
-        File to write; it is whole or absent.
-    layer : str
-        Name of the layer.
-
-    Raises
-    ------
-    MissingExtraError
-        If geopandas or pyogrio is not installed.
+    It needs geopandas and pyogrio (MissingExtraError).
     """
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")

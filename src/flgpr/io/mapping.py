@@ -212,25 +212,7 @@ def parse_mapping(text: str, name: str = "mapping") -> Mapping:
 
 
 def read_mapping(path: str | Path) -> Mapping:
-    """Read a mapping from a file.
-
-    Parameters
-    ----------
-    path : str or Path
-        TOML file.
-
-    Returns
-    -------
-    Mapping
-        The mapping.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        As :func:`parse_mapping`.
-    """
+    """Read a mapping from a TOML file; what :func:`parse_mapping` refuses is a ValueError."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"mapping not found: {path}")

@@ -8,11 +8,5 @@ _FOLDER = Path(__file__).parent / "samples" / "lane-a"
 
 
 def sample_lane() -> Path:
-    """Folder of the packaged full-wave lane.
-
-    Returns
-    -------
-    Path
-        Holds ``run.zarr``, ``truth.csv`` (mines), ``objects.csv`` (rock, post) and a README.
-    """
+    """Folder of the packaged full-wave lane: ``run.zarr``, ``truth.csv``, ``objects.csv`` (rock, post), README."""
     return _FOLDER

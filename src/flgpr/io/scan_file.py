@@ -96,18 +96,7 @@ class Scan:
 
 
 def describe_for_live(run: xr.Dataset) -> RunDescription:
-    """Describe a stored run as a radar would before its first scan.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-
-    Returns
-    -------
-    RunDescription
-        Its description.
-    """
+    """Describe a stored run as a radar would before its first scan."""
     attrs = {name: run.attrs[name] for name in ("georeference", "source") if name in run.attrs}
     return RunDescription(
         np.asarray(run["frequency"].values, dtype=np.float64),
@@ -120,23 +109,7 @@ def describe_for_live(run: xr.Dataset) -> RunDescription:
 
 
 def parse_description(value: Any) -> RunDescription:
-    """Check a description that was read.
-
-    Parameters
-    ----------
-    value : object
-        What JSON gave.
-
-    Returns
-    -------
-    RunDescription
-        The description.
-
-    Raises
-    ------
-    ScanFileError
-        If an entry is missing or breaks a rule of :func:`flgpr.model.make_run`.
-    """
+    """Check a description from JSON by :func:`flgpr.model.make_run`'s rules; what breaks one is a ScanFileError."""
     if not isinstance(value, dict):
         raise ScanFileError(f"run description must be a JSON object, got {type(value).__name__}")
     if (value.get("format"), value.get("version")) != (RUN_FORMAT, RUN_VERSION):
@@ -163,25 +136,7 @@ def parse_description(value: Any) -> RunDescription:
 
 
 def as_run(description: RunDescription, scan: Scan) -> xr.Dataset:
-    """Make the run of one scan.
-
-    Parameters
-    ----------
-    description : RunDescription
-        The run it belongs to.
-    scan : Scan
-        A scan with a pose.
-
-    Returns
-    -------
-    xarray.Dataset
-        As :func:`flgpr.model.make_run` makes it.
-
-    Raises
-    ------
-    ValueError
-        If the scan has no pose or breaks a rule of :func:`flgpr.model.make_run`.
-    """
+    """Make the run of one scan, as :func:`flgpr.model.make_run` makes it; without a pose that is a ValueError."""
     if scan.pose is None:
         raise ValueError(f"scan {scan.number} must have a pose, got none")
     one = description
@@ -191,22 +146,7 @@ def as_run(description: RunDescription, scan: Scan) -> xr.Dataset:
 
 
 def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> bytes:
-    """Write a frame.
-
-    Parameters
-    ----------
-    kind : str
-        "scan", "run" or "end".
-    header : dict
-        JSON values.
-    payload : bytes
-        What follows it.
-
-    Returns
-    -------
-    bytes
-        The frame.
-    """
+    """Write a frame, "scan", "run" or "end", with a header of JSON values and what follows it."""
     text = canonical_json({"kind": kind, **header})
     body = _HEAD.pack(MAGIC, len(text), len(payload)) + text + payload
     return body + struct.pack("<I", zlib.crc32(body))
@@ -215,25 +155,10 @@ def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> byt
 def encode_scan(
     number: int, signal: ArrayLike, pose: ArrayLike | None, time: float = math.nan, run_id: str | None = None
 ) -> bytes:
-    """Write a scan as a frame.
+    """Write a scan as a frame: field (polarization, pair, frequency), pose, time.
 
-    Parameters
-    ----------
-    number : int
-        Its number in the run, from 0.
-    signal : (polarization, pair, frequency) array_like of complex
-        Received field.
-    pose : (6,) array_like or None
-        x, y, z (m), heading, pitch, roll (rad); None where unknown.
-    time : float
-        Time of the scan, s; NaN where unknown.
-    run_id : str, optional
-        Of the run's description, so that scans of another run are told apart.
-
-    Returns
-    -------
-    bytes
-        The frame.
+    A pose that is unknown is None, a time NaN. ``number`` counts from 0; ``run_id`` is that of the run's description,
+    so that scans of another run are told apart.
     """
     header: dict[str, Any] = {
         "scan": int(number),
@@ -267,25 +192,7 @@ def head_size() -> int:
 
 
 def decode_frame(data: bytes) -> Frame:
-    """Read a frame.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole frame and nothing else.
-
-    Returns
-    -------
-    Frame
-        The frame.
-
-    Raises
-    ------
-    TruncatedFrameError
-        If it ends early.
-    ScanFileError
-        If it is no frame, its checksum is wrong, or its header is no JSON object with a known kind.
-    """
+    """Read a whole frame; one that ends early is a TruncatedFrameError, a damaged or strange one a ScanFileError."""
     size = frame_size(data)
     if len(data) < size:
         raise TruncatedFrameError(f"frame must have {size} bytes, got {len(data)}")
@@ -304,24 +211,9 @@ def decode_frame(data: bytes) -> Frame:
 
 
 def scan_of(frame: Frame, description: RunDescription) -> Scan:
-    """Take the scan out of a frame.
+    """Take the scan out of a frame; a pose that is not finite or out of bounds is none.
 
-    Parameters
-    ----------
-    frame : Frame
-        A frame of the kind "scan".
-    description : RunDescription
-        The run it should belong to.
-
-    Returns
-    -------
-    Scan
-        The scan; a pose that is not finite or out of bounds is none.
-
-    Raises
-    ------
-    ScanFileError
-        If it is no scan, belongs to another run, has no number, or has not the samples that the run says.
+    If it is no scan, belongs to another run, has no number, or not the run's samples, that is a ScanFileError.
     """
     header = frame.header
     if frame.kind != "scan":
@@ -354,36 +246,12 @@ def _pose(value: Any) -> NDArray[np.float64] | None:
 
 
 def write_description(description: RunDescription, folder: Path) -> None:
-    """Write a run's description into a folder of scans.
-
-    Parameters
-    ----------
-    description : RunDescription
-        The description.
-    folder : Path
-        The folder.
-    """
+    """Write a run's description into a folder of scans."""
     write_whole(folder / RUN_FILE, json.dumps(description.as_json(), indent=1) + "\n")
 
 
 def read_description(folder: Path) -> RunDescription | None:
-    """Read a run's description from a folder of scans.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Returns
-    -------
-    RunDescription or None
-        None while there is none.
-
-    Raises
-    ------
-    ScanFileError
-        If it cannot be understood.
-    """
+    """Read a run's description from a folder of scans, None while there is none; a damaged one is a ScanFileError."""
     path = folder / RUN_FILE
     try:
         if path.stat().st_size > _LONGEST_HEADER:

@@ -15,23 +15,7 @@ MOST_BYTES = 256 * 2**20
 
 
 def seal(content: Mapping[str, Any]) -> bytes:
-    """Write a JSON object with its own SHA-256 as the last entry.
-
-    Parameters
-    ----------
-    content : mapping
-        Anything JSON can hold, without NaN and without the entry ``sha256``.
-
-    Returns
-    -------
-    bytes
-        The only form in which :func:`unseal` takes it.
-
-    Raises
-    ------
-    ValueError
-        If the content holds NaN, infinity or the entry ``sha256``.
-    """
+    """Write a JSON object with its own SHA-256 as last entry; NaN, infinity or an entry ``sha256`` is a ValueError."""
     if "sha256" in content:
         raise ValueError("content must not hold the entry sha256, which is added")
     whole = {**content, "sha256": sha256(canonical_json(content))}
@@ -39,23 +23,7 @@ def seal(content: Mapping[str, Any]) -> bytes:
 
 
 def unseal(data: bytes) -> dict[str, Any]:
-    """Read what :func:`seal` wrote.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-
-    Returns
-    -------
-    dict
-        The content and ``sha256``.
-
-    Raises
-    ------
-    ValueError
-        If any byte differs from what was written.
-    """
+    """Read what :func:`seal` wrote, with ``sha256``; a byte that differs is a ValueError."""
     try:
         whole = json.loads(data)
         content = {name: value for name, value in whole.items() if name != "sha256"}
@@ -68,27 +36,7 @@ def unseal(data: bytes) -> dict[str, Any]:
 
 
 def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file that must not be huge.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    most : int
-        Largest size, bytes.
-
-    Returns
-    -------
-    bytes
-        Its content.
-
-    Raises
-    ------
-    ValueError
-        If it is larger.
-    OSError
-        If it cannot be read.
-    """
+    """Read a file of at most so many bytes; a larger one is a ValueError."""
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read(min(size, most) + 1)  # a buffer of this size is made at once
@@ -98,24 +46,9 @@ def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def inside(root: Path, name: str) -> Path:
-    """Find a file of a folder and make sure that it lies there.
+    """Find a file of a folder, by a relative name with forward slashes, and make sure that it lies there.
 
-    Parameters
-    ----------
-    root : Path
-        The folder.
-    name : str
-        Path relative to it, with forward slashes.
-
-    Returns
-    -------
-    Path
-        The file's path.
-
-    Raises
-    ------
-    ValueError
-        If the name is absolute or leads upwards, or a symbolic link leads out of the folder.
+    A name that is absolute or leads upwards, or a symbolic link that leads out of the folder, is a ValueError.
     """
     pure = PurePosixPath(name)
     if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:

@@ -50,30 +50,15 @@ def read_table(path: str | Path, kind: str) -> pd.DataFrame:
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table as CSV, every number in the shortest form that reads back the same.
-
-    Parameters
-    ----------
-    table : DataFrame
-        The table.
-    path : str or Path
-        CSV file to write; it is whole or absent.
-    """
+    """Write a table as CSV, every number in the shortest form that reads back the same; the file is whole or absent."""
     write_whole(Path(path), table.to_csv(index=False, lineterminator="\n"))
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table with x and y as GeoJSON points in the lane frame.
+    """Write a table with x and y, m, as GeoJSON points in the lane frame; other columns become properties.
 
     The lane is not tied to the Earth, so the coordinates are metres in the lane frame; the collection says so in its
-    member ``flgpr_frame``.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Has x and y, m; the other columns become properties.
-    path : str or Path
-        GeoJSON file to write; it is whole or absent.
+    member ``flgpr_frame``. The file is whole or absent.
     """
     features = []
     for row in table.to_dict("records"):
@@ -118,18 +103,7 @@ def read_lane(path: str | Path) -> Lane:
 
 
 def lane_text(lane: Lane) -> str:
-    """Write a lane as TOML, the form :func:`read_lane` reads.
-
-    Parameters
-    ----------
-    lane : Lane
-        The lane.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Write a lane as TOML, the form :func:`read_lane` reads."""
     return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
 
 

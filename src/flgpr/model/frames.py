@@ -16,18 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def attitude_matrix(pitch: float, roll: float) -> NDArray[np.float64]:
-    """Rotation Rx(pitch)·Ry(roll) from the vehicle frame to level axes along the vehicle.
-
-    Parameters
-    ----------
-    pitch, roll : float
-        Angles, rad.
-
-    Returns
-    -------
-    (3, 3) ndarray
-        The rotation matrix.
-    """
+    """Rotation Rx(pitch)·Ry(roll), (3, 3), from the vehicle frame to level axes along the vehicle."""
     cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
     rx = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
     ry = np.array([[cr, 0.0, sr], [0.0, 1.0, 0.0], [-sr, 0.0, cr]])
@@ -35,76 +24,26 @@ def attitude_matrix(pitch: float, roll: float) -> NDArray[np.float64]:
 
 
 def heading_matrix(heading: float) -> NDArray[np.float64]:
-    """Rotation Rz(-heading) from level axes along the vehicle to the lane frame.
-
-    Parameters
-    ----------
-    heading : float
-        Clockwise from +y seen from above, rad.
-
-    Returns
-    -------
-    (3, 3) ndarray
-        The rotation matrix.
-    """
+    """Rotation Rz(-heading), (3, 3), from level axes along the vehicle to the lane frame; clockwise from +y."""
     c, s = math.cos(heading), math.sin(heading)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points from the vehicle frame to the scan frame.
-
-    Parameters
-    ----------
-    position : (..., 3) array_like
-        Points in the vehicle frame, m.
-    pose : (6,) array_like
-        x, y, z (m), heading, pitch, roll (rad).
-
-    Returns
-    -------
-    (..., 3) ndarray
-        Points in the scan frame, m.
-    """
+    """Take points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,)."""
     p = np.asarray(pose, dtype=np.float64)
     level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[4], p[5]).T
     return level + np.array([0.0, 0.0, p[2]])
 
 
 def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points from the scan frame to the lane frame.
-
-    Parameters
-    ----------
-    position : (..., 3) array_like
-        Points in the scan frame, m.
-    pose : (6,) array_like
-        x, y, z (m), heading, pitch, roll (rad).
-
-    Returns
-    -------
-    (..., 3) ndarray
-        Points in the lane frame, m.
-    """
+    """Take points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
     p = np.asarray(pose, dtype=np.float64)
     return np.asarray(position, dtype=np.float64) @ heading_matrix(p[3]).T + np.array([p[0], p[1], 0.0])
 
 
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points from the lane frame to the scan frame, the inverse of :func:`scan_to_lane`.
-
-    Parameters
-    ----------
-    position : (..., 3) array_like
-        Points in the lane frame, m.
-    pose : (6,) array_like
-        x, y, z (m), heading, pitch, roll (rad).
-
-    Returns
-    -------
-    (..., 3) ndarray
-        Points in the scan frame, m.
-    """
+    """Take points (..., 3), m, from the lane frame to the scan frame of a pose (6,), undoing :func:`scan_to_lane`."""
     p = np.asarray(pose, dtype=np.float64)
     return (np.asarray(position, dtype=np.float64) - np.array([p[0], p[1], 0.0])) @ heading_matrix(p[3])
 

@@ -59,22 +59,9 @@ class Lane:
 
 
 def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
-    """Take a lane in any of the forms users have it in.
+    """Take a lane in any of the forms users have it in: what holds x_min, x_max, y_min and y_max, m, once.
 
-    Parameters
-    ----------
-    lane : Lane, mapping, Series or one-row DataFrame
-        Holds x_min, x_max, y_min and y_max, m.
-
-    Returns
-    -------
-    Lane
-        The lane.
-
-    Raises
-    ------
-    ValueError
-        If a border is missing, not finite, or the lane is empty.
+    A border that is missing or not finite, or an empty lane, is a ValueError.
     """
     if isinstance(lane, Lane):
         return lane

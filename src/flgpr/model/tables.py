@@ -51,43 +51,18 @@ OBJECT_COLUMNS = (
 
 
 def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
-    """Validate an alarm table.
+    """Validate an alarm table (``ALARM_COLUMNS``, further ones are allowed), and give a copy with float64 numbers.
 
-    Parameters
-    ----------
-    alarms : DataFrame
-        Columns as in ``ALARM_COLUMNS``; further columns are allowed. An empty table is fine.
-
-    Returns
-    -------
-    DataFrame
-        A copy with numeric columns as float64.
-
-    Raises
-    ------
-    ValueError
-        If a required column is missing, a position or confidence is not finite, or an ``alarm_id`` repeats.
+    A missing column, a position or confidence that is not finite, or an ``alarm_id`` twice is a ValueError; no alarm is
+    fine.
     """
     return _check(alarms, ALARM_COLUMNS, "alarms", "alarm_id")
 
 
 def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
-    """Validate a truth table.
+    """Validate a truth table (``TRUTH_COLUMNS``, further ones are allowed), and give a copy with float64 numbers.
 
-    Parameters
-    ----------
-    truth : DataFrame
-        Columns as in ``TRUTH_COLUMNS``; further columns are allowed.
-
-    Returns
-    -------
-    DataFrame
-        A copy with numeric columns as float64.
-
-    Raises
-    ------
-    ValueError
-        If a required column is missing, a position is not finite, or a ``target_id`` repeats.
+    A missing column, a position that is not finite, or a ``target_id`` twice is a ValueError.
     """
     return _check(truth, TRUTH_COLUMNS, "truth", "target_id")
 
@@ -95,37 +70,13 @@ def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
 def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
     """Validate a table of objects that are no targets: rocks, posts, fiducials. They never score.
 
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns as in ``OBJECT_COLUMNS``; further columns are allowed.
-
-    Returns
-    -------
-    DataFrame
-        A copy with numeric columns as float64.
-
-    Raises
-    ------
-    ValueError
-        If a required column is missing, a position is not finite, or an ``object_id`` repeats.
+    ``OBJECT_COLUMNS`` and further ones; as for :func:`check_truth`, with ``object_id``.
     """
     return _check(objects, OBJECT_COLUMNS, "objects", "object_id")
 
 
 def empty_table(columns: tuple[Column, ...]) -> pd.DataFrame:
-    """Make a table without rows.
-
-    Parameters
-    ----------
-    columns : tuple of Column
-        Its columns.
-
-    Returns
-    -------
-    DataFrame
-        All columns, no rows.
-    """
+    """Make a table of all columns and no rows."""
     types = {"number": "float64", "text": "object"}
     return pd.DataFrame({column.name: pd.Series(dtype=types[column.kind]) for column in columns})
 

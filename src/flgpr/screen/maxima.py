@@ -115,25 +115,10 @@ def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float
 
 
 def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
-    """Find the local maxima of a run-view, before the density rule.
+    """Find the local maxima of a run-view (y, x), the largest pixels within ``radius`` m, before the density rule.
 
-    Parameters
-    ----------
-    view : xarray.DataArray
-        Run-view (y, x) in the lane frame; NaN where nothing was seen.
-    radius : float
-        A maximum is the largest pixel within this distance, m.
-
-    Returns
-    -------
-    DataFrame
-        x, y (m), magnitude, ordered from strong to weak; empty if there is none. Pixels on the border of what was seen
-        are never among them.
-
-    Raises
-    ------
-    ValueError
-        If ``view`` is not two-dimensional.
+    They come as x, y (m) and magnitude, strong to weak, empty if there is none. Pixels on the border of what was seen
+    are never among them.
     """
     if view.dims != ("y", "x"):
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")

@@ -282,19 +282,9 @@ def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:
 
 
 def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
-    """Area of the finest resolution cell of a sensor.
+    """Area of the finest resolution cell of a sensor at a ground range, m².
 
-    Parameters
-    ----------
-    sensor : Sensor
-        The sensor.
-    distance : float
-        Ground range, m.
-
-    Returns
-    -------
-    float
-        m²: ``c/(2B·sinθ)`` down-range times ``λ_min·R/(D_t + D_r)`` cross-range.
+    ``c/(2B·sinθ)`` down-range times ``λ_min·R/(D_t + D_r)`` cross-range.
     """
     tones = sensor.tones.axis()
     slant = math.hypot(distance, sensor.height)

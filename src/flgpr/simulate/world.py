@@ -59,20 +59,7 @@ class World:
 
 
 def draw_world(scene: Scene, seed: int) -> World:
-    """Draw the targets, objects and patches of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    seed : int
-        The same seed gives the same world, bit for bit.
-
-    Returns
-    -------
-    World
-        The drawn world.
-    """
+    """Draw the targets, objects and patches of a scene: the same seed gives the same world, bit for bit."""
     targets = (*scene.targets, *_draw_targets(scene, seed))
     objects = (*scene.objects, *_draw_rocks(scene, seed), *_draw_roadside(scene, seed))
     holes = draw_holes(scene, targets, seed)

@@ -66,27 +66,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
 
 
 def write_anchor(text: str, path: PathLike) -> Path:
-    """Write an anchor, once it is seen to fit.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    path : path
-        File to write.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    FileExistsError
-        If the file exists.
-    ValueError
-        If the points do not fit one another; nothing is written then.
-    """
+    """Write an anchor, TOML, once it is seen to fit (else a ValueError); a file that exists is refused."""
     target = Path(path)
     if target.exists():
         raise FileExistsError(f"output must not exist yet, got {target}")
@@ -107,17 +87,7 @@ def check_request(
 ) -> None:
     """Check what :func:`tie_lane` is asked for, before anything is written.
 
-    Parameters
-    ----------
-    lane, outline, run, output : path, optional
-        As there.
-
-    Raises
-    ------
-    ValueError
-        If an outline has no lane, or a run no output or the other way round.
-    FileExistsError
-        If an output exists.
+    An outline needs a lane, and a run an output (ValueError); what exists is refused (FileExistsError).
     """
     if (outline is not None and lane is None) or (output is None) != (run is None):
         raise ValueError("an outline needs a lane, and a run and its output go together")

@@ -217,18 +217,7 @@ def _interleave(runs: list[Run], rounds: int) -> tuple[list[float], float, float
 
 
 def format_bench(table: pd.DataFrame) -> str:
-    """Set the result of :func:`bench_imaging` as text.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        The result.
-
-    Returns
-    -------
-    str
-        A Markdown table and the measured peaks.
-    """
+    """Set the result of :func:`bench_imaging` as a Markdown table and the measured peaks."""
     lines = [
         "| work | code | ms | error | 1e9 updates/s | time / flgpr | of roofline |",
         "|---|---|---|---|---|---|---|",

@@ -96,27 +96,7 @@ def import_with_mapping(
 
 
 def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
-    """Import a CPHD file and store the run.
-
-    Parameters
-    ----------
-    path : path
-        CPHD file.
-    output : path
-        Run store to make.
-    anchor : path, optional
-        TOML that ties the lane to the Earth; needed for files of other makers.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the store exists.
-    """
+    """Import a CPHD file and store the run; files of other makers need the anchor. A store that exists is refused."""
     _fresh(Path(output))
     run = _tied(read_cphd(path, _anchor(anchor)), anchor)
     save_run(run, output, resume=True)
@@ -124,27 +104,7 @@ def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None
 
 
 def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
-    """Export a stored run as CPHD.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    output : path
-        CPHD file to write.
-    anchor : path
-        TOML that ties the lane to the Earth.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output exists.
-    """
+    """Export a stored run as CPHD, tied to the Earth by an anchor; a file that exists is refused."""
     _fresh(Path(output))
     return write_cphd(open_run(run), output, read_anchor(anchor))
 

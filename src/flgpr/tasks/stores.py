@@ -181,24 +181,10 @@ def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
-    """Import a full-wave archive: run, and truth and objects if the archive tells.
+    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`): run, and truth and objects if the archive tells.
 
-    Parameters
-    ----------
-    archive : path
-        The .npz archive, see :func:`flgpr.io.import_fullwave`.
-    output : path
-        Run store to make; ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If the archive is not valid or the store exists.
+    ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside the run store, which must not exist; their paths are
+    given.
     """
     store = Path(output)
     if store.exists():

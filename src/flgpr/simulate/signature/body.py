@@ -95,23 +95,7 @@ def packaged_bodies() -> list[str]:
 
 
 def load_body(name: str | Path) -> Body:
-    """Load a body from a packaged name or a TOML file.
-
-    Parameters
-    ----------
-    name : str or Path
-        Name, or path of a file.
-
-    Returns
-    -------
-    Body
-        The body.
-
-    Raises
-    ------
-    ValueError
-        If there is no such body or file, or it breaks a rule; the message names the entry.
-    """
+    """Load a body from a packaged name or a TOML file; an entry that breaks a rule is a ValueError that names it."""
     if str(name) in packaged_bodies():
         text = (resources.files("flgpr.simulate.signature") / "bodies" / f"{name}.toml").read_bytes()
     elif Path(name).is_file():

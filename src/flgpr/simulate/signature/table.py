@@ -113,19 +113,9 @@ def _loss_off(permittivity: ComplexArray) -> FloatArray:
 
 
 def save_table(table: SignatureTable, path: Path) -> str:
-    """Write a table as one file and return its SHA-256.
+    """Write a table as one file, in half precision scaled per soil and tone, and return its SHA-256.
 
-    Parameters
-    ----------
-    table : SignatureTable
-        The table.
-    path : Path
-        File to write; half precision scaled per soil and tone, so that a value is right to 1e-3 of the largest.
-
-    Returns
-    -------
-    str
-        Digest of the file.
+    A value is right to 1e-3 of the largest.
     """
     scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
     parts = (table.values / scale).view(np.float32).astype(np.float16)
@@ -151,23 +141,7 @@ def table_nodes() -> dict[str, list[float]]:
 
 
 def load_table(path: Any) -> SignatureTable:
-    """Read a table.
-
-    Parameters
-    ----------
-    path : Path or Traversable
-        File written by :func:`save_table`.
-
-    Returns
-    -------
-    SignatureTable
-        The table.
-
-    Raises
-    ------
-    ValueError
-        If it is no such file or was made for other nodes.
-    """
+    """Read what :func:`save_table` wrote; another file, or one for other nodes, is a ValueError."""
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
             about = json.loads(bytes(data["about"]))
