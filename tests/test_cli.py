@@ -34,8 +34,9 @@ def test_a_lane_without_targets_is_scored_by_its_false_alarms(demo, tmp_path):
     assert scored.exit_code == 0, scored.output
     assert "no targets" in scored.stdout
     roc = json.loads((tmp_path / "score" / "roc.json").read_text())
-    assert roc["main"]["pd_mean"] is None
-    assert roc["main"]["points"][-1]["n_false"] > 0
+    main = roc["detections"]["main"]
+    assert main["pd_mean"] is None
+    assert main["points"][-1]["n_false"] == main["n_false"] > 0
 
 
 def test_info_says_it_in_words_and_as_json(tmp_path):

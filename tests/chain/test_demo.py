@@ -15,7 +15,7 @@ from flgpr.scoring import roc
 
 
 def outcome(scored, name):
-    one = next(one for one in scored if one.detection.name == name)
+    one = next(one for one in scored if one.name == name)
     return one.outcomes.set_index("target_id")
 
 
@@ -51,17 +51,18 @@ def test_the_roc_file_holds_what_scoring_computes(demo):
     stored = json.loads((result.folder / "roc.json").read_text())
     truth = read_table(sample_lane() / "truth.csv", "truth")
     curve = roc(result.detections[0].alarms, truth, result.lane, halo=0.5)
-    points = pd.DataFrame(stored["main"]["points"])
+    assert list(stored["detections"]) == [one.name for one in result.detections]
+    points = pd.DataFrame(stored["detections"]["main"]["points"])
     assert points["threshold"].iloc[0] is None or np.isnan(points["threshold"].iloc[0])
     np.testing.assert_allclose(points["pd"], curve["pd"])
     np.testing.assert_allclose(points["far"], curve["far"])
     area = 2.0 * 4.2 - 3 * np.pi * 0.25
-    assert 0 <= points["area"].iloc[0] - area < 0.1  # the halos overlap nowhere, one crosses no border
+    assert 0 <= stored["detections"]["main"]["area"] - area < 0.1  # the halos overlap nowhere, one crosses no border
 
 
 def test_the_report_needs_nothing_beside_it(demo):
     page = (demo[0].folder / "report.html").read_text(encoding="utf-8")
-    assert page.count('src="data:image/png;base64,') == 5
+    assert page.count('src="data:image/png;base64,') == 8
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert "http" not in re.sub(r'data:image/png;base64,[^"]*', "", page)
     for word in ("mine-3", "95 %", "recipe.toml", "SHA-256", "roadside"):

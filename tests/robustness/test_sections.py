@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shutil
 from itertools import pairwise
 
@@ -203,15 +204,22 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     assert told.exit_code == 0, told.output
     told = CliRunner().invoke(app, ["score", str(output), "--truth", str(truth), "--json"])
     assert told.exit_code == 0, told.output
-    scored = json.loads(told.stdout)
-    whole = score_alarms(
-        lane.result.folder / "alarms.csv", truth, lane.area, tmp_path / "whole", halo=lane.result.recipe.score.halo
+    assert json.loads(told.stdout)["targets"] == 3
+    halo = lane.result.recipe.score.halo
+    score_alarms(lane.result.folder / "alarms.csv", truth, lane.area, tmp_path / "list", halo=halo)
+    tasks.score_result(lane.result.folder, truth, output=tmp_path / "whole")
+    sections, one, listed = (
+        json.loads((home / "roc.json").read_text())
+        for home in (output / "score", tmp_path / "whole", tmp_path / "list")
     )
-    different = {name for name in scored if scored[name] != whole[name]}
-    assert scored["n_targets"] == 3
-    assert different <= {"files", "alarms_sha256"}
-    assert (output / "score" / "report.html").is_file()
-    assert (output / "section-02" / "report.html").is_file()
+    assert sections["rules"] == one["rules"] == listed["rules"]
+    main, whole, other = (each["detections"]["main"] for each in (sections, one, listed))
+    assert main.pop("title") == whole.pop("title")
+    assert main == whole
+    assert {name for name in main if main[name] != other[name]} <= {"targets"}  # the list knows no soil
+    page = (output / "score" / "report.html").read_text()
+    assert (output / "score" / re.search(r'href="([^"]*section-02[^"]*)"', page).group(1)).is_file()
+    assert page.count("data:image/png") == (tmp_path / "whole" / "report.html").read_text().count("data:image/png")
 
 
 def test_a_lane_of_any_length_is_planned_within_the_memory():

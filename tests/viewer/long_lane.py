@@ -8,7 +8,7 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import recipe_text
 from flgpr.model import Lane
 from flgpr.results.result import add_files, read_result, write_result
-from flgpr.results.score import score
+from flgpr.results.score import score_detections
 from flgpr.results.view_score import VIEW_SCORE, view_score
 
 POLARIZATIONS, SUBBANDS = ["HH", "VV"], ["0.4-1.1", "1.1-1.7"]
@@ -89,5 +89,5 @@ def make_long_lane(folder, rows=12_000, seed=3, alarms=900, title="long lane"):
     lane = Lane(-2.5, 2.5, 5.0, length - 5)
     write_result(folder, [detection], recipe_text("demo"), lane, run)
     result = read_result(folder)
-    add_files(result.folder, {VIEW_SCORE: view_score(result, score(result, truth), truth)})
+    add_files(result.folder, {VIEW_SCORE: view_score(result, score_detections(result, truth))})
     return folder

@@ -227,7 +227,7 @@ def test_every_subset_of_the_score_adds_up(demo):
             parts = [curves[key] for key in group]
             assert sum(part["n_targets"] for part in parts) == whole["n_targets"]
             assert np.sum([part["n_detected"] for part in parts], axis=0).tolist() == whole["n_detected"]
-        scored = next(score for score in demo[1] if score.detection.name == name)
+        scored = next(score for score in demo[1] if score.name == name)
         np.testing.assert_allclose(one["shared"]["far"], scored.curve["far"], rtol=1e-4)
         np.testing.assert_allclose(whole["pd_high"], scored.curve["pd_high"], rtol=1e-4)
 

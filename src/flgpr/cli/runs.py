@@ -155,29 +155,23 @@ def score(
             _score_sealed(alarms, sealed, output)
         elif truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
-        elif lane is None and (alarms / tasks.SECTIONS).is_file():
-            told = tasks.score_sections(alarms, truth, output, recipe=recipe, book=book)
-            typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
-        elif lane is None:
-            if alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
-                raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
-            _score_result(alarms, truth, objects, output, quiet, as_json)
         else:
-            told = tasks.score_alarms(alarms, truth, lane, output or Path("score"), halo=halo, recipe=recipe, book=book)
-            typer.echo(json.dumps(told) if as_json else f"report: {Path(told['files']['html']).resolve()}")
-
-
-def _score_result(
-    alarms: Path, truth: Path, objects: Path | None, output: Path | None, quiet: bool, as_json: bool
-) -> None:
-    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
-    with progress(quiet or as_json) as track:
-        _, scored = tasks.score_result(folder, truth, objects, output, track)
-    if as_json:
-        typer.echo(json.dumps(score_summary(output or folder, scored)))
-    elif not quiet:
-        print_scores(scored)
-        typer.echo(f"report: {((output or folder) / 'report.html').resolve()}")
+            if lane is None and alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
+                raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
+            registered: dict[str, Any] = {"recipe": recipe, "book": book}
+            with progress(quiet or as_json) as track:
+                if lane is not None:
+                    home = output or Path("score")
+                    scored = tasks.score_alarms(alarms, truth, lane, home, halo=halo, **registered)
+                else:
+                    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
+                    home = output or tasks.score_home(folder)
+                    _, scored = tasks.score_result(folder, truth, objects, home, track, **registered)
+            if as_json:
+                typer.echo(json.dumps(score_summary(home, scored)))
+            elif not quiet:
+                print_scores(scored)
+                typer.echo(f"report: {(home / 'report.html').resolve()}")
 
 
 def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> None:

@@ -13,6 +13,7 @@ from flgpr import tasks
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
     """Summarise scores for a machine."""
+    told = json.loads((folder / "roc.json").read_text(encoding="utf-8"))
     last = scored[0].curve.iloc[-1]
     return {
         "result": str(folder),
@@ -20,6 +21,9 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
         "found": int(last["n_detected"]),
         "false_alarms": int(last["n_false"]),
         "area_m2": float(last["area"]),
+        "pd_mean": scored[0].pd_mean,
+        "rules": told["rules"],
+        "notes": told["notes"],
         "outcomes": json.loads(tasks.outcome_table(scored).to_json(orient="records")),
     }
 
@@ -34,7 +38,7 @@ def print_scores(scored: list[Any]) -> None:
         table.add_column(name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True)
     for one in scored:
         table.add_section()
-        table.add_row(f"[bold]{one.detection.name}[/bold]")
+        table.add_row(f"[bold]{one.name}[/bold]")
         for row in one.outcomes.to_dict("records"):
             target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm deep"
             found = [str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"] if row["detected"] else []

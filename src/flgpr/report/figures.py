@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
 from flgpr.model import Lane
-from flgpr.results.result import Result
-from flgpr.results.score import Score
+from flgpr.results.result import Result, thinned
+from flgpr.scoring import Score
 from flgpr.screen import select
 
 DYNAMIC_RANGE = 30.0  # dB
@@ -60,23 +61,25 @@ def channel_figure(result: Result) -> Figure:
     return figure
 
 
-def roc_figure(scored: list[Score]) -> Figure:
-    """Draw every detection's Pd against FAR; the band is the exact 95 % interval of the main curve, point by point."""
-    figure = Figure(figsize=(7.4, 4.4), layout="constrained")
+def whole_roc_figure(scored: Sequence[Score]) -> Figure:
+    """Draw every detection's Pd up to its last alarm, and the exact interval of the main curve, point by point."""
+    figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
     for i, one in enumerate(scored):
         curve, targets = one.curve, int(one.curve.attrs["n_targets"])
         far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
-        label = "recipe as it stands" if one.detection.name == "main" else one.detection.title
+        label = "recipe as it stands" if one.name == "main" else one.title
         style: dict[str, Any] = {"lw": 2.2 if i == 0 else 1.3, "ls": "-" if i == 0 else "--", "color": f"C{i}"}
-        axes.step(far, np.append(curve["pd"], curve["pd"].iloc[-1]), where="post", label=_wrapped(label, 60), **style)
+        axes.step(far, np.append(curve["pd"], curve["pd"].iloc[-1]), where="post", label=_wrapped(label, 44), **style)
         if i == 0:
             low, high = (np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high"))
             axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
-    axes.set(xlabel="false alarms per m²", ylabel=f"probability of detection ({targets} targets)", ylim=(-0.03, 1.03))
+    axes.set(xlabel="false alarms per m²", ylabel=f"probability of detection ({targets} targets)", ylim=(-0.02, 1.02))
+    axes.set_title(f"Every alarm, {100 * scored[0].rules.level:g} % intervals point by point", fontsize=10)
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="lower right")
+    if len(scored) > 1:
+        axes.legend(fontsize=8, loc="lower right")
     return figure
 
 
@@ -145,13 +148,7 @@ def _is_long(view: xr.DataArray) -> bool:
 
 def _thinned(view: xr.DataArray) -> xr.DataArray:
     """Take the largest of neighbouring rows where there are more than a figure shows."""
-    step = -(-view.sizes["y"] // _ROWS)
-    if step == 1:
-        return view
-    starts = np.arange(0, view.sizes["y"], step)
-    middle = view["y"].values[np.minimum(starts + step // 2, view.sizes["y"] - 1)]
-    values = np.fmax.reduceat(view.values, starts, axis=0)
-    return xr.DataArray(values, dims=("y", "x"), coords={"y": middle, "x": view["x"].values})
+    return thinned(view, -(-view.sizes["y"] // _ROWS))
 
 
 def _show(axes: Axes, view: xr.DataArray, lane: Lane, bar: bool = True) -> None:

@@ -13,21 +13,7 @@ from flgpr.model import complete_scans
 
 
 def describe_run(run: xr.Dataset, path: str | Path | None = None) -> dict[str, Any]:
-    """Describe a run for a manifest.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    path : str or Path, optional
-        Store it came from.
-
-    Returns
-    -------
-    dict
-        Counts, band, polarizations, antenna positions (vehicle frame, m), poses, missing sweeps, and the digest of the
-        store's commit manifest.
-    """
+    """Describe a run for a manifest: counts, band, antennas, poses, missing sweeps, and the digest of its store."""
     frequency = run["frequency"].values
     complete = complete_scans(run)
     description = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import platform
 import shutil
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from flgpr.io import (
     canonical_json,
     check_free_folder,
     inside,
+    read_lane,
     read_limited,
     read_table,
     replace_folder,
@@ -64,6 +65,8 @@ class Result:
         The lane it was run for.
     detections : list of Detection
         Main result and variants.
+    recipe_text : str
+        TOML of the recipe.
     """
 
     folder: Path
@@ -71,6 +74,7 @@ class Result:
     recipe: Recipe
     lane: Lane
     detections: list[Detection]
+    recipe_text: str = ""
 
     def classifier(self) -> Classifier | None:
         """Load the classifier that scored the alarms; None if none did."""
@@ -88,32 +92,8 @@ def write_result(
 ) -> Path:
     """Write a result folder; it appears whole or not at all.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Folder to make. An older result there is replaced, anything else is left alone.
-    detections : list of Detection
-        Main result and variants.
-    recipe_text : str
-        TOML of the recipe.
-    lane : Lane
-        The lane it was run for.
-    run : dict
-        Description of the run, from ``describe_run``.
-    classifier : Classifier, optional
-        What scored the alarms; it is kept with the result.
-    section : dict, optional
-        What part of a longer lane it is, from :func:`flgpr.chain.sections.section_note`.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    FileExistsError
-        If something that is no result lies at the path.
+    An older result there is replaced, anything else is left alone. ``section`` tells what part of a longer lane it is,
+    see :func:`flgpr.chain.sections.section_note`.
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -141,23 +121,7 @@ def write_result(
 
 
 def check_free(folder: str | Path) -> Path:
-    """Make sure that a result may be written at a place.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The place.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    FileExistsError
-        If something that is no result lies there.
-    """
+    """Return the place if a result may be written there; a FileExistsError if something else lies there."""
     return check_free_folder(folder, ("manifest.json", SECTIONS), "result")
 
 
@@ -192,18 +156,6 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
 
     The manifest first allows the old and the new digests, then the files are written, then the manifest allows the new
     ones only. So the result can be read whenever this is interrupted.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Result folder.
-    files : mapping of str to bytes or str
-        Content by name.
-
-    Raises
-    ------
-    ResultError
-        If it is no result folder, or its manifest is altered.
     """
     folder = Path(folder)
     manifest = read_result_manifest(folder)
@@ -220,23 +172,7 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
 
 
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
-    """Read the manifest of a result folder; its files are not looked at.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The folder.
-
-    Returns
-    -------
-    dict
-        The manifest. ``identity`` stays the same when files are added.
-
-    Raises
-    ------
-    ResultError
-        If it is missing, altered, or of another format.
-    """
+    """Read the manifest of a result folder and no other file; ``identity`` stays when files are added."""
     folder = Path(folder)
     try:
         manifest = unseal(read_limited(folder / "manifest.json"))
@@ -276,14 +212,41 @@ def read_result(folder: str | Path) -> Result:
             _check_file(folder, name, digests)
         lane = Lane(**manifest["lane"])
         detections = [_read_detection(folder, entry) for entry in manifest["detections"]]
-        recipe = parse_recipe((folder / "recipe.toml").read_text(encoding="utf-8"), str(folder / "recipe.toml"))
+        text = (folder / "recipe.toml").read_text(encoding="utf-8")
+        recipe = parse_recipe(text, str(folder / "recipe.toml"))
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
     except ResultError:
         raise
     except (KeyError, TypeError, AttributeError, ValueError, OSError) as error:
         raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
-    return Result(folder, manifest, recipe, lane, detections)
+    return Result(folder, manifest, recipe, lane, detections, text)
+
+
+def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Result:
+    """Read a lane that was taken in sections as if it were in one piece, its run-view thinned to so many rows."""
+    first = read_result(homes[0])
+    rows = read_result_manifest(homes[-1])["section"]["rows"][1]
+    step = -(-rows // max(1, most - len(homes)))
+    views = [_thinned_view(read_result(home).detections[0].view, step) for home in homes]
+    alarms = read_table(folder / "alarms.csv", "alarms")
+    whole = replace(first.detections[0], alarms=alarms, view=xr.concat(views, "y"), features=None)
+    return replace(first, folder=folder, lane=read_lane(folder / "lane.toml"), detections=[whole])
+
+
+def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
+    """Take the largest of so many neighbouring rows."""
+    if step == 1:
+        return view
+    rows = np.arange(0, view.sizes["y"], step)
+    middle = view["y"].values[np.minimum(rows + step // 2, view.sizes["y"] - 1)]
+    values = np.fmax.reduceat(view.values, rows, axis=view.get_axis_num("y"))
+    coords = {name: middle if name == "y" else view[name].values for name in map(str, view.dims)}
+    return xr.DataArray(values, dims=view.dims, coords=coords, name=view.name)
+
+
+def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
+    return thinned(view, step).assign_coords(looks=thinned(view["looks"].reset_coords(drop=True), step))
 
 
 def _check_file(folder: Path, name: str, digests: list[str | None]) -> None:

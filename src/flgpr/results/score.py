@@ -1,96 +1,37 @@
-"""Scoring a result against truth: the only place of a result's making that sees it."""
+"""Scoring a result against truth, the only place of a result's making that sees it, and the file of a score."""
 
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.lane_chain import Detection
-from flgpr.model import check_truth
+import flgpr
 from flgpr.results.result import Result
-from flgpr.scoring import assign, label_alarms, match, pd_mean, refraction_shift, roc_of
+from flgpr.results.view_files import plain_json
+from flgpr.scoring import BlindScore, Rules, Score, refraction_shift, score
+
+ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
 
 
-@dataclass(frozen=True)
-class Score:
-    """One detection, scored.
-
-    Attributes
-    ----------
-    detection : Detection
-        What was scored.
-    outcomes : DataFrame
-        One row per target: its best alarm, that alarm's distance and offset ``dx``, ``dy`` (m), rank, and the false
-        alarms at or above it; see :func:`flgpr.scoring.assign`.
-    labels : DataFrame
-        One row per alarm: detection, ignored, false or outside.
-    curve : DataFrame
-        ROC with its counts and intervals.
-    """
-
-    detection: Detection
-    outcomes: pd.DataFrame
-    labels: pd.DataFrame
-    curve: pd.DataFrame
-
-
-def score(result: Result, truth: pd.DataFrame) -> list[Score]:
-    """Score the main result and every variant by the halo rules of Wang et al. 2007.
-
-    Parameters
-    ----------
-    result : Result
-        A result folder, read.
-    truth : DataFrame
-        Truth table.
-
-    Returns
-    -------
-    list of Score
-        In the order of ``result.detections``.
-
-    Raises
-    ------
-    ValueError
-        If the truth breaks a rule or lies elsewhere than the lane.
-    """
-    table = check_truth(truth)
-    scored = []
-    for detection in result.detections:
-        matched = match(detection.alarms, table, result.lane, result.recipe.score.halo)
-        curve = roc_of(matched, area=result.recipe.score.area)
-        outcomes = assign(matched, area=result.recipe.score.area)
-        found = outcomes["alarm"].to_numpy(dtype=int)
-        for axis in ("x", "y"):
-            place = np.append(detection.alarms[axis].to_numpy(dtype=float), np.nan)[found]
-            outcomes["d" + axis] = place - outcomes[axis]
-        outcomes["expected_shift"] = expected_shift(outcomes, result.manifest["run"])
-        scored.append(Score(detection, outcomes, label_alarms(matched), curve))
-    return scored
+def score_detections(result: Result, truth: pd.DataFrame) -> list[Score]:
+    """Score the main result and every variant by the halo and the area of the recipe."""
+    rules = Rules(halo=result.recipe.score.halo, area=result.recipe.score.area)
+    scored = [score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title) for one in result.detections]
+    shift = expected_shift(scored[0].matched.truth, result.manifest["run"])
+    return [replace(one, outcomes=one.outcomes.assign(expected_shift=shift)) for one in scored]
 
 
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
-    """Estimate how far beyond a buried target its image lies when focused on the surface, averaged over the scans.
+    """Estimate how far (m) beyond each buried target its image lies when focused on the surface, a mean over the scans.
 
-    Scoring does not correct for it; it explains what is seen. See :func:`flgpr.scoring.refraction_shift`.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        Truth table.
-    run : dict
-        Description of the run; without ``soil`` nothing is expected.
-
-    Returns
-    -------
-    (target,) ndarray
-        Shift away from the array, m; NaN where depth or soil is unknown.
+    Scoring does not correct for it; it explains what is seen. NaN where depth or soil is unknown. See
+    :func:`flgpr.scoring.refraction_shift`.
     """
     if "soil" not in run:
         return np.full(len(truth), np.nan)
@@ -102,39 +43,20 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
-def roc_json(scored: list[Score]) -> str:
-    """Write scores as JSON text.
-
-    Parameters
-    ----------
-    scored : list of Score
-        Scores.
-
-    Returns
-    -------
-    str
-        Per detection its convention, counts, PD_mean and ROC points with intervals; an infinite threshold is null.
-    """
-    content = {
-        one.detection.name: {
-            "title": one.detection.title,
-            "convention": one.curve.attrs,
-            "pd_mean": pd_mean(one.curve) if one.curve.attrs["n_targets"] else None,
-            "points": one.curve.to_dict("records"),
-            "targets": one.outcomes.to_dict("records"),
-        }
-        for one in scored
-    }
-    return json.dumps(_plain(content), indent=1, allow_nan=False) + "\n"
+def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
+    """Write ``roc.json`` of scores by the same rules; an infinite threshold and all that is unknown are null."""
+    return _roc_json(scored[0].told_rules(), notes, {one.name: one.told() for one in scored})
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
+def blind_roc_json(told: BlindScore) -> str:
+    """Write ``roc.json`` of a blind score: points per group at fixed FARs, no threshold and no target."""
+    rules = {name: told.counts[name] for name in ("area_rule", "halo_radius")}
+    counts = {name: value for name, value in told.counts.items() if name not in rules}
+    main = {"title": "", **counts, "points": told.points.to_dict("records")}
+    return _roc_json(rules, {"looks": told.looks, "lists": told.lists}, {"main": main})
+
+
+def _roc_json(rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]) -> str:
+    head = {"format": ROC_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
+    content = plain_json({**head, "rules": rules, "notes": notes, "detections": detections})
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"

@@ -32,24 +32,7 @@ def write_view(
     lane: Lane,
     run: Mapping[str, Any],
 ) -> None:
-    """Write the viewer's files of a result.
-
-    Parameters
-    ----------
-    folder : Path
-        Result folder; ``view`` is made in it.
-    detections : sequence of Detection
-        What was found, the main one first. Features, contributions, training and evidence are written where given.
-    lane : Lane
-        The lane.
-    run : mapping
-        Description of the run, see :func:`flgpr.results.description.describe_run`.
-
-    Raises
-    ------
-    ValueError
-        If run-views differ in their grid.
-    """
+    """Write the viewer's files to ``folder/view``, the main detection first; all run-views must share one grid."""
     home = folder / "view"
     (home / "layers").mkdir(parents=True)
     (home / "evidence").mkdir()
@@ -83,16 +66,6 @@ def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
 
     Cross-track keeps its pixels: a lane is long and narrow. Two rows become their maximum, so that a bright spot stays
     visible from afar.
-
-    Parameters
-    ----------
-    level : (y, x) ndarray of float16
-        Run-view in dB; NaN where nothing was seen.
-
-    Yields
-    ------
-    (y, x) ndarray of float16
-        The levels.
     """
     yield level
     while len(level) > TILE_ROWS:
@@ -206,18 +179,7 @@ def _scans(run: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def plain_json(value: Any) -> Any:
-    """Make a value fit for JSON: NaN and infinity become null, arrays lists, NumPy numbers plain ones.
-
-    Parameters
-    ----------
-    value : object
-        Dictionaries, sequences, arrays and numbers, nested.
-
-    Returns
-    -------
-    object
-        The same in plain types.
-    """
+    """Make a value fit for JSON: NaN and infinity become null, arrays lists, NumPy numbers plain ones."""
     if isinstance(value, Mapping):
         return {str(key): plain_json(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

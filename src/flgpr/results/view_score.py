@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.io import canonical_json, sha256
 from flgpr.results.result import Result
-from flgpr.results.score import Score
 from flgpr.results.view_files import plain_json
-from flgpr.scoring import Match, match, pd_mean, roc_of
+from flgpr.scoring import Score, pd_mean, roc_of
 
 SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
 _SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
@@ -24,42 +24,20 @@ _MOST_DEPTHS = 6
 VIEW_SCORE = "view/score.json"
 
 
-def view_score(result: Result, scored: list[Score], truth: pd.DataFrame, objects: pd.DataFrame | None = None) -> bytes:
-    """Make ``view/score.json``, which names the result it belongs to and its own digest.
-
-    Parameters
-    ----------
-    result : Result
-        The result.
-    scored : list of Score
-        Its scores.
-    truth : DataFrame
-        Truth table.
-    objects : DataFrame, optional
-        Objects to show.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None) -> bytes:
+    """Make ``view/score.json``, which names the result it belongs to and its own digest."""
+    truth = scored[0].matched.truth
     classes = depth_classes(truth)
-    score = result.recipe.score
     content = plain_json(
         {
             "result_sha256": result.manifest["identity"],
-            "halo": score.halo,
+            "halo": scored[0].rules.halo,
             "truth": _columns(truth),
             "objects": None if objects is None else _columns(objects),
             "kinds": sorted({str(kind) for kind in truth["kind"]}),
             "depths": [label for label, _ in classes],
             "target_depth": depth_labels(truth, classes),
-            "detections": {
-                one.detection.name: _scored(
-                    one, match(one.detection.alarms, truth, result.lane, score.halo), classes, score.area
-                )
-                for one in scored
-            },
+            "detections": {one.name: _scored(one, classes) for one in scored},
         }
     )
     body = canonical_json(content)
@@ -68,18 +46,7 @@ def view_score(result: Result, scored: list[Score], truth: pd.DataFrame, objects
 
 
 def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
-    """Divide targets by depth: each depth for itself while they are few, else four quarters.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        Truth table.
-
-    Returns
-    -------
-    list of (str, (float, float))
-        Label and the least and largest depth, m, both included.
-    """
+    """Divide targets by depth (least and largest, m): each depth for itself while they are few, else four quarters."""
     depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
     if len(depths) <= _MOST_DEPTHS:
         return [(f"{_centimetres(depth)} cm", (depth - 5e-5, depth + 5e-5)) for depth in depths]
@@ -92,20 +59,7 @@ def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
 
 
 def depth_labels(truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]) -> list[str | None]:
-    """Name each target's depth class.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        Truth table.
-    classes : list
-        From :func:`depth_classes`.
-
-    Returns
-    -------
-    list of str or None
-        Labels; None where the depth is unknown.
-    """
+    """Name each target's depth class; None where the depth is unknown."""
     return [
         next((label for label, (low, high) in classes if low <= depth <= high), None)
         for depth in truth["depth"].to_numpy(dtype=np.float64)
@@ -116,8 +70,8 @@ def _centimetres(depth: float) -> str:
     return f"{100 * depth:.3g}"
 
 
-def _scored(one: Score, matched: Match, classes: list[tuple[str, tuple[float, float]]], area: Any) -> Mapping[str, Any]:
-    truth = matched.truth
+def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mapping[str, Any]:
+    truth = one.matched.truth
     kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
     depths: list[str | None] = [None, *(label for label, _ in classes)]
     of_target = np.array([label or "" for label in depth_labels(truth, classes)], dtype=object)
@@ -129,25 +83,24 @@ def _scored(one: Score, matched: Match, classes: list[tuple[str, tuple[float, fl
         if depth is not None:
             chosen &= of_target == depth
         if chosen.any() or not len(truth):
-            curves.append({"kind": kind, "depth": depth, **_curve(matched, chosen, area)})
+            curves.append({"kind": kind, "depth": depth, **_curve(one, chosen)})
     return {
         "label": one.labels["label"].tolist(),
         "target": one.labels["target"].tolist(),
         "distance": one.labels["distance"].tolist(),
         "outcomes": _columns(one.outcomes),
-        "shared": _shared(matched, area),
+        "shared": _shared(one),
         "curves": curves,
     }
 
 
-def _shared(matched: Match, area: Any) -> dict[str, Any]:
-    curve = roc_of(matched, area=area)
-    attrs = {"area": float(curve.iloc[-1]["area"]), "level": curve.attrs["level"]}
-    return {**attrs, "threshold": curve["threshold"].tolist(), **_rounded(curve, _SHARED)}
+def _shared(one: Score) -> dict[str, Any]:
+    attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
+    return {**attrs, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
 
 
-def _curve(matched: Match, chosen: Any, area: Any) -> dict[str, Any]:
-    curve = roc_of(matched, chosen if len(chosen) else None, area=area)
+def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+    curve = roc_of(one.matched, chosen if len(chosen) else None, area=one.rules.area, level=one.rules.level)
     mean = pd_mean(curve) if len(chosen) else None
     return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
 

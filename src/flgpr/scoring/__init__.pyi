@@ -19,12 +19,12 @@ from flgpr.scoring.examples import example_roc
 from flgpr.scoring.figures import decision_figure, figure_bytes, patch_figure, roc_figure
 from flgpr.scoring.intervals import clopper_pearson, poisson_interval
 from flgpr.scoring.lane_roc import accumulated_area, far_area, roc, roc_of
+from flgpr.scoring.lane_score import Rules, Score, score
 from flgpr.scoring.lane_splits import HEADLINE, Split, cross_site, paper_splits, splits
 from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered
 from flgpr.scoring.matching import Match, match, select_targets
 from flgpr.scoring.planning import SamplePlan, area_needed, emplacement_plan, mines_needed, sample_size
 from flgpr.scoring.refraction import Refraction, refraction_shift
-from flgpr.scoring.report import curve_points, write_report
 from flgpr.scoring.survey import SurveyShare, jitter, offset_within, survey_share
 
 __all__ = [
@@ -36,7 +36,9 @@ __all__ = [
     "Convention",
     "Match",
     "Refraction",
+    "Rules",
     "SamplePlan",
+    "Score",
     "Split",
     "SurveyShare",
     "accumulated_area",
@@ -51,7 +53,6 @@ __all__ = [
     "compare",
     "content_hash",
     "cross_site",
-    "curve_points",
     "decision_curves",
     "decision_figure",
     "decision_table",
@@ -84,6 +85,7 @@ __all__ = [
     "roc_figure",
     "roc_of",
     "sample_size",
+    "score",
     "score_blind",
     "seal_truth",
     "select_targets",
@@ -92,5 +94,4 @@ __all__ = [
     "survey_share",
     "union_area",
     "with_area",
-    "write_report",
 ]

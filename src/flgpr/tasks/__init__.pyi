@@ -24,14 +24,16 @@ from flgpr.tasks.exchange import (
 )
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
-from flgpr.tasks.results import demo, outcome_table, replay, score_result, train_runs
+from flgpr.tasks.results import demo, replay, train_runs
 from flgpr.tasks.scoring import (
+    outcome_table,
     plan_lane,
     plan_mines,
     require_seal,
     score_alarms,
+    score_home,
+    score_result,
     score_sealed,
-    score_sections,
     seal,
 )
 from flgpr.tasks.stores import (
@@ -90,9 +92,9 @@ __all__ = [
     "require_seal",
     "run_info",
     "score_alarms",
+    "score_home",
     "score_result",
     "score_sealed",
-    "score_sections",
     "seal",
     "simulate_lane",
     "tie_lane",

@@ -1,4 +1,4 @@
-"""What the command line does, as functions: files in, files out."""
+"""Training, the demonstration, and running a result again: files in, files out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.classifier import (
@@ -36,67 +35,14 @@ from flgpr.io import (
     read_table,
     sample_lane,
     sha256,
-    write_whole,
 )
-from flgpr.report import report_html
 from flgpr.results.description import describe_run
-from flgpr.results.result import Result, add_files, read_result, write_result
-from flgpr.results.score import Score, roc_json, score
-from flgpr.results.view_score import VIEW_SCORE, view_score
+from flgpr.results.result import Result, read_result, write_result
+from flgpr.scoring import Score
 from flgpr.tasks.detection import detect_run
+from flgpr.tasks.scoring import score_result
 
 PathLike = str | Path
-
-
-def score_result(
-    folder: PathLike,
-    truth: PathLike,
-    objects: PathLike | None = None,
-    output: PathLike | None = None,
-    track: Track = silent,
-) -> tuple[Result, list[Score]]:
-    """Score a result folder and write its ROC and report.
-
-    Parameters
-    ----------
-    folder : path
-        Result folder.
-    truth : path
-        CSV of the targets.
-    objects : path, optional
-        CSV of what else stands there, for the pictures.
-    output : path, optional
-        Folder for ``roc.json`` and ``report.html``; default the result folder.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Result, list of Score
-        The result and its scores.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If an input is not valid; nothing is written then.
-    """
-    result = read_result(folder)
-    targets = read_table(truth, "truth")
-    others = read_table(objects, "objects") if objects is not None else None
-    scored = score(result, targets)
-    home = Path(output) if output is not None else result.folder
-    home.mkdir(parents=True, exist_ok=True)
-    files: dict[str, bytes | str] = {"roc.json": roc_json(scored)}
-    files[VIEW_SCORE] = view_score(result, scored, targets, others)
-    for page in track(["report.html"], "drawing the report", 1):
-        files[page] = report_html(result, scored, targets, others)
-    if home.resolve() == result.folder.resolve():
-        add_files(home, files)
-        return read_result(home), scored
-    for name, data in files.items():
-        (home / name).parent.mkdir(exist_ok=True)
-        write_whole(home / name, data)
-    return result, scored
 
 
 def train_runs(
@@ -231,13 +177,12 @@ def replay(
     now = describe_run(dataset, run if run is not None else described["path"])
     if now["store_sha256"] != described["store_sha256"]:
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
-    text = (old.folder / "recipe.toml").read_text(encoding="utf-8")
     classifier = old.classifier()
     told = old.manifest.get("section")
     lane, section = (old.lane, None) if told is None else noted_section(told)
     detections = detect(dataset, old.recipe, lane, track, classifier, section)
     with TemporaryDirectory() as temporary:
-        home = write_result(Path(temporary) / "result", detections, text, old.lane, now, classifier, told)
+        home = write_result(Path(temporary) / "result", detections, old.recipe_text, old.lane, now, classifier, told)
         new = read_result(home)
     files, before = new.manifest["files"], old.manifest["files"]
     differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
@@ -256,20 +201,3 @@ def _difference(old: NDArray[np.float32], new: NDArray[np.float32]) -> float:
     if old.shape != new.shape or not np.array_equal(np.isnan(old), np.isnan(new)):
         return float("inf")
     return float(np.linalg.norm(np.nan_to_num(new - old)) / np.linalg.norm(np.nan_to_num(old)))
-
-
-def outcome_table(scored: list[Score]) -> pd.DataFrame:
-    """Gather what became of each target in every detection.
-
-    Parameters
-    ----------
-    scored : list of Score
-        Scores.
-
-    Returns
-    -------
-    DataFrame
-        One row per detection and target: detection, target_id, kind, detected, rank, n_false, distance.
-    """
-    columns = ["target_id", "kind", "depth", "detected", "rank", "n_false", "distance"]
-    return pd.concat([one.outcomes[columns].assign(detection=one.detection.name) for one in scored], ignore_index=True)

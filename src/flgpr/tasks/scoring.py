@@ -1,34 +1,39 @@
-"""Scoring without a result folder, blind scoring and test planning: files in, files out."""
+"""Scoring, blind scoring and test planning: files in, files out."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import json
-import math
+import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
 
+from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import homes_at
 from flgpr.io import read_table, write_table, write_whole
 from flgpr.model import Lane
-from flgpr.results.result import read_result
+from flgpr.report import score_files
+from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
+from flgpr.results.score import blind_roc_json, score_detections
+from flgpr.results.view_score import VIEW_SCORE, view_score
 from flgpr.scoring import (
     BlindScore,
+    Rules,
     SamplePlan,
+    Score,
     as_lanes,
     content_hash,
     emplacement_plan,
     register,
     require_registered,
     sample_size,
+    score,
     score_blind,
     seal_truth,
-    write_report,
 )
 
 PathLike = str | Path
@@ -68,23 +73,80 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     return lanes[""] if list(lanes) == [""] else lanes
 
 
+def score_result(
+    folder: PathLike,
+    truth: PathLike,
+    objects: PathLike | None = None,
+    output: PathLike | None = None,
+    track: Track = silent,
+    *,
+    recipe: PathLike | None = None,
+    book: PathLike | None = None,
+) -> tuple[Result, list[Score]]:
+    """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
+
+    Parameters
+    ----------
+    folder : path
+        Result folder, or folder of sections.
+    truth : path
+        CSV of the targets.
+    objects : path, optional
+        CSV of what else stands there, for the pictures.
+    output : path, optional
+        Folder for the files; default :func:`score_home`.
+    track : Track
+        Shows progress.
+    recipe, book : path, optional
+        As for :func:`score_alarms`.
+
+    Returns
+    -------
+    Result, list of Score
+        The result and its scores.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If an input is not valid or altered, or the recipe is not registered; nothing is written then.
+    """
+    home, homes = Path(folder), homes_at(folder)
+    whole = homes == [home]
+    result = read_result(home) if whole else join_sections(home, homes)
+    to = Path(output) if output is not None else score_home(home)
+    targets, notes = _open_truth(truth, home / "alarms.csv", recipe, book)
+    others = read_table(objects, "objects") if objects is not None else None
+    scored = score_detections(result, targets)
+    sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
+    files: dict[str, bytes | str] = {}
+    for _ in track(["report.html"], "drawing the report", 1):
+        files |= score_files(scored, notes, result=result, objects=others, sections=sections)
+    if whole:
+        files[VIEW_SCORE] = view_score(result, scored, others)
+    to.mkdir(parents=True, exist_ok=True)
+    if to.resolve() == home.resolve():
+        add_files(to, files)
+        return read_result(to), scored
+    _write(to, files)
+    return result, scored
+
+
+def score_home(folder: PathLike) -> Path:
+    """Tell where the score of a result is written by default: in it, or in ``score`` in a folder of sections."""
+    return Path(folder) / "score" if (Path(folder) / SECTIONS).is_file() else Path(folder)
+
+
 def score_alarms(
     alarms: PathLike,
     truth: PathLike,
     lane: PathLike,
     output: PathLike,
     *,
-    halo: float = 1.0,
-    halo_as: Literal["radius", "diameter"] = "radius",
-    area: Literal["union", "paper"] = "union",
-    far: float = 0.01,
-    draws: int = 1000,
-    seed: int = 0,
-    survey_error: float | None = None,
     recipe: PathLike | None = None,
     book: PathLike | None = None,
     title: str = "Detection report",
-) -> dict[str, Any]:
+    **rules: Any,
+) -> list[Score]:
     """Score an alarm list of any detector and write the report.
 
     Parameters
@@ -95,76 +157,73 @@ def score_alarms(
         The scored lane or lanes, see :func:`read_lanes`.
     output : path
         Folder for ``report.html``, ``roc.json`` and the figures as PNG and PDF; made if missing.
-    halo, halo_as, area, far, draws, seed, survey_error, title
-        As for :func:`flgpr.scoring.write_report`.
     recipe, book : path, optional
         A recipe and the register that must hold its hash before the truth is opened; only both together. The opening
         is entered into the register.
+    title : str
+        Heading of the page.
+    **rules
+        As for :class:`flgpr.scoring.Rules`.
 
     Returns
     -------
-    dict
-        ``files``, the paths by name, and the counts and PD_mean that ``roc.json`` begins with.
+    list of Score
+        The one score.
 
     Raises
     ------
     ValueError, FileNotFoundError
         If an input is not valid or the recipe is not registered; nothing is written then.
     """
+    table, where = read_table(alarms, "alarms"), read_lanes(lane)
+    targets, notes = _open_truth(truth, alarms, recipe, book)
+    scored = [score(table, targets, where, Rules(**rules))]
+    _write(Path(output), score_files(scored, notes, title=title))
+    return scored
+
+
+def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
+    """Gather what became of each target in every detection.
+
+    Parameters
+    ----------
+    scored : sequence of Score
+        Scores.
+
+    Returns
+    -------
+    DataFrame
+        One row per detection and target: detection, target_id, kind, detected, rank, n_false, distance.
+    """
+    columns = ["target_id", "kind", "depth", "detected", "rank", "n_false", "distance"]
+    return pd.concat([one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True)
+
+
+def _open_truth(
+    truth: PathLike, alarms: PathLike, recipe: PathLike | None, book: PathLike | None
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Read the truth, once the register holds the recipe if there is one, and note what is scored against what."""
     if (recipe is None) != (book is None):
         raise ValueError(f"recipe and book must be given together, got {recipe} and {book}")
-    table, where = read_table(alarms, "alarms"), read_lanes(lane)
     notes: dict[str, Any] = {"alarms_sha256": content_hash(Path(alarms))}
     if recipe is not None and book is not None:
         entered = require_registered(book, content_hash(Path(recipe)))
         register(book, event="truth opened", recipe=entered["recipe"], alarms=notes["alarms_sha256"])
-        notes["recipe_sha256"], notes["recipe_registered"] = entered["recipe"], entered["time"]
+        notes |= {"recipe_sha256": entered["recipe"], "recipe_registered": entered["time"]}
     targets = read_table(truth, "truth")
-    notes["truth_sha256"] = content_hash(Path(truth))
-    files = write_report(
-        output, table, targets, where, halo=halo, halo_as=halo_as, area=area, far=far, draws=draws, seed=seed,
-        survey_error=survey_error, title=title, notes=notes,
-    )  # fmt: skip
-    told = json.loads(files["json"].read_text(encoding="utf-8"))
-    told.pop("points")
-    return {**told, "files": {name: str(path) for name, path in files.items()}}
+    return targets, notes | {"truth_sha256": content_hash(Path(truth))}
 
 
-def score_sections(
-    folder: PathLike,
-    truth: PathLike,
-    output: PathLike | None = None,
-    *,
-    recipe: PathLike | None = None,
-    book: PathLike | None = None,
-) -> dict[str, Any]:
-    """Score a lane that was taken in sections as one lane, and write the report.
+def _page_of(section: Path, to: Path) -> str:
+    """Tell the address of a section's page as seen from another folder; "" if it has none."""
+    page = section / "report.html"
+    return Path(os.path.relpath(page, to)).as_posix() if page.is_file() else ""
 
-    Parameters
-    ----------
-    folder : path
-        Folder of sections; the halo is that of its recipe.
-    truth : path
-        CSV table of the targets.
-    output : path, optional
-        Folder for the files; default ``score`` in ``folder``.
-    recipe, book : path, optional
-        As for :func:`score_alarms`.
 
-    Returns
-    -------
-    dict
-        As :func:`score_alarms` returns it.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If an input is not valid or altered, or the recipe is not registered; nothing is written then.
-    """
-    home = Path(folder)
-    halo = read_result(homes_at(home)[0]).recipe.score.halo
-    to = Path(output) if output is not None else home / "score"
-    return score_alarms(home / "alarms.csv", truth, home / "lane.toml", to, halo=halo, recipe=recipe, book=book)
+def _write(home: Path, files: Mapping[str, bytes | str]) -> None:
+    for name, data in files.items():
+        (home / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(home / name, data)
 
 
 def require_seal() -> None:
@@ -247,17 +306,10 @@ def score_sealed(
     """
     if not Path(sealed).is_file():
         raise FileNotFoundError(f"sealed truth not found: {sealed}")
-    score = score_blind(read_table(alarms, "alarms"), sealed, passphrase, log)
+    told = score_blind(read_table(alarms, "alarms"), sealed, passphrase, log)
     if output is not None:
-        home = Path(output)
-        home.mkdir(parents=True, exist_ok=True)
-        rows = [
-            {str(k): None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
-            for row in score.points.to_dict("records")
-        ]
-        told = {**score.counts, "looks": score.looks, "lists": score.lists, "points": rows}
-        write_whole(home / "roc.json", json.dumps(told, indent=1, allow_nan=False) + "\n")
-    return score
+        _write(Path(output), {"roc.json": blind_roc_json(told)})
+    return told
 
 
 def plan_mines(

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from flgpr.model import Lane
+from flgpr.report import write_score_report
 from flgpr.scoring import (
     clopper_pearson,
     decision_curves,
@@ -19,7 +20,6 @@ from flgpr.scoring import (
     peak_roc,
     roc,
     roc_figure,
-    write_report,
 )
 
 LANE = Lane(-2.0, 2.0, 0.0, 120.0)
@@ -70,7 +70,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("score")
     truth.loc[3, "kind"] = "<b>plastic</b>"
     truth.loc[5, "depth"] = math.nan
-    paths = write_report(
+    paths = write_score_report(
         folder, alarms, truth, LANE, draws=40, alarm_patches=patches, target_patches=names, survey_error=0.1,
         notes={"recipe": "wang2007 & more"}, title="A <lane>",
     )  # fmt: skip
@@ -83,7 +83,7 @@ def test_the_page_is_self_contained_and_well_formed(written):
     page.feed(text)
     assert page.open == []
     assert all(link.startswith("data:image/png;base64,") for link in page.links)
-    assert page.tags.count("img") == 5  # three ROC figures, missed targets, false alarms
+    assert page.tags.count("img") == 6  # four ROC figures, missed targets, false alarms
     assert "script" not in page.tags
     assert "http" not in re.sub(r"base64,[^\"]*", "", text)
     assert "<b>plastic</b>" not in text
@@ -112,11 +112,14 @@ def test_the_json_holds_the_curve(written):
     alarms, truth, paths = written
     told = json.loads(paths["json"].read_text(encoding="utf-8"), parse_constant=lambda name: pytest.fail(name))
     curve = roc(alarms, truth, LANE)
-    assert [row["pd"] for row in told["points"]] == curve["pd"].tolist()
-    assert told["points"][0]["threshold"] is None
-    assert told["convention"] == "lane"
-    assert told["pd_mean"]["low"] <= told["pd_mean"]["value"] == pd_mean(curve) <= told["pd_mean"]["high"]
-    assert told["survey_error"]["share"] == 0.1
+    main = told["detections"]["main"]
+    assert [row["pd"] for row in main["points"]] == curve["pd"].tolist()
+    assert main["points"][0]["threshold"] is None
+    assert told["rules"]["convention"] == "lane"
+    assert main["pd_mean"]["low"] <= main["pd_mean"]["value"] == pd_mean(curve) <= main["pd_mean"]["high"]
+    assert told["rules"]["survey_error"]["share"] == 0.1
+    assert told["notes"] == {"recipe": "wang2007 & more"}
+    assert [row["target_id"] for row in main["targets"]] == truth["target_id"].tolist()
 
 
 def test_figures_are_png_and_pdf(written):
@@ -128,22 +131,22 @@ def test_figures_are_png_and_pdf(written):
 
 def test_a_report_is_the_same_each_time(written, tmp_path):
     alarms, truth, paths = written
-    again = write_report(tmp_path, alarms, truth, LANE, draws=40)
+    again = write_score_report(tmp_path, alarms, truth, LANE, draws=40)
     assert again["roc_png"].read_bytes() == paths["roc_png"].read_bytes()
     assert again["roc_pdf"].read_bytes() == paths["roc_pdf"].read_bytes()
 
 
 def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     alarms, truth = made_lane()
-    blank = write_report(tmp_path / "blank", alarms, truth.iloc[:0], LANE, draws=10)
+    blank = write_score_report(tmp_path / "blank", alarms, truth.iloc[:0], LANE, draws=10)
     told = json.loads(blank["json"].read_text(), parse_constant=lambda name: pytest.fail(name))
-    assert told["n_targets"] == 0
-    assert "pd_mean" not in told
-    silent = write_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
+    assert told["detections"]["main"]["n_targets"] == 0
+    assert told["detections"]["main"]["pd_mean"] is None
+    silent = write_score_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
     assert "Missed targets at 0.01 false alarms per m²: 16" in silent["html"].read_text(encoding="utf-8")
     bad = tmp_path / "bad"
     with pytest.raises(ValueError, match="truth must have the columns"):
-        write_report(bad, alarms, truth.drop(columns="kind"), LANE)
+        write_score_report(bad, alarms, truth.drop(columns="kind"), LANE)
     assert not bad.exists()
 
 

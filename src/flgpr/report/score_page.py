@@ -1,0 +1,335 @@
+"""The report on a result, on its score, or on the score of any alarm list: one page, and the figures for papers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from flgpr.io import write_whole
+from flgpr.report.figures import channel_figure, geometry_figure, run_view_figure, whole_roc_figure
+from flgpr.report.kit import render
+from flgpr.results.result import Result
+from flgpr.results.score import roc_json
+from flgpr.scoring import Rules, Score, figure_bytes, patch_figure, roc_figure, score
+
+if TYPE_CHECKING:
+    from flgpr.scoring.checks import LaneLike
+
+_MOST = 500  # so many rows of alarms and of a curve are shown
+_FORMATS = ("png", "pdf")
+_COLUMNS = {
+    "lane": ("lane", ""),
+    "alarm_id": ("alarm", ""),
+    "x": (">x (m)", ".2f"),
+    "y": (">y (m)", ".2f"),
+    "confidence": (">confidence", ""),
+    "magnitude": (">magnitude", ".2f"),
+    "scans": (">scans", ".0f"),
+    "roadside": (">explained by roadside", ".0%"),
+    "label": ("counts as", ""),
+}
+"""Title and format of each column of the table of alarms."""
+
+
+def write_score_report(
+    folder: str | Path,
+    alarms: pd.DataFrame,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    *,
+    worst: int = 12,
+    alarm_patches: Mapping[Any, ArrayLike] | None = None,
+    target_patches: Mapping[Any, ArrayLike] | None = None,
+    title: str = "Detection report",
+    notes: Mapping[str, Any] | None = None,
+    **rules: Any,
+) -> dict[str, Path]:
+    """Score an alarm list and write the report.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where to write; made if missing, files of the same names are replaced.
+    alarms, truth, lane
+        As for :func:`flgpr.scoring.score`.
+    worst : int
+        Number of missed targets and of false alarms shown with patches.
+    alarm_patches : mapping, optional
+        Image patches (y, x) by ``alarm_id`` or, without that column, by row number of the alarm table.
+    target_patches : mapping, optional
+        Image patches (y, x) by ``target_id``.
+    title : str
+        Heading.
+    notes : mapping, optional
+        Provenance to print: recipe, hashes, seeds.
+    **rules
+        As for :class:`flgpr.scoring.Rules`.
+
+    Returns
+    -------
+    dict of str to Path
+        The files: ``html``, ``json``, and ``roc``, ``kind``, ``depth`` figures as ``..._png`` and ``..._pdf``.
+
+    Raises
+    ------
+    ValueError
+        As :func:`flgpr.scoring.score`; nothing is written then.
+    """
+    scored = [score(alarms, truth, lane, Rules(**rules))]
+    patches = {"alarm_patches": alarm_patches or {}, "target_patches": target_patches or {}}
+    content = score_files(scored, notes or {}, title=title, worst=worst, **patches)
+    home = Path(folder)
+    home.mkdir(parents=True, exist_ok=True)
+    for name, data in content.items():
+        write_whole(home / name, data)
+    keys = {"report.html": "html", "roc.json": "json"}
+    return {keys.get(name, name.replace(".", "_")): home / name for name in content}
+
+
+def score_files(scored: Sequence[Score], notes: Mapping[str, Any], **page: Any) -> dict[str, str | bytes]:
+    """Make the files of a score, by name: page, ``roc.json`` and figures; ``page`` as for :func:`report_html`."""
+    figures = _figures(scored[0])
+    pictures = {name: {kind: figure_bytes(one, kind) for kind in _FORMATS} for name, one in figures.items()}
+    shown = {name: kinds["png"] for name, kinds in pictures.items()}
+    return {
+        "report.html": report_html(scored=scored, notes=notes, bands=shown, **page),
+        "roc.json": roc_json(scored, notes),
+        **{f"{name}.{kind}": data for name, kinds in pictures.items() for kind, data in kinds.items()},
+    }
+
+
+def report_html(
+    result: Result | None = None,
+    scored: Sequence[Score] = (),
+    objects: pd.DataFrame | None = None,
+    *,
+    title: str = "",
+    notes: Mapping[str, Any] | None = None,
+    bands: Mapping[str, bytes] | None = None,
+    sections: Mapping[str, str] | None = None,
+    worst: int = 12,
+    alarm_patches: Mapping[Any, ArrayLike] | None = None,
+    target_patches: Mapping[Any, ArrayLike] | None = None,
+) -> str:
+    """Write the report of a result, of scores, or of both.
+
+    Parameters
+    ----------
+    result : Result, optional
+        A result folder, read. Its pictures and what was run are shown.
+    scored : sequence of Score
+        Scores, in the order of the result's detections; without them the page tells nothing about truth.
+    objects : DataFrame, optional
+        Table of what else stands there, to draw.
+    title : str
+        Heading; by default that of the run.
+    notes : mapping, optional
+        Provenance to print.
+    bands : mapping of str to bytes, optional
+        Curves with bands as PNG, by name.
+    sections : mapping of str to str, optional
+        Addresses of the pages of the sections that a lane was taken in, by name; "" where there is no page.
+    worst, alarm_patches, target_patches
+        As for :func:`write_score_report`.
+
+    Returns
+    -------
+    str
+        HTML that needs nothing beside it.
+    """
+    values: dict[str, Any] = {"result": result, "scored": scored, "title": title, "sections": sections}
+    if result is not None:
+        values |= _found(result, scored[0].matched.truth if scored else None, objects)
+    if scored:
+        values |= _scored(scored, worst, alarm_patches or {}, target_patches or {})
+        values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
+        values |= {"bands": bands or {}, "told": {**scored[0].told_rules(), **(notes or {})}, "in_words": _in_words}
+    alarms = scored[0].labels if scored else result.detections[0].alarms if result else pd.DataFrame()
+    columns = [name for name in _COLUMNS if name in alarms]
+    values["n_alarms"] = len(alarms)
+    values["columns"] = [_COLUMNS[name][0] for name in columns]
+    values["alarms"] = [
+        [_plain(row[name], _COLUMNS[name][1]) for name in columns] for row in alarms[:_MOST].to_dict("records")
+    ]
+    return render("report.html", **values)
+
+
+def _found(result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> dict[str, Any]:
+    """Draw what was found, and tell what was run."""
+    main, *others = result.detections
+    run = result.manifest["run"]
+    masked = [one.name for one in others if "mask_pixels" in one.notes][:1]
+    plain = [one.name for one in others if one.name not in masked]
+    return {
+        "run": run,
+        "lane": result.lane,
+        "views": run_view_figure(result, ["main", *masked], truth, objects),
+        "variants": run_view_figure(result, ["main", *plain], truth, objects) if plain else None,
+        "channels": channel_figure(result),
+        "geometry": geometry_figure(run, result.lane, main.view["looks"], 0.4),
+        "scans": run["scans"] - len(run["masked_scans"]),
+        "height": np.mean(np.asarray(run["pose"])[:, 2]),
+        "libraries": [f"{name} {version}" for name, version in result.manifest["libraries"].items()],
+        "notes": {one.name: one.notes for one in result.detections},
+    }
+
+
+def _scored(
+    scored: Sequence[Score],
+    worst: int,
+    alarm_patches: Mapping[Any, ArrayLike],
+    target_patches: Mapping[Any, ArrayLike],
+) -> dict[str, Any]:
+    """Lay out what became of targets and alarms."""
+    main = scored[0]
+    missed, false = main.missed(), main.worst_false_alarms(worst)
+    keys = list(false["alarm_id"] if "alarm_id" in false.columns else false.index)
+    shown = [name for name in missed["target_id"] if name in target_patches][:worst]
+    return {
+        "last": main.curve.iloc[-1],
+        "attrs": main.curve.attrs,
+        "rules": main.rules,
+        "pd_mean": main.pd_mean,
+        "survey": main.survey,
+        "roc": whole_roc_figure(scored),
+        "outcomes": [_outcome_rows(one) for one in scored],
+        "shifts": _knows_shifts(main),
+        "points": _point_rows(main),
+        "curve": _curve_rows(main.curve.iloc[1:][:_MOST]),
+        "n_points": len(main.curve) - 1,
+        **_breakdown(main),
+        "missed": [_missed_row(row) for row in missed.to_dict("records")],
+        "missed_patches": _patches([(name, target_patches[name]) for name in shown]),
+        "false_alarms": [
+            [str(key), f"{row['x']:.2f}, {row['y']:.2f}", f"{row['confidence']:.5g}", f"{row['found_above']}"]
+            for key, row in zip(keys, false.to_dict("records"), strict=True)
+        ],
+        "false_patches": _patches([(key, alarm_patches[key]) for key in keys if key in alarm_patches]),
+    }
+
+
+def _figures(main: Score) -> dict[str, Any]:
+    """Draw all targets with their band, and the subsets by kind and by depth."""
+    far_max = main.rules.far_max
+    if not len(main.matched.truth):
+        return {"roc": roc_figure({"no targets": main.curve}, None, far_max)}
+    sure = f"{100 * main.rules.level:g} % simultaneous bands"
+    groups = {"roc": ("All targets", main.bands()), "kind": ("By kind", main.bands("kind"))}
+    groups["depth"] = ("By depth", main.bands("depth"))
+    return {
+        name: roc_figure(
+            {label: curve for label, (curve, _) in each.items()},
+            {label: band for label, (_, band) in each.items()},
+            far_max,
+            f"{title}, {sure}",
+        )
+        for name, (title, each) in groups.items()
+        if each
+    }
+
+
+def _outcome_rows(one: Score) -> list[list[str]]:
+    """Tell of every target whether it was found, and how."""
+    rows = []
+    for row in one.outcomes.to_dict("records"):
+        told = ["missed", "", "", "", ""]
+        if row["detected"]:
+            told = ["found", f"{row['rank']:d}", f"{row['n_false']:d}", f"{row['distance']:.2f}"]
+            told.append(f"({row['dx']:+.2f}, {row['dy']:+.2f})")
+        deep = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm deep"
+        cells = [row["target_id"], f"{row['kind']}, {deep}", f"({row['x']:.2f}, {row['y']:.2f})", *told]
+        if _knows_shifts(one):
+            cells.append(f"{row['expected_shift']:.2f}" if np.isfinite(row["expected_shift"]) else "")
+        rows.append(cells)
+    return rows
+
+
+def _knows_shifts(one: Score) -> bool:
+    return "expected_shift" in one.outcomes and bool(one.outcomes["expected_shift"].notna().any())
+
+
+def _roadside_shares(main: Score, notes: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Take for each target found the share of its alarm's amplitude that the roadside's modelled response explains."""
+    if "roadside" not in main.labels or not notes.get(main.name, {}).get("mask_pixels"):
+        return []
+    found = main.outcomes[main.outcomes["detected"]]
+    return [(row["target_id"], float(main.labels["roadside"].iloc[row["alarm"]])) for row in found.to_dict("records")]
+
+
+def _point_rows(main: Score) -> list[list[str]]:
+    return [
+        [
+            f"{row['far_allowed']:g}",
+            f"{row['threshold']:.5g}",
+            f"{row['pd']:.3f}",
+            f"{row['pd_low']:.3f} to {row['pd_high']:.3f}",
+            f"{row['n_detected']:.0f} of {row['n_targets']:.0f}",
+            f"{row['far']:.4f}",
+            f"{row['far_low']:.4f} to {row['far_high']:.4f}",
+            f"{row['n_false']:.0f}",
+        ]
+        for row in main.operating_points().to_dict("records")
+    ]
+
+
+def _curve_rows(curve: pd.DataFrame) -> list[list[str]]:
+    return [
+        [
+            "all" if np.isinf(row["threshold"]) else f"{row['threshold']:.5g}",
+            f"{row['n_detected']:.0f} of {row['n_targets']:.0f}",
+            f"{row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f})",
+            f"{row['n_false']:.0f}",
+            f"{row['far']:.3g} ({row['far_low']:.3g} to {row['far_high']:.3g})",
+        ]
+        for row in curve.to_dict("records")
+    ]
+
+
+def _breakdown(main: Score) -> dict[str, Any]:
+    if not len(main.matched.truth):
+        return {"by": [], "breakdown": []}
+    table = main.breakdown()
+    names = [name for name in ("kind", "depth", "soil") if name in table.columns]
+    rows = [
+        [
+            *(_plain(row[name]) for name in names),
+            f"{row['n_detected']} of {row['n_targets']}",
+            f"{row['pd']:.3f}",
+            f"{row['pd_low']:.3f} to {row['pd_high']:.3f}",
+        ]
+        for row in table.to_dict("records")
+    ]
+    return {"by": names, "breakdown": rows}
+
+
+def _missed_row(row: Mapping[Any, Any]) -> list[str]:
+    off, found = (f"{row['distance']:.2f}", f"{row['far']:.4f}") if row["detected"] else ("none", "never")
+    return [str(row["target_id"]), str(row["kind"]), _plain(100 * row["depth"]), f"{row['x']:.2f}, {row['y']:.2f}",
+            off, found]  # fmt: skip
+
+
+def _patches(patches: Sequence[tuple[Any, ArrayLike]]) -> Any:
+    return patch_figure([patch for _, patch in patches], [str(name) for name, _ in patches]) if patches else None
+
+
+def _plain(value: Any, spec: str = "") -> str:
+    """Say a value of a table, rounded where it is a number."""
+    if pd.isna(value):
+        return "not known"
+    if isinstance(value, float):
+        return format(value, spec or ".5g")
+    return format(value, spec)
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_in_words(entry) for entry in value) or "unnamed"
+    return f"{value:.6g}" if isinstance(value, float) and math.isfinite(value) else str(value)
