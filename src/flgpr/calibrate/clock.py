@@ -50,11 +50,6 @@ def with_track(run: xr.Dataset, track: pd.DataFrame, offset: float, rate: float 
     offset, rate : float
         Time on the track's clock is ``offset + rate·(radar's time)``, s and 1.
 
-    Returns
-    -------
-    xarray.Dataset
-        The run with new poses.
-
     Raises
     ------
     ValueError
@@ -73,11 +68,6 @@ def remove_range_bias(run: xr.Dataset, bias: float) -> xr.Dataset:
         A run.
     bias : float
         By how much ranges are measured too long, m.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run with shorter paths.
     """
     signal = lengthen(run["signal"].values, run["frequency"].values, -2.0 * bias)
     return run.assign(signal=(run["signal"].dims, signal))
@@ -151,11 +141,6 @@ def estimate_clock(
         Clock rates to try.
     refine : int
         How often the step is halved.
-
-    Returns
-    -------
-    ClockFit
-        Best offset and rate.
 
     Raises
     ------

@@ -101,11 +101,6 @@ def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
     distortion : Distortion
         Its leading axes must broadcast against (pair, frequency).
 
-    Returns
-    -------
-    xarray.Dataset
-        The corrected run.
-
     Raises
     ------
     ValueError

@@ -40,11 +40,6 @@ def estimate_lever_arm(
     refine : int
         How often.
 
-    Returns
-    -------
-    LeverFit
-        The best fit.
-
     Raises
     ------
     ValueError

@@ -111,11 +111,6 @@ def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
     fit : PairFit
         From :func:`estimate_pairs`. Polarizations it does not hold stay as they are.
 
-    Returns
-    -------
-    xarray.Dataset
-        The corrected run.
-
     Raises
     ------
     ValueError

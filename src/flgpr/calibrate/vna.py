@@ -20,11 +20,6 @@ def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:
     standard : xarray.Dataset
         Sweeps of the same pairs, polarizations and tones; its scans are averaged.
 
-    Returns
-    -------
-    xarray.Dataset
-        The run less the standard.
-
     Raises
     ------
     ValueError
@@ -73,11 +68,6 @@ def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
         A run.
     delay : (pair,) array_like or float
         Delay of both cables of a pair together, s.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run with shorter paths.
 
     Raises
     ------

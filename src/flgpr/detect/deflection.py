@@ -36,11 +36,6 @@ def deflection_form(
     rank : int, optional
         Number of eigenvectors of A kept: the largest eigenvalues, for γ < 1 the largest in magnitude. None keeps all.
 
-    Returns
-    -------
-    LinearQuadraticForm
-        The detector.
-
     Raises
     ------
     ValueError

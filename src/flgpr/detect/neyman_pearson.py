@@ -29,11 +29,6 @@ def neyman_pearson_form(mean: ArrayLike, covariance: ArrayLike, rank: int | None
     rank : int, optional
         Number of eigenvectors of C kept, those of the largest eigenvalues. None keeps all.
 
-    Returns
-    -------
-    LinearQuadraticForm
-        The detector.
-
     Raises
     ------
     ValueError

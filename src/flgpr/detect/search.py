@@ -63,11 +63,6 @@ def make_fold(
     test : (sample,) array_like of bool, optional
         Samples to try; default all.
 
-    Returns
-    -------
-    Fold
-        The fold.
-
     Raises
     ------
     ValueError

@@ -38,11 +38,6 @@ def register_fiducials(image: ArrayLike, grid: Grid, surveyed: ArrayLike, reach:
     reach : float
         Farthest they may lie off, m.
 
-    Returns
-    -------
-    Registration
-        Shift and residual.
-
     Raises
     ------
     ValueError

@@ -16,6 +16,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
 from flgpr.model.faults import first_fault
+from flgpr.model.frames import heading_matrix
 
 FloatArray = NDArray[np.float64]
 GEODETIC, GEOCENTRIC = "EPSG:4979", "EPSG:4978"
@@ -48,13 +49,13 @@ class Anchor:
 
     def turn(self, vector: ArrayLike, shifted: bool = False) -> FloatArray:
         """Turn vectors, or points to which the anchor's shift is added first, from lane to geocentric axes."""
-        level = np.asarray(vector, dtype=np.float64) @ _heading(self.azimuth).T
+        level = np.asarray(vector, dtype=np.float64) @ heading_matrix(self.azimuth).T
         return (level + (self.shift if shifted else 0.0)) @ east_north_up(self.origin)
 
     def from_geocentric(self, position: ArrayLike) -> FloatArray:
         """Take geocentric points (..., 3) to the lane frame, the inverse of :meth:`to_geocentric`."""
         local = (np.asarray(position, dtype=np.float64) - geocentric(self.origin)) @ east_north_up(self.origin).T
-        return (local - self.shift) @ _heading(self.azimuth)
+        return (local - self.shift) @ heading_matrix(self.azimuth)
 
     def to_geodetic(self, position: ArrayLike) -> FloatArray:
         """Take points (..., 3) from the lane frame to WGS 84 longitude, latitude (degrees) and height (m)."""
@@ -139,11 +140,6 @@ def read_anchor(path: str | Path) -> Anchor:
     ----------
     path : str or Path
         TOML file.
-
-    Returns
-    -------
-    Anchor
-        The fitted anchor.
 
     Raises
     ------
@@ -235,7 +231,7 @@ def fit_anchor(
         azimuth_accuracy = 0.0
     else:
         spread = math.inf
-    level = local @ _heading(azimuth).T
+    level = local @ heading_matrix(azimuth).T
     shift = (enu - level).mean(axis=0)
     misfit = np.linalg.norm((enu - level - shift)[:, :2], axis=1)
     freedom = 2 * len(local) - (3 if math.isfinite(spread) else 2)
@@ -273,11 +269,6 @@ def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
 
 def _geodesy(source: Any, target: Any) -> Transformer:
     return Transformer.from_crs(source, target, always_xy=True)
-
-
-def _heading(azimuth: float) -> FloatArray:
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _system(crs: str, geographic: bool | None) -> CRS:

@@ -55,11 +55,6 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
         The ground the data are about, in the lane frame; its centre is the reference point. Default: 20 m square ahead
         of the mean of the poses.
 
-    Returns
-    -------
-    Path
-        The file.
-
     Raises
     ------
     MissingExtraError

@@ -41,11 +41,6 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     limit : int
         Largest file and array, bytes.
 
-    Returns
-    -------
-    Explanation
-        Format, content and a draft.
-
     Raises
     ------
     FileNotFoundError

@@ -43,11 +43,6 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     max_memory : int
         Largest array that is read, bytes.
 
-    Returns
-    -------
-    FullwaveLane
-        Run, truth and objects.
-
     Raises
     ------
     FileNotFoundError

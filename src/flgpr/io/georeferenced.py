@@ -20,6 +20,7 @@ import xarray as xr
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import write_whole
+from flgpr.io.tables import json_value
 
 STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
@@ -88,7 +89,7 @@ def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[s
         place = [round(row["longitude"], 9), round(row["latitude"], 9)]
         if np.isfinite(row["height"]):
             place.append(round(row["height"], 4))
-        rest = {str(k): _plain(v) for k, v in row.items() if k not in ("longitude", "latitude", "height")}
+        rest = {str(k): json_value(v) for k, v in row.items() if k not in ("longitude", "latitude", "height")}
         features.append({"type": "Feature", "geometry": {"type": "Point", "coordinates": place}, "properties": rest})
     collection = {
         "type": "FeatureCollection",
@@ -120,7 +121,7 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
         data = ElementTree.SubElement(mark, f"{{{_KML}}}ExtendedData")
         for key, value in row.items():
             held = ElementTree.SubElement(data, f"{{{_KML}}}Data", name=str(key))
-            text = _plain(value)
+            text = json_value(value)
             ElementTree.SubElement(held, f"{{{_KML}}}value").text = "" if text is None else _printable(str(text))
         point = ElementTree.SubElement(mark, f"{{{_KML}}}Point")
         # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground instead.
@@ -246,12 +247,6 @@ def _stamp(time: str) -> str:
     if moment.tzinfo is None:
         raise ValueError(f"time must have a time zone, got {time!r}")
     return moment.isoformat()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _printable(text: str) -> str:

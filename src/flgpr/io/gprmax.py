@@ -79,11 +79,6 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
     limit : int
         Largest file, bytes.
 
-    Returns
-    -------
-    GprmaxOutput
-        What it holds.
-
     Raises
     ------
     FileNotFoundError

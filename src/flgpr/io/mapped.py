@@ -64,11 +64,6 @@ def import_mapped(
     clock_offset : float
         With ``track``: time on the track's clock is that of the radar plus this, s.
 
-    Returns
-    -------
-    Imported
-        Run, track and notes.
-
     Raises
     ------
     FileNotFoundError

@@ -334,11 +334,6 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
     resume : bool
         Go on where writing exactly this run was stopped, even by a kill; what is left of another run is thrown away.
 
-    Returns
-    -------
-    Path
-        The folder.
-
     Raises
     ------
     ValueError

@@ -26,11 +26,6 @@ def read_table(path: str | Path, kind: str) -> pd.DataFrame:
     kind : {"alarms", "truth", "objects"}
         What it must hold.
 
-    Returns
-    -------
-    DataFrame
-        The table.
-
     Raises
     ------
     FileNotFoundError
@@ -62,7 +57,7 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
     """
     features = []
     for row in table.to_dict("records"):
-        properties = {str(k): _plain(v) for k, v in row.items() if k not in ("x", "y")}
+        properties = {str(k): json_value(v) for k, v in row.items() if k not in ("x", "y")}
         geometry = {"type": "Point", "coordinates": [float(row["x"]), float(row["y"])]}
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     collection = {
@@ -80,11 +75,6 @@ def read_lane(path: str | Path) -> Lane:
     ----------
     path : str or Path
         File with x_min, x_max, y_min and y_max, m.
-
-    Returns
-    -------
-    Lane
-        The lane.
 
     Raises
     ------
@@ -107,7 +97,8 @@ def lane_text(lane: Lane) -> str:
     return "".join(f"{name} = {getattr(lane, name)!r}\n" for name in ("x_min", "x_max", "y_min", "y_max"))
 
 
-def _plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
+    """Give a number as JSON can hold it, what is not finite as None."""
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value

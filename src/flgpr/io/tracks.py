@@ -32,11 +32,6 @@ def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
         "column": all three angles must be there. "course": the heading is the direction of the way, pitch and roll are
         taken from columns if there are any and else are zero.
 
-    Returns
-    -------
-    DataFrame
-        A track.
-
     Raises
     ------
     FileNotFoundError

@@ -33,31 +33,18 @@ def feed(
     lead: float = 0.0,
     wait: Callable[[float], None] = time.sleep,
 ) -> int:
-    """Play a run.
+    """Play a stored run into a folder, made if need be, or a Unix socket, and give the number of scans played.
 
     Parameters
     ----------
-    run : path
-        Run store.
-    folder : path, optional
-        Folder to write to; made if need be. Without it, ``socket_path`` must be given.
     rate : float
         Scans per second; infinity plays as fast as possible.
-    socket_path : path, optional
-        Unix socket to send to instead.
-    first : int
-        First scan.
-    count : int, optional
-        Number of scans; default all. The end is announced only after the last scan of the run.
+    first, count : int
+        First scan, and how many; default all. The end is announced only after the last scan of the run.
     lead : float
         Time between the description and the first scan, s: a radar describes itself when it is switched on.
     wait : callable
         Waits for that many seconds.
-
-    Returns
-    -------
-    int
-        Number of scans played.
 
     Raises
     ------

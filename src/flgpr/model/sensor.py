@@ -214,11 +214,6 @@ def load_sensor(name: str | Path) -> Sensor:
     name : str or Path
         Name of a preset, or path of a TOML file.
 
-    Returns
-    -------
-    Sensor
-        The sensor.
-
     Raises
     ------
     ValueError

@@ -328,11 +328,6 @@ def load_scene(path: str | Path) -> Scene:
     path : str or Path
         The file.
 
-    Returns
-    -------
-    Scene
-        The scene.
-
     Raises
     ------
     ValueError

@@ -19,29 +19,12 @@ _PLANE, _GLOBE = ("easting_m", "northing_m"), ("longitude_deg", "latitude_deg")
 
 
 def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
-    """Write an anchor from a table of surveyed points.
+    """Write an anchor, TOML as :func:`flgpr.io.read_anchor` takes it, from a CSV of surveyed points.
 
-    Parameters
-    ----------
-    points : path
-        CSV with ``lane_x_m``, ``lane_y_m`` and either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
-        ``latitude_deg``; ``height_m``, ellipsoidal, is optional.
-    crs : str
-        Reference system of the points, such as ``EPSG:32633``.
-    accuracy : float
-        Standard deviation of one surveyed coordinate, m.
-
-    Returns
-    -------
-    str
-        TOML as :func:`flgpr.io.read_anchor` takes it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If a column is missing or a value is not finite.
+    Its columns are ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
+    ``latitude_deg`` in the reference system ``crs`` (such as ``EPSG:32633``), and perhaps ``height_m``, ellipsoidal.
+    ``accuracy`` is the standard deviation of one surveyed coordinate, m. A column that is missing or not finite is a
+    ValueError.
     """
     path = Path(points)
     if not path.is_file():
@@ -103,30 +86,12 @@ def tie_lane(
     run: PathLike | None = None,
     output: PathLike | None = None,
 ) -> dict[str, Any]:
-    """Tell how an anchor fits, and tie a lane and a run to it.
+    """Tell how an anchor (TOML) fits, and tie a lane and a run to it.
 
-    Parameters
-    ----------
-    anchor : path
-        TOML anchor.
-    lane : path, optional
-        TOML of the lane; its corners' uncertainty is told.
-    outline : path, optional
-        GeoJSON of the lane's outline to write; needs ``lane``.
-    run : path, optional
-        Run store to tie.
-    output : path, optional
-        Run store to make: the run with where its lane lies; needs ``run``.
-
-    Returns
-    -------
-    dict
-        Place and direction, misfit of every point, uncertainty at the surveyed points' mean and at the lane's corners.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid, or an output exists.
+    With a lane (TOML) its corners' uncertainty is told, and its ``outline`` may be written as GeoJSON; with a run,
+    ``output`` is a store of it with where its lane lies. What is told: place and direction, misfit of every point,
+    uncertainty at the surveyed points' mean and at the lane's corners. What exists is refused before anything is
+    written.
     """
     check_request(lane, outline, run, output)
     tie = read_anchor(anchor)

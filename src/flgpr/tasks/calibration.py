@@ -44,28 +44,8 @@ def calibrate_clock(
 ) -> ClockFit:
     """Find the clock offset at which a run focuses best, and store the run with the poses that follow.
 
-    Parameters
-    ----------
-    run : path
-        Run store with times.
-    search : ClockSearch
-        Where to look.
-    track : path, optional
-        CSV track or NMEA log of the array's reference point; by default ``NAME-track.csv`` beside the run.
-    output : path, optional
-        Run store to make, with the new poses.
-    anchor : path, optional
-        Needed to read an NMEA log.
-
-    Returns
-    -------
-    ClockFit
-        Offset, rate and what was tried.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid, or the output exists.
+    ``track`` is a CSV, or an NMEA log with the anchor that it needs, of the array's reference point; by default
+    ``NAME-track.csv`` beside the run, whose times it must cover. An output that exists is refused.
     """
     store = Path(run)
     _fresh(output)
@@ -98,26 +78,8 @@ def calibrate_range_bias(
 ) -> BiasFit:
     """Find by how much ranges are measured too long, from reflectors at known places, and store the run without it.
 
-    Parameters
-    ----------
-    run : path
-        Run store whose poses have the right clock.
-    reflectors : path
-        CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame.
-    output : path, optional
-        Run store to make.
-    search : float
-        How far from a reflector its echo is looked for, m.
-
-    Returns
-    -------
-    BiasFit
-        The bias, and what every reflector tells.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid, or the output exists.
+    ``reflectors`` is a CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame, ``search`` how far from one its echo is
+    looked for, m. The run's poses must have the right clock. An output that exists is refused.
     """
     _fresh(output)
     held = open_run(run).compute()

@@ -112,32 +112,9 @@ def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
 def export_table(
     table: PathLike, output: PathLike, to: str, anchor: PathLike, kind: str = "truth", time: str | None = None
 ) -> Path:
-    """Export a table of alarms, truth or objects to the Earth.
+    """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml" or "csv".
 
-    Parameters
-    ----------
-    table : path
-        CSV.
-    output : path
-        File to write.
-    to : {"geojson", "gpkg", "kml", "csv"}
-        Format.
-    anchor : path
-        TOML that ties the lane to the Earth.
-    kind : {"alarms", "truth", "objects"}
-        What the table holds.
-    time : str, optional
-        When, ISO 8601 with a time zone.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output exists.
+    ``time`` is when, ISO 8601 with a time zone. A file that exists is refused.
     """
     rows = read_table(table, kind)
     digest = sha256(Path(table).read_bytes())
@@ -147,32 +124,10 @@ def export_table(
 def export_result(
     result: PathLike, output: PathLike, to: str, anchor: PathLike, detection: str = "main", time: str | None = None
 ) -> Path:
-    """Export the alarms or the run-view of a result to the Earth.
+    """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "csv") or its run-view ("geotiff").
 
-    Parameters
-    ----------
-    result : path
-        Result folder.
-    output : path
-        File to write.
-    to : {"geojson", "gpkg", "kml", "csv", "geotiff"}
-        Format; "geotiff" writes the run-view, the others the alarms as evidence points.
-    anchor : path
-        TOML that ties the lane to the Earth.
-    detection : str
-        "main" or the name of a variant.
-    time : str, optional
-        When the data were taken, ISO 8601 with a time zone.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output exists.
+    ``detection`` is "main" or the name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone. A
+    file that exists is refused.
     """
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")

@@ -77,28 +77,8 @@ def import_gprmax_results(
 ) -> list[Path]:
     """Read the results of a folder of gprMax decks into a run; truth, objects and lane are written beside it.
 
-    Parameters
-    ----------
-    folder : str or Path
-        What :func:`write_gprmax_decks` made, with the results of all input files.
-    output : str or Path
-        Run store to make.
-    keep_direct : bool
-        Leave the direct wave in the data.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    FileNotFoundError, FileExistsError
-        If there is no such folder, or the store exists.
-    ValueError
-        If results are missing or damaged.
+    All input files that :func:`write_gprmax_decks` made must have their result; ``keep_direct`` leaves the direct wave
+    in the data. A store that exists is refused.
     """
     results, store = GprmaxRun(folder, keep_direct), Path(output)
     told = results.manifest
@@ -132,26 +112,9 @@ def import_gprmax_models(
     vertical: str = "z",
     waveform: tuple[str, float] | None = None,
 ) -> list[Path]:
-    """Read results of anybody's gprMax models into a run, a file per scan.
+    """Read results of anybody's gprMax models into a run that is not there yet, a file per scan in their order.
 
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Result files in the order of the scans.
-    output : str or Path
-        Run store to make.
-    band, transmit, ground, horizontal, vertical, waveform
-        As in ``GprmaxTold``.
-
-    Returns
-    -------
-    list of Path
-        The store.
-
-    Raises
-    ------
-    FileNotFoundError, FileExistsError, ValueError
-        If an input is not valid, or the store exists.
+    The rest is as in ``GprmaxTold``.
     """
     if Path(output).exists():
         raise FileExistsError(f"output must not exist yet, got {output}")

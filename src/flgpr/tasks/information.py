@@ -19,28 +19,12 @@ PathLike = str | Path
 
 
 def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:
-    """Tell what a run holds.
+    """Tell what a run holds and what follows from it, and perhaps draw it (PNG): plan, coverage and side view.
 
-    Parameters
-    ----------
-    run : path
-        Run store.
-    recipe : str or path, optional
-        Recipe whose scan images and lane decide what counts as covered. Without it: the ground from 1 to 5 array
-        heights ahead and 1.2 to either side.
-    plot : path, optional
-        PNG to write: plan, coverage and side view.
-
-    Returns
-    -------
-    dict
-        The run's description (see :func:`flgpr.results.description.describe_run`) and what follows from it: unambiguous
-        path, range resolution (m), largest step between tones (Hz), span travelled (m), ``looks`` on a coarse grid.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the run or the recipe is not valid.
+    Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
+    (m), largest step between tones (Hz), span travelled (m) and ``looks`` on a coarse grid. The recipe's scan images
+    and lane decide what counts as covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to
+    either side.
     """
     dataset = open_run(run)
     description = describe_run(dataset, run)

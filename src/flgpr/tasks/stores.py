@@ -27,38 +27,10 @@ def simulate_lane(
     resume: bool = True,
     truth: PathLike | None = None,
 ) -> list[Path]:
-    """Simulate a scene file into a run store, or draw it.
+    """Simulate a scene (TOML) seen by a sensor (preset or TOML) into a run store, or draw it as PNG.
 
-    Parameters
-    ----------
-    scene : path
-        Scene (TOML).
-    sensor : str or path
-        Sensor preset or TOML file.
-    seed : int
-        Seed.
-    output : path, optional
-        Run store to make, see :func:`flgpr.tasks.simulation.simulate_to_store`.
-    preview : path, optional
-        PNG to write.
-    errors : bool
-        Whether the sensor's errors are added.
-    track : Track
-        Shows progress.
-    resume : bool
-        Go on with what a stopped call left; otherwise begin again.
-    truth : path, optional
-        CSV of the truth in place of the one beside the store.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    ValueError, FileExistsError
-        If an input is not valid or the store exists.
+    Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of the truth in place of that beside
+    the store. A store that exists is refused.
     """
     world, array = load_scene(scene), load_sensor(sensor)
     written = []
@@ -74,29 +46,8 @@ def make_signature(
 ) -> list[Path]:
     """Compute the table of a body's scattering in the ground, which a scene's targets may name.
 
-    Parameters
-    ----------
-    body : str or path
-        Packaged body or TOML file.
-    output : path, optional
-        Table to write, by default the body's name with ``.npz``; ``OUTPUT.work`` beside it keeps what a stopped call
-        has done, and goes when the table is whole.
-    workers : int
-        Processes.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    list of Path
-        The table.
-
-    Raises
-    ------
-    ValueError
-        If the body is not valid or cannot be solved.
-    FileExistsError
-        If the output exists.
+    It is written to the body's name with ``.npz`` unless told; ``OUTPUT.work`` beside it keeps what a stopped call has
+    done, and goes when the table is whole. An output that exists is refused.
     """
     described = load_body(body)
     path = Path(f"{described.name}.npz" if output is None else output)
@@ -141,28 +92,9 @@ def write_gprmax_lane(
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
 ) -> tuple[list[Path], list[str]]:
-    """Write a scene file as gprMax input files, or draw it.
+    """Write a scene file as gprMax input files into a folder that is not there yet, or draw it.
 
-    Parameters
-    ----------
-    scene, sensor, seed, preview
-        As in :func:`simulate_lane`.
-    output : path, optional
-        Folder to make, see :func:`flgpr.tasks.fullwave.write_gprmax_decks`.
-    cells_per_wavelength, max_cells : float
-        As there.
-
-    Returns
-    -------
-    written : list of Path
-        What was written.
-    lines : list of str
-        Size of the model, and what was left out, in words.
-
-    Raises
-    ------
-    ValueError, FileExistsError
-        If an input is not valid or the folder exists.
+    It gives what was written, and in words the size of the model and what was left out.
     """
     world, array = load_scene(scene), load_sensor(sensor)
     written, lines = [], []

@@ -57,11 +57,6 @@ def build_table(
     progress : callable or None
         Told the number of pieces done and of all.
 
-    Returns
-    -------
-    SignatureTable
-        The table.
-
     Raises
     ------
     ValueError
