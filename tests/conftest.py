@@ -1,5 +1,12 @@
 """Shared fixtures."""
 
+import os
+
+# Threads that wait sleep instead of spinning: beside other processes spinning costs several times the work itself.
+# OpenMP and OpenBLAS read this when they are loaded, and child processes inherit it.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+
 from pathlib import Path
 
 import numpy as np
