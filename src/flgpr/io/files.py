@@ -58,6 +58,12 @@ def replace_folder(new: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def check_new(path: str | Path | None) -> None:
+    """Make sure that nothing lies where something is to be made; None is nothing to be made."""
+    if path is not None and Path(path).exists():
+        raise FileExistsError(f"output must not exist yet, got {path}")
+
+
 def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
     """Make sure that nothing lies at a place, or a folder that has one of the files ``marks``, and give its path.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import parse_entries
 
 UNITS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9},
@@ -201,14 +200,9 @@ def factor(unit: str, kind: str, where: str) -> float:
     return UNITS[kind][unit]
 
 
-def parse_mapping(text: str, name: str = "mapping") -> Mapping:
+def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
     """Parse a mapping, TOML; an entry that is missing, unknown or against a rule is an error that names it."""
-    try:
-        return Mapping.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{name}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        raise ValueError(f"{name}: {first_fault(error, Mapping)}") from None
+    return parse_entries(Mapping, text, name)
 
 
 def read_mapping(path: str | Path) -> Mapping:
@@ -216,8 +210,4 @@ def read_mapping(path: str | Path) -> Mapping:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"mapping not found: {path}")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: must be UTF-8 text ({error})") from None
-    return parse_mapping(text, str(path))
+    return parse_mapping(path.read_bytes(), str(path))

@@ -1,13 +1,43 @@
-"""What is wrong with a file of entries (scene, sensor, recipe, mapping), in words that help to mend it."""
+"""Files of entries (scene, sensor, body, recipe, mapping): read, and what is wrong with one in words that help."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
+from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+
+Entries = TypeVar("Entries", bound=BaseModel)
+
+
+def preset_names(folder: Traversable) -> list[str]:
+    """Names of the TOML files in a folder of the package."""
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Traversable) -> Entries:
+    """Load a preset of the package, or a TOML file; a fault is a ValueError that names the entry."""
+    if str(name) in preset_names(folder):
+        data = (folder / f"{name}.toml").read_bytes()
+    elif Path(name).is_file():
+        data = Path(name).read_bytes()
+    else:
+        raise ValueError(no_preset(kind, name, preset_names(folder)))
+    return parse_entries(schema, data, f"{kind} {name}", kind)
+
+
+def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: str = "") -> Entries:
+    """Read TOML that is ``what``; see :func:`describe_fault` for ``whole``."""
+    try:
+        return schema.model_validate(tomllib.loads(data if isinstance(data, str) else data.decode("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{what}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        raise ValueError(f"{what}: {first_fault(error, schema, whole)}") from None
 
 
 def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:

@@ -96,8 +96,8 @@ class Grid:
 
     x_min: float  #: centre of the first pixel, m
     y_min: float  #: centre of the first pixel, m
-    nx: int  #: number of pixels cross-track and down-track
-    ny: int  #: number of pixels cross-track and down-track
+    nx: int  #: number of pixels cross-track
+    ny: int  #: number of pixels down-track
     dx: float  #: pixel spacing, m
     dy: float  #: pixel spacing, m
 

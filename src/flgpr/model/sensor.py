@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flgpr.model.constants import POLARIZATIONS
-from flgpr.model.faults import first_fault, no_preset
+from flgpr.model.faults import load_preset, preset_names
 
+_PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
 
 
@@ -21,8 +21,8 @@ class Tones(BaseModel):
     """Uniform stepped-frequency tones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    start: Annotated[float, Field(ge=1e6)]  #: first tone and spacing, Hz
-    step: Annotated[float, Field(gt=0)]  #: first tone and spacing, Hz
+    start: Annotated[float, Field(ge=1e6)]  #: first tone, Hz
+    step: Annotated[float, Field(gt=0)]  #: spacing, Hz
     count: Annotated[int, Field(ge=1)]
 
     def axis(self) -> NDArray[np.float64]:
@@ -202,8 +202,7 @@ class Sensor(BaseModel):
 
 def sensor_presets() -> list[str]:
     """Names of the packaged sensors."""
-    folder = resources.files("flgpr.model") / "presets"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return preset_names(_PRESETS)
 
 
 def load_sensor(name: str | Path) -> Sensor:
@@ -230,15 +229,4 @@ def load_sensor(name: str | Path) -> Sensor:
     >>> print(f"{len(tx)} pairs, {tones.size} tones from {tones[0] / 1e9:.4f} to {tones[-1] / 1e9:.4f} GHz")
     36 pairs, 1024 tones from 0.4425 to 3.0000 GHz
     """
-    if str(name) in sensor_presets():
-        data = (resources.files("flgpr.model") / "presets" / f"{name}.toml").read_bytes()
-    elif Path(name).is_file():
-        data = Path(name).read_bytes()
-    else:
-        raise ValueError(no_preset("sensor", name, sensor_presets()))
-    try:
-        return Sensor.model_validate(tomllib.loads(data.decode("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"sensor {name}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        raise ValueError(f"sensor {name}: {first_fault(error, Sensor, 'sensor')}") from None
+    return load_preset(Sensor, "sensor", name, _PRESETS)

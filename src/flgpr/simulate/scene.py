@@ -10,15 +10,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from flgpr.model import Lane
-from flgpr.model.faults import first_fault
+from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate import soil as soils
 from flgpr.simulate.signature.table import body_size
 from flgpr.simulate.tables import Grass, NotNegative, Positive, Shadow, Terrain
 from flgpr.simulate.tables import Part as _Part
 from flgpr.simulate.tables_buried import Heterogeneity, Holes, Lenses, Roots, Stones
+
+_SITES = resources.files("flgpr.simulate") / "sites"
 
 
 class Layer(_Part):
@@ -285,7 +287,7 @@ class Scene(_Part):
         known = sites()
         if data["site"] not in known:
             raise ValueError(f"site must be one of {', '.join(known)}, got {data['site']!r}")
-        text = (resources.files("flgpr.simulate") / "sites" / f"{data['site']}.toml").read_text(encoding="utf-8")
+        text = (_SITES / f"{data['site']}.toml").read_text(encoding="utf-8")
         merged = dict(data)
         for part, values in tomllib.loads(text).items():
             given = data.get(part, {})
@@ -316,8 +318,7 @@ def sites() -> list[str]:
     >>> [f"{Scene(site=name).soil.moisture:g}" for name in sites()]
     ['0.03', '0.03', '0.12', '0.25']
     """
-    folder = resources.files("flgpr.simulate") / "sites"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return preset_names(_SITES)
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -335,9 +336,4 @@ def load_scene(path: str | Path) -> Scene:
     """
     if not Path(path).is_file():
         raise ValueError(f"scene file not found: {path}")
-    try:
-        return Scene.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"scene {path}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        raise ValueError(f"scene {path}: {first_fault(error, Scene, 'scene')}") from None
+    return parse_entries(Scene, Path(path).read_bytes(), f"scene {path}", "scene")

@@ -11,6 +11,7 @@ import numpy as np
 
 from flgpr.io import open_run, read_lane, save_run, write_whole
 from flgpr.io.anchor import Anchor, read_anchor
+from flgpr.io.files import check_new
 from flgpr.io.textarrays import read_text_table
 from flgpr.model import Lane
 
@@ -51,8 +52,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
 def write_anchor(text: str, path: PathLike) -> Path:
     """Write an anchor, TOML, once it is seen to fit (else a ValueError); a file that exists is refused."""
     target = Path(path)
-    if target.exists():
-        raise FileExistsError(f"output must not exist yet, got {target}")
+    check_new(target)
     trial = target.with_name(target.name + ".trial")
     try:
         write_whole(trial, text)
@@ -75,8 +75,7 @@ def check_request(
     if (outline is not None and lane is None) or (output is None) != (run is None):
         raise ValueError("an outline needs a lane, and a run and its output go together")
     for path in (outline, output):
-        if path is not None and Path(path).exists():
-            raise FileExistsError(f"output must not exist yet, got {path}")
+        check_new(path)
 
 
 def tie_lane(

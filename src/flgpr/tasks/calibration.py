@@ -14,6 +14,7 @@ from flgpr.calibrate import BiasFit, ClockFit, estimate_clock, estimate_range_bi
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
 from flgpr.io.anchor import read_anchor
+from flgpr.io.files import check_new
 from flgpr.io.textarrays import read_text_table
 from flgpr.io.tracks import read_nmea, read_track
 from flgpr.model import SPEED_OF_LIGHT
@@ -48,7 +49,7 @@ def calibrate_clock(
     ``NAME-track.csv`` beside the run, whose times it must cover. An output that exists is refused.
     """
     store = Path(run)
-    _fresh(output)
+    check_new(output)
     held = open_run(store)
     way = _read_track(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
     x_min, x_max, y_min, y_max = search.area
@@ -81,7 +82,7 @@ def calibrate_range_bias(
     ``reflectors`` is a CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame, ``search`` how far from one its echo is
     looked for, m. The run's poses must have the right clock. An output that exists is refused.
     """
-    _fresh(output)
+    check_new(output)
     held = open_run(run).compute()
     path = Path(reflectors)
     if not path.is_file():
@@ -119,8 +120,3 @@ def _read_track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
 def _save(run: xr.Dataset, output: PathLike, found: dict[str, Any]) -> None:
     before = run.attrs.get("calibration", {})
     save_run(run.assign_attrs(calibration={**before, **found}), output)
-
-
-def _fresh(output: PathLike | None) -> None:
-    if output is not None and Path(output).exists():
-        raise FileExistsError(f"output must not exist yet, got {output}")

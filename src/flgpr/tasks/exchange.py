@@ -10,6 +10,7 @@ import xarray as xr
 from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.files import check_new
 from flgpr.io.georeferenced import (
     georeference,
     write_earth_csv,
@@ -184,7 +185,6 @@ def _anchor(anchor: PathLike | None) -> Anchor | None:
 
 
 def _fresh(path: Path) -> None:
-    if path.exists():
-        raise FileExistsError(f"output must not exist yet, got {path}")
+    check_new(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"the folder of the output must exist, got {path.parent}")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from flgpr.chain.progress import Track, silent
 from flgpr.io import GprmaxRun, RunWriter, lane_text, save_run, write_geojson, write_table, write_whole
+from flgpr.io.files import check_new
 from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor
 from flgpr.simulate import Decks, Scene, draw_world, make_decks
@@ -47,8 +48,7 @@ def write_gprmax_decks(
 ) -> Decks:
     """Write a scene's gprMax decks (``make_decks``) into a new folder, with truth, objects and lane."""
     folder = Path(folder)
-    if folder.exists():
-        raise FileExistsError(f"output must not exist yet, got {folder}")
+    check_new(folder)
     decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
     partial = folder.with_name(folder.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
@@ -116,7 +116,6 @@ def import_gprmax_models(
 
     The rest is as in ``GprmaxTold``.
     """
-    if Path(output).exists():
-        raise FileExistsError(f"output must not exist yet, got {output}")
+    check_new(output)
     told = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
     return [save_run(import_gprmax_files(paths, told), output)]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from flgpr.chain.progress import Track, silent
 from flgpr.io import import_fullwave, save_run, write_geojson, write_table
+from flgpr.io.files import check_new
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, load_scene
 from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
@@ -51,8 +52,7 @@ def make_signature(
     """
     described = load_body(body)
     path = Path(f"{described.name}.npz" if output is None else output)
-    if path.exists():
-        raise FileExistsError(f"output {path} exists")
+    check_new(path)
     work = path.with_name(path.name + ".work")
     pieces = PERMITTIVITY.size * FREQUENCY.size
     bar = iter(track(range(pieces), f"signature of {described.name}", pieces))
@@ -119,8 +119,7 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
     given.
     """
     store = Path(output)
-    if store.exists():
-        raise FileExistsError(f"output must not exist yet, got {store}")
+    check_new(store)
     lane, written = import_fullwave(archive), [store]
     store.parent.mkdir(parents=True, exist_ok=True)
     for name, table in (("truth", lane.truth), ("objects", lane.objects)):

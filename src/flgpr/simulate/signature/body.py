@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from flgpr.model.faults import first_fault, no_preset
+from flgpr.model.faults import load_preset, preset_names
 
+_PRESETS = resources.files("flgpr.simulate.signature") / "bodies"
 Length = Annotated[float, Field(gt=0.001, le=1.0)]
 
 
@@ -90,21 +90,9 @@ class Body(BaseModel):
 
 def packaged_bodies() -> list[str]:
     """Names of the packaged bodies."""
-    folder = resources.files("flgpr.simulate.signature") / "bodies"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return preset_names(_PRESETS)
 
 
 def load_body(name: str | Path) -> Body:
     """Load a body from a packaged name or a TOML file; an entry that breaks a rule is a ValueError that names it."""
-    if str(name) in packaged_bodies():
-        text = (resources.files("flgpr.simulate.signature") / "bodies" / f"{name}.toml").read_bytes()
-    elif Path(name).is_file():
-        text = Path(name).read_bytes()
-    else:
-        raise ValueError(no_preset("body", name, packaged_bodies()))
-    try:
-        return Body.model_validate(tomllib.loads(text.decode("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"body {name}: not valid TOML: {error}") from None
-    except ValidationError as error:
-        raise ValueError(f"body {name}: {first_fault(error, Body, 'body')}") from None
+    return load_preset(Body, "body", name, _PRESETS)
