@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from flgpr import tasks
@@ -22,7 +23,7 @@ from flgpr.execution.checkpoint import finish
 from flgpr.execution.lane_run import detect_lane, homes_at
 from flgpr.execution.survey import executor_for
 from flgpr.model import Lane
-from flgpr.results.result import ResultError, read_result
+from flgpr.results.result import ResultError, join_sections, read_result
 from flgpr.tasks.scoring import score_alarms
 from flgpr.viewer.session import open_source
 from robust import content, digests, small_job
@@ -49,6 +50,19 @@ def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
     np.testing.assert_array_equal(np.concatenate([view.values for view in views], axis=2), whole.values)
     np.testing.assert_array_equal(np.concatenate([view["y"].values for view in views]), whole["y"].values)
     np.testing.assert_array_equal(np.concatenate([view["looks"].values for view in views]), whole["looks"].values)
+
+
+def test_sections_are_joined_for_the_report_and_thinned_if_they_are_long(lane, folder):
+    whole = lane.result
+    joined = join_sections(folder, homes_at(folder))
+    assert joined.lane == whole.lane
+    assert joined.recipe_text == whole.recipe_text
+    xr.testing.assert_identical(joined.detections[0].view, whole.detections[0].view)
+    few, full = join_sections(folder, homes_at(folder), most=24).detections[0].view, whole.detections[0].view
+    assert few.sizes["y"] <= 24 < full.sizes["y"]
+    np.testing.assert_array_equal(few.max("y"), full.max("y"))
+    np.testing.assert_array_equal(few["looks"].max("y"), full["looks"].max("y"))
+    assert (few["y"].diff("y") > 0).all()
 
 
 def test_sections_hold_the_alarms_and_features_of_the_whole_lane(lane, folder):

@@ -35,6 +35,17 @@ _COLUMNS = {
     "label": ("counts as", ""),
 }
 """Title and format of each column of the table of alarms."""
+_POINT = (
+    "{far_allowed:g}", "{threshold:.5g}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}",
+    "{n_detected:.0f} of {n_targets:.0f}", "{far:.4f}", "{far_low:.4f} to {far_high:.4f}", "{n_false:.0f}",
+)  # fmt: skip
+_CURVE = (
+    "{threshold:.5g}", "{n_detected:.0f} of {n_targets:.0f}", "{pd:.2f} ({pd_low:.2f} to {pd_high:.2f})",
+    "{n_false:.0f}", "{far:.3g} ({far_low:.3g} to {far_high:.3g})",
+)  # fmt: skip
+_GROUP = ("{n_detected} of {n_targets}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}")
+_MISSED = ("{target_id}", "{kind}", "{deep}", "{x:.2f}, {y:.2f}", "{off}", "{at}")
+_FALSE = ("{key}", "{x:.2f}, {y:.2f}", "{confidence:.5g}", "{found_above}")
 
 
 def write_score_report(
@@ -188,9 +199,13 @@ def _scored(
 ) -> dict[str, Any]:
     """Lay out what became of targets and alarms."""
     main = scored[0]
-    missed, false = main.missed(), main.worst_false_alarms(worst)
-    keys = list(false["alarm_id"] if "alarm_id" in false.columns else false.index)
-    shown = [name for name in missed["target_id"] if name in target_patches][:worst]
+    missed, false, groups = main.missed(), main.worst_false_alarms(worst), main.breakdown()
+    missed["deep"] = [_plain(100 * depth) for depth in missed["depth"]]
+    missed["off"] = [f"{off:.2f}" if found else "none" for off, found in missed[["distance", "detected"]].to_numpy()]
+    missed["at"] = [f"{far:.4f}" if found else "never" for far, found in missed[["far", "detected"]].to_numpy()]
+    false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
+    by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
+    groups[by] = groups[by].map(_plain)
     return {
         "last": main.curve.iloc[-1],
         "attrs": main.curve.attrs,
@@ -200,18 +215,23 @@ def _scored(
         "roc": whole_roc_figure(scored),
         "outcomes": [_outcome_rows(one) for one in scored],
         "shifts": _knows_shifts(main),
-        "points": _point_rows(main),
-        "curve": _curve_rows(main.curve.iloc[1:][:_MOST]),
+        "points": _rows(main.operating_points(), _POINT),
+        "curve": _rows(main.curve.iloc[1:][:_MOST], _CURVE),
         "n_points": len(main.curve) - 1,
-        **_breakdown(main),
-        "missed": [_missed_row(row) for row in missed.to_dict("records")],
-        "missed_patches": _patches([(name, target_patches[name]) for name in shown]),
-        "false_alarms": [
-            [str(key), f"{row['x']:.2f}, {row['y']:.2f}", f"{row['confidence']:.5g}", f"{row['found_above']}"]
-            for key, row in zip(keys, false.to_dict("records"), strict=True)
-        ],
-        "false_patches": _patches([(key, alarm_patches[key]) for key in keys if key in alarm_patches]),
+        "by": by,
+        "breakdown": _rows(groups, (*(f"{{{name}}}" for name in by), *_GROUP)),
+        "missed": _rows(missed, _MISSED),
+        "missed_patches": _patches(
+            [key for key in missed["target_id"] if key in target_patches][:worst], target_patches
+        ),
+        "false_alarms": _rows(false, _FALSE),
+        "false_patches": _patches([key for key in false["key"] if key in alarm_patches], alarm_patches),
     }
+
+
+def _rows(table: pd.DataFrame, cells: Sequence[str]) -> list[list[str]]:
+    """Write every row of a table by the formats of its cells."""
+    return [[cell.format_map(row) for cell in cells] for row in table.to_dict("records")]
 
 
 def _figures(main: Score) -> dict[str, Any]:
@@ -262,60 +282,8 @@ def _roadside_shares(main: Score, notes: Mapping[str, Any]) -> list[tuple[str, f
     return [(row["target_id"], float(main.labels["roadside"].iloc[row["alarm"]])) for row in found.to_dict("records")]
 
 
-def _point_rows(main: Score) -> list[list[str]]:
-    return [
-        [
-            f"{row['far_allowed']:g}",
-            f"{row['threshold']:.5g}",
-            f"{row['pd']:.3f}",
-            f"{row['pd_low']:.3f} to {row['pd_high']:.3f}",
-            f"{row['n_detected']:.0f} of {row['n_targets']:.0f}",
-            f"{row['far']:.4f}",
-            f"{row['far_low']:.4f} to {row['far_high']:.4f}",
-            f"{row['n_false']:.0f}",
-        ]
-        for row in main.operating_points().to_dict("records")
-    ]
-
-
-def _curve_rows(curve: pd.DataFrame) -> list[list[str]]:
-    return [
-        [
-            "all" if np.isinf(row["threshold"]) else f"{row['threshold']:.5g}",
-            f"{row['n_detected']:.0f} of {row['n_targets']:.0f}",
-            f"{row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f})",
-            f"{row['n_false']:.0f}",
-            f"{row['far']:.3g} ({row['far_low']:.3g} to {row['far_high']:.3g})",
-        ]
-        for row in curve.to_dict("records")
-    ]
-
-
-def _breakdown(main: Score) -> dict[str, Any]:
-    if not len(main.matched.truth):
-        return {"by": [], "breakdown": []}
-    table = main.breakdown()
-    names = [name for name in ("kind", "depth", "soil") if name in table.columns]
-    rows = [
-        [
-            *(_plain(row[name]) for name in names),
-            f"{row['n_detected']} of {row['n_targets']}",
-            f"{row['pd']:.3f}",
-            f"{row['pd_low']:.3f} to {row['pd_high']:.3f}",
-        ]
-        for row in table.to_dict("records")
-    ]
-    return {"by": names, "breakdown": rows}
-
-
-def _missed_row(row: Mapping[Any, Any]) -> list[str]:
-    off, found = (f"{row['distance']:.2f}", f"{row['far']:.4f}") if row["detected"] else ("none", "never")
-    return [str(row["target_id"]), str(row["kind"]), _plain(100 * row["depth"]), f"{row['x']:.2f}, {row['y']:.2f}",
-            off, found]  # fmt: skip
-
-
-def _patches(patches: Sequence[tuple[Any, ArrayLike]]) -> Any:
-    return patch_figure([patch for _, patch in patches], [str(name) for name, _ in patches]) if patches else None
+def _patches(keys: Sequence[Any], patches: Mapping[Any, ArrayLike]) -> Any:
+    return patch_figure([patches[key] for key in keys], [str(key) for key in keys]) if keys else None
 
 
 def _plain(value: Any, spec: str = "") -> str:

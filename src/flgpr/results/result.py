@@ -51,30 +51,14 @@ class ResultError(ValueError):
 
 @dataclass(frozen=True)
 class Result:
-    """A result folder, read.
+    """A result folder, read."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where it lies.
-    manifest : dict
-        Version, run, recipe and digests.
-    recipe : Recipe
-        What was run.
-    lane : Lane
-        The lane it was run for.
-    detections : list of Detection
-        Main result and variants.
-    recipe_text : str
-        TOML of the recipe.
-    """
-
-    folder: Path
-    manifest: dict[str, Any]
-    recipe: Recipe
-    lane: Lane
-    detections: list[Detection]
-    recipe_text: str = ""
+    folder: Path  #: where it lies
+    manifest: dict[str, Any]  #: version, run, recipe and digests
+    recipe: Recipe  #: what was run
+    lane: Lane  #: the lane it was run for
+    detections: list[Detection]  #: main result and variants
+    recipe_text: str = ""  #: TOML of the recipe
 
     def classifier(self) -> Classifier | None:
         """Load the classifier that scored the alarms; None if none did."""

@@ -31,26 +31,15 @@ _SHORTEST = 8
 
 @dataclass(frozen=True)
 class BlindScore:
-    """What a blind scoring tells.
+    """What a blind scoring tells."""
 
-    Attributes
-    ----------
-    points : DataFrame
-        One row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
-        ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``. It has no thresholds: the confidence at
-        which Pd rises would tell which alarm lies on a target.
-    counts : dict
-        ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``.
-    looks : int
-        How often this truth was scored so far, this time included.
-    lists : int
-        How many different alarm lists that were.
-    """
-
+    #: one row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
+    #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``. It has no thresholds: the confidence at
+    #: which Pd rises would tell which alarm lies on a target
     points: pd.DataFrame
-    counts: dict[str, Any]
-    looks: int
-    lists: int
+    counts: dict[str, Any]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
+    looks: int  #: how often this truth was scored so far, this time included
+    lists: int  #: how many different alarm lists that were
 
 
 def seal_truth(

@@ -28,33 +28,17 @@ class Design:
 
     The factors may cross (the same mine in two passes), so each is drawn by itself with replacement and a target or
     false alarm weighs the product of its factors' weights (pigeonhole bootstrap, Owen 2007).
-
-    Attributes
-    ----------
-    lanes : int
-        Number of lanes; they are drawn only if there are several.
-    clusters : int
-        Number of clusters of targets.
-    target_cluster, target_lane : (target,) ndarray of int
-        Cluster and lane of every chosen target.
-    block_lane : (block,) ndarray of int
-        Lane of every block.
-    block_area : (block,) ndarray
-        Area of every block outside the halos, m², in proportion to ``area``.
-    block_y : tuple of (int, float, float)
-        First block, start (m) and length (m) of the blocks of each lane.
-    area : float
-        Area that the FAR of the whole list refers to, m².
     """
 
-    lanes: int
-    clusters: int
+    lanes: int  #: number of lanes; they are drawn only if there are several
+    clusters: int  #: number of clusters of targets
+    #: target_cluster, target_lane: (target,) cluster and lane of every chosen target
     target_cluster: IntArray
     target_lane: IntArray
-    block_lane: IntArray
-    block_area: FloatArray
-    block_y: tuple[tuple[int, float, float], ...]
-    area: float
+    block_lane: IntArray  #: (block,) lane of every block
+    block_area: FloatArray  #: (block,) area of every block outside the halos, m², in proportion to ``area``
+    block_y: tuple[tuple[int, float, float], ...]  #: first block, start (m) and length (m) of the blocks of each lane
+    area: float  #: area that the FAR of the whole list refers to, m²
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw weights of the targets and of the blocks; some target always has weight."""
@@ -68,24 +52,12 @@ class Design:
 
 @dataclass(frozen=True)
 class Scores:
-    """What a detector's alarms amount to: scores of the targets, false alarms in falling order.
+    """What a detector's alarms amount to: scores of the targets, false alarms in falling order."""
 
-    Attributes
-    ----------
-    target : (target,) ndarray
-        Confidence of each chosen target's best alarm, -inf where there is none.
-    false : (false,) ndarray
-        Confidences of the false alarms, falling.
-    block : (false,) ndarray of int
-        Block each of them lies in.
-    above : (target,) ndarray of int
-        Number of false alarms at or above each target's score.
-    """
-
-    target: FloatArray
-    false: FloatArray
-    block: IntArray
-    above: IntArray
+    target: FloatArray  #: (target,) confidence of each chosen target's best alarm, -inf where there is none
+    false: FloatArray  #: (false,) confidences of the false alarms, falling
+    block: IntArray  #: (false,) block each of them lies in
+    above: IntArray  #: (target,) number of false alarms at or above each target's score
 
     def pd_at(self, far: FloatArray, target: FloatArray, block: FloatArray, area: float) -> FloatArray:
         """Read weighted Pd at allowed false alarm rates."""
@@ -227,27 +199,10 @@ def pd_mean_interval(
 
 
 def tails(level: float, clusters: int) -> tuple[float, float]:
-    """Compute the probabilities whose percentiles bound a mean of so many mines.
+    """Compute the probabilities whose percentiles bound a mean of so many mines; 0 and 1 for a single one.
 
     Resampling n mines sees a spread too small by sqrt(1 - 1/n) and tails too thin by Student's t against the normal
     distribution; percentiles further out make up for both.
-
-    Parameters
-    ----------
-    level : float
-        Level of the interval.
-    clusters : int
-        Number of mines.
-
-    Returns
-    -------
-    low, high : float
-        Probabilities; 0 and 1 for a single mine, which tells nothing of the spread.
-
-    Raises
-    ------
-    ValueError
-        If the level is not in (0, 1).
     """
     if not 0 < level < 1:
         raise ValueError(f"level must lie between 0 and 1, got {level}")

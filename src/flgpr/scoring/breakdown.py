@@ -78,24 +78,9 @@ def pd_table(
 
 
 def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -> pd.Series[Any]:
-    """Sort depths into named classes.
+    """Sort depths (m) into classes named in the order of depth, only those that occur; missing where it is not known.
 
-    Parameters
-    ----------
-    depth : (target,) Series
-        Depths, m; NaN where not known.
-    edges : sequence of float
-        Borders of the classes, m, rising; a depth on a border belongs to the deeper class.
-
-    Returns
-    -------
-    (target,) Series of categories
-        Names in the order of depth, only those that occur; missing where the depth is not known.
-
-    Raises
-    ------
-    ValueError
-        If the edges do not rise.
+    A depth on one of the rising ``edges`` belongs to the deeper class.
     """
     borders = np.asarray(edges, dtype=np.float64)
     if borders.ndim != 1 or len(borders) < 1 or (np.diff(borders) <= 0).any():

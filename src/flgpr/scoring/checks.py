@@ -53,27 +53,7 @@ def as_lanes(lane: LaneLike) -> dict[str, Lane]:
 
 
 def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> NDArray[np.int64]:
-    """Tell in which lane each row lies, by the table's column ``lane``.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Alarms or truth.
-    lanes : mapping of str to Lane
-        The lanes that are scored.
-    name : str
-        What to call the table in errors.
-
-    Returns
-    -------
-    (row,) ndarray of int
-        Position of the row's lane in ``lanes``.
-
-    Raises
-    ------
-    ValueError
-        If the column is missing though there are several lanes, or names a lane that is not scored.
-    """
+    """Tell in which of the lanes, by position, each row lies; ``name`` is what errors call the table."""
     known = list(lanes)
     if "lane" not in table.columns:
         if len(known) > 1:
@@ -97,20 +77,6 @@ def check_place(table: pd.DataFrame, lane: Lane, name: str) -> None:
     """Refuse a table that cannot lie in this lane: another place, another coordinate system, swapped axes.
 
     Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is not.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Rows of one lane, with x and y in m.
-    lane : Lane
-        That lane.
-    name : str
-        What to call the table in errors.
-
-    Raises
-    ------
-    ValueError
-        Says what does not fit and what the cause may be.
     """
     if len(table) == 0:
         return

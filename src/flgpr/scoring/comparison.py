@@ -18,42 +18,24 @@ _FLIPS = 100_000
 
 @dataclass(frozen=True)
 class Comparison:
-    """Paired comparison of two detectors A and B.
+    """Paired comparison of two detectors A and B."""
 
-    Attributes
-    ----------
-    pd_mean_a, pd_mean_b : float
-        Their PD_mean.
-    difference : float
-        A less B.
-    low, high : float
-        Bootstrap interval of the difference; targets, lanes and stretches of lane drawn alike for both.
-    p_value : float
-        Two-sided p of the sign-flip test on what each mine adds to PD_mean; the false alarms are taken as given.
-    enumerated : bool
-        Whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid then.
-    far : float
-        Operating point of the test on detections, per m².
-    only_a, only_b : int
-        Mines found there by one alone, or in more passes than by the other.
-    p_detections : float
-        Two-sided p of the exact binomial test on these (McNemar).
-    n_targets : int
-        Number of targets.
-    """
-
+    #: pd_mean_a, pd_mean_b: their PD_mean
     pd_mean_a: float
     pd_mean_b: float
-    difference: float
+    difference: float  #: A less B
+    #: low, high: bootstrap interval of the difference; targets, lanes and stretches of lane drawn alike for both
     low: float
     high: float
+    #: two-sided p of the sign-flip test on what each mine adds to PD_mean; the false alarms are taken as given
     p_value: float
-    enumerated: bool
-    far: float
+    enumerated: bool  #: whether all signs were tried; otherwise 100,000 random ones, with the p that stays valid then
+    far: float  #: operating point of the test on detections, per m²
+    #: only_a, only_b: mines found there by one alone, or in more passes than by the other
     only_a: int
     only_b: int
-    p_detections: float
-    n_targets: int
+    p_detections: float  #: two-sided p of the exact binomial test on these (McNemar)
+    n_targets: int  #: number of targets
 
 
 def compare(

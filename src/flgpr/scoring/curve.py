@@ -19,24 +19,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Convention:
-    """How a ROC counts.
+    """How a ROC counts."""
 
-    Attributes
-    ----------
-    name : str
-        Its name, found in ``curve.attrs["convention"]``.
-    source : str
-        The paper it follows.
-    far : str
-        What its FAR is.
-    counts : bool
-        Whether FAR is a number of alarms over an area; then curves convert by exchanging the area.
-    """
-
-    name: str
-    source: str
-    far: str
-    counts: bool
+    name: str  #: its name, found in ``curve.attrs["convention"]``
+    source: str  #: the paper it follows
+    far: str  #: what its FAR is
+    counts: bool  #: whether FAR is a number of alarms over an area; then curves convert by exchanging the area
 
 
 CONVENTIONS = {
@@ -54,18 +42,7 @@ CURVE_COLUMNS = (
 
 
 def count_at(thresholds: FloatArray, scores: FloatArray) -> NDArray[np.int64]:
-    """Count the scores at or above each threshold.
-
-    Parameters
-    ----------
-    thresholds, scores : ndarray
-        Values; a score of -inf never counts.
-
-    Returns
-    -------
-    ndarray of int
-        One count per threshold.
-    """
+    """Count the scores at or above each threshold; a score of -inf never counts."""
     ordered = np.sort(scores)
     return len(ordered) - np.searchsorted(ordered, thresholds, side="left")
 
@@ -79,33 +56,7 @@ def make_curve(
     attrs: Mapping[Any, Any],
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Assemble a ROC table of false alarms counted over an area.
-
-    Parameters
-    ----------
-    thresholds : (row,) ndarray
-        Thresholds, falling, +inf first.
-    n_detected, n_false : (row,) ndarray
-        Targets detected and false alarms at each.
-    n_targets : int
-        Number of targets; without any, pd is NaN.
-    area : float
-        Area of the FAR, m².
-    attrs : mapping
-        Description, goes to ``DataFrame.attrs``.
-    level : float
-        Level of the exact intervals, row by row.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``CURVE_COLUMNS``.
-
-    Raises
-    ------
-    ValueError
-        If the area is not positive.
-    """
+    """Assemble a ROC table of false alarms over an area, m²; thresholds fall from +inf; without targets Pd is NaN."""
     if not (math.isfinite(area) and area > 0):
         raise ValueError(f"area must be positive, got {area:g} m²: the halos leave no room for false alarms")
     pd_low, pd_high = clopper_pearson(n_detected, n_targets, level)
@@ -274,17 +225,6 @@ def with_area(curve: pd.DataFrame, area: float, convention: Literal["lane", "fra
 
 
 def describe(convention: str) -> dict[str, Any]:
-    """Describe a convention in words that go with the table.
-
-    Parameters
-    ----------
-    convention : str
-        A name in ``CONVENTIONS``.
-
-    Returns
-    -------
-    dict
-        Entries for ``DataFrame.attrs``.
-    """
+    """Describe a convention in words that go with the table, in its ``attrs``."""
     known = CONVENTIONS[convention]
     return {"convention": known.name, "source": known.source, "far_is": known.far}

@@ -25,64 +25,36 @@ _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """By which rules an alarm list is scored, and how sure its figures are said to be.
+    """By which rules an alarm list is scored, and how sure its figures are said to be."""
 
-    Attributes
-    ----------
-    halo, halo_as, area, refraction, survey_error
-        As for :func:`flgpr.scoring.roc`.
-    far : float
-        Operating point at which targets count as missed and Pd is broken down, per m².
-    far_max : float
-        End of the FAR axis and of the averaging of PD_mean, per m².
-    level : float
-        Level of all intervals and bands.
-    draws, seed : int
-        Of the bootstrap.
-    """
-
+    #: halo, halo_as, area, refraction, survey_error: as for :func:`flgpr.scoring.roc`
     halo: float = 1.0
     halo_as: Literal["radius", "diameter"] = "radius"
     area: Literal["union", "paper"] = "union"
     refraction: Refraction | None = None
     survey_error: float | None = None
-    far: float = 0.01
-    far_max: float = 0.1
-    level: float = 0.95
+    far: float = 0.01  #: operating point at which targets count as missed and Pd is broken down, per m²
+    far_max: float = 0.1  #: end of the FAR axis and of the averaging of PD_mean, per m²
+    level: float = 0.95  #: level of all intervals and bands
+    #: draws, seed: of the bootstrap
     draws: int = 1000
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Score:
-    """One alarm list, scored.
+    """One alarm list, scored."""
 
-    Attributes
-    ----------
-    name, title : str
-        What was scored, for a machine and in words; the main list of a lane is ``main``.
-    rules : Rules
-        How.
-    matched : Match
-        Alarms and targets.
-    curve : DataFrame
-        ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`.
-    outcomes : DataFrame
-        One row per target as :func:`flgpr.scoring.assign` gives it, and the offset ``dx``, ``dy`` of its best alarm, m.
-    labels : DataFrame
-        One row per alarm as :func:`flgpr.scoring.label_alarms` gives it.
-    survey : SurveyShare or None
-        What the error of the survey takes of the halo, if it is known.
-    """
-
+    #: name, title: what was scored, for a machine and in words; the main list of a lane is ``main``
     name: str
     title: str
-    rules: Rules
-    matched: Match = field(repr=False)
-    curve: pd.DataFrame = field(repr=False)
+    rules: Rules  #: how
+    matched: Match = field(repr=False)  #: alarms and targets
+    curve: pd.DataFrame = field(repr=False)  #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`
+    #: one row per target as :func:`flgpr.scoring.assign` gives it, and its best alarm's offset ``dx``, ``dy``, m
     outcomes: pd.DataFrame = field(repr=False)
-    labels: pd.DataFrame = field(repr=False)
-    survey: SurveyShare | None
+    labels: pd.DataFrame = field(repr=False)  #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
+    survey: SurveyShare | None  #: what the error of the survey takes of the halo, if it is known
 
     @cached_property
     def pd_mean(self) -> dict[str, float] | None:
@@ -110,13 +82,13 @@ class Score:
         else:
             groups = depth_classes(truth["depth"], DEPTH_EDGES)
             names = list(groups.cat.categories)
+        chosen = {str(name): (groups == name).to_numpy() for name in names}
         return {
-            str(name): (
-                roc_of(self.matched, chosen, area=self.rules.area),
-                band(self.matched, chosen, grid, **self._bootstrap),
+            name: (
+                roc_of(self.matched, rows, area=self.rules.area),
+                band(self.matched, rows, grid, **self._bootstrap),
             )
-            for name in names
-            for chosen in [(groups == name).to_numpy()]
+            for name, rows in chosen.items()
         }
 
     def operating_points(self) -> pd.DataFrame:

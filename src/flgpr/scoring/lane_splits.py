@@ -16,25 +16,14 @@ HEADLINE = "target"
 
 @dataclass(frozen=True)
 class Split:
-    """One division of examples.
+    """One division of examples."""
 
-    Attributes
-    ----------
-    scheme : str
-        How it was made; the papers' own schemes carry the paper's name.
-    held_out : str
-        What is tested.
-    train, test : ndarray of int
-        Row numbers.
-    straddles : bool
-        Whether some mine is seen on both sides; such a score is no headline.
-    """
-
-    scheme: str
-    held_out: str
+    scheme: str  #: how it was made; the papers' own schemes carry the paper's name
+    held_out: str  #: what is tested
+    #: train, test: row numbers
     train: NDArray[np.int64]
     test: NDArray[np.int64]
-    straddles: bool
+    straddles: bool  #: whether some mine is seen on both sides; such a score is no headline
 
 
 def splits(

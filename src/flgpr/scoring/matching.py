@@ -25,42 +25,23 @@ Subset = Sequence[Any] | BoolArray | Mapping[str, Any] | Callable[[pd.DataFrame]
 
 @dataclass(frozen=True)
 class Match:
-    """Alarms matched to targets; every score is a view of it.
+    """Alarms matched to targets; every score is a view of it."""
 
-    Attributes
-    ----------
-    alarms, truth : DataFrame
-        The checked tables, rows numbered from 0; targets where they are expected in the image.
-    lanes : dict of str to Lane
-        The scored lanes by name.
-    halo : float
-        Halo radius, m.
-    alarm_lane, target_lane : (alarm,), (target,) ndarray of int
-        Position of each row's lane in ``lanes``.
-    pair_alarm, pair_target : (pair,) ndarray of int
-        Rows of every alarm and target that are within a halo of one another.
-    pair_distance : (pair,) ndarray
-        Their distance, m.
-    in_halo : (alarm,) ndarray of bool
-        Alarms within the halo of any known target.
-    false : (alarm,) ndarray of bool
-        False alarms: in no halo and inside the lane (rule 3).
-    refraction : Refraction or None
-        The correction that moved the targets.
-    """
-
+    #: alarms, truth: the checked tables, rows numbered from 0; targets where they are expected in the image
     alarms: pd.DataFrame
     truth: pd.DataFrame
-    lanes: dict[str, Lane]
-    halo: float
+    lanes: dict[str, Lane]  #: the scored lanes by name
+    halo: float  #: halo radius, m
+    #: alarm_lane, target_lane: (alarm,), (target,) position of each row's lane in ``lanes``
     alarm_lane: IntArray
     target_lane: IntArray
+    #: pair_alarm, pair_target: (pair,) rows of every alarm and target that are within a halo of one another
     pair_alarm: IntArray
     pair_target: IntArray
-    pair_distance: FloatArray
-    in_halo: BoolArray
-    false: BoolArray
-    refraction: Refraction | None = None
+    pair_distance: FloatArray  #: (pair,) their distance, m
+    in_halo: BoolArray  #: (alarm,) alarms within the halo of any known target
+    false: BoolArray  #: (alarm,) false alarms: in no halo and inside the lane (rule 3)
+    refraction: Refraction | None = None  #: the correction that moved the targets
 
     @property
     def confidence(self) -> FloatArray:
@@ -68,17 +49,10 @@ class Match:
         return self.alarms["confidence"].to_numpy()
 
     def lane_areas(self, area: Literal["union", "paper"] = "union") -> FloatArray:
-        """Compute the area false alarms can stand on, lane by lane.
+        """Compute the area, m², that false alarms can stand on, lane by lane.
 
-        Parameters
-        ----------
-        area : {"union", "paper"}
-            Lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6).
-
-        Returns
-        -------
-        (lane,) ndarray
-            Areas, m²; "paper" areas can be negative.
+        It is the lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6), which
+        can be negative.
         """
         points = self.truth[["x", "y"]].to_numpy()
         areas = []
@@ -91,22 +65,9 @@ class Match:
     def best(self, chosen: BoolArray | None = None, shared: Literal["drop", "count"] = "drop") -> tuple[Any, ...]:
         """Find each target's best alarm (rule 2): highest confidence, then the nearest, then the first in the table.
 
-        Parameters
-        ----------
-        chosen : (target,) ndarray of bool, optional
-            The targets that count; all by default.
-        shared : {"drop", "count"}
-            What becomes of an alarm in the halo of a chosen and of another target: it is disregarded (rule 5), or
-            counts for the chosen one. With the assignment "nearest" an alarm is in the halo of its nearest target only.
-
-        Returns
-        -------
-        alarm : (target,) ndarray of int
-            Row of the best alarm, -1 where there is none.
-        confidence : (target,) ndarray
-            Its confidence, -inf where there is none.
-        distance : (target,) ndarray
-            Its distance, m, NaN where there is none.
+        An alarm in the halo of a chosen and of another target is disregarded (rule 5), or with ``shared="count"``
+        counts for the chosen one; with the assignment "nearest" it is in the halo of its nearest target only. Gives
+        row (-1 for none), confidence (-inf) and distance (m; NaN).
         """
         targets = len(self.truth)
         keep = np.ones(len(self.pair_alarm), dtype=bool) if chosen is None else chosen[self.pair_target]
@@ -215,22 +176,7 @@ def match(
 
 
 def pairs_within(here: FloatArray, there: FloatArray, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
-    """List all pairs of points of two sets that are within a radius, its border included.
-
-    Parameters
-    ----------
-    here, there : (point, 2) ndarray
-        Positions, m.
-    radius : float
-        Largest distance, m.
-
-    Returns
-    -------
-    first, second : (pair,) ndarray of int
-        Rows in ``here`` and ``there``.
-    distance : (pair,) ndarray
-        ``hypot`` of the difference, m.
-    """
+    """List the pairs (first, second, distance) of points of two sets within a radius, its border included, m."""
     if len(here) == 0 or len(there) == 0:
         none = np.zeros(0, dtype=np.int64)
         return none, none, np.zeros(0)
@@ -309,21 +255,6 @@ def _by_id(truth: pd.DataFrame, wanted: list[Any]) -> BoolArray:
 
 
 def one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
-    """Check an option.
-
-    Parameters
-    ----------
-    name : str
-        The parameter.
-    value : object
-        What it is.
-    allowed : tuple
-        What it may be.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these.
-    """
+    """Refuse an option that is none of those allowed."""
     if value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")

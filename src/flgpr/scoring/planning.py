@@ -19,24 +19,14 @@ _TRIES = 2_000
 
 @dataclass(frozen=True)
 class SamplePlan:
-    """Size of a test that can show a Pd and a FAR.
+    """Size of a test that can show a Pd and a FAR."""
 
-    Attributes
-    ----------
-    mines, misses : int
-        Mines to emplace and misses that may happen.
-    area : float
-        Ground to score outside the halos, m².
-    false_alarms : int
-        False alarms that may happen on it.
-    pd_power, far_power : float
-        Probability that a detector as good as assumed passes each.
-    """
-
+    #: mines, misses: mines to emplace and misses that may happen
     mines: int
     misses: int
-    area: float
-    false_alarms: int
+    area: float  #: ground to score outside the halos, m²
+    false_alarms: int  #: false alarms that may happen on it
+    #: pd_power, far_power: probability that a detector as good as assumed passes each
     pd_power: float
     far_power: float
 

@@ -58,24 +58,12 @@ def refraction_shift(depth: ArrayLike, permittivity: float, height: float, dista
 
 @dataclass(frozen=True)
 class Refraction:
-    """Correction of the truth for the refraction shift.
+    """Correction of the truth for the refraction shift."""
 
-    Attributes
-    ----------
-    permittivity : float
-        Relative permittivity of the soil.
-    height : float
-        Height of the antennas, m.
-    distance : float
-        Distance ahead of the radar at which the run-view sees its ground, m.
-    radar_x : float
-        Cross-track position of the radar in the lane frame, m.
-    """
-
-    permittivity: float
-    height: float = 5.0
-    distance: float = 12.0
-    radar_x: float = 0.0
+    permittivity: float  #: relative permittivity of the soil
+    height: float = 5.0  #: height of the antennas, m
+    distance: float = 12.0  #: distance ahead of the radar at which the run-view sees its ground, m
+    radar_x: float = 0.0  #: cross-track position of the radar in the lane frame, m
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.radar_x):
@@ -83,18 +71,7 @@ class Refraction:
         refraction_shift(0.0, self.permittivity, self.height, self.distance)
 
     def move(self, truth: pd.DataFrame) -> pd.DataFrame:
-        """Move the buried targets of a truth table to where they show, along the line from the radar.
-
-        Parameters
-        ----------
-        truth : DataFrame
-            Truth table; a target of unknown depth stays.
-
-        Returns
-        -------
-        DataFrame
-            A copy with x and y moved, m.
-        """
+        """Move the buried targets of a truth table to where they show, along the line from the radar."""
         aside = truth["x"].to_numpy() - self.radar_x
         range_ = np.hypot(aside, self.distance)
         shift = np.nan_to_num(refraction_shift(truth["depth"].to_numpy(), self.permittivity, self.height, range_))

@@ -12,27 +12,13 @@ from scipy import special
 
 @dataclass(frozen=True)
 class SurveyShare:
-    """How much of the halo the survey error takes.
+    """How much of the halo the survey error takes."""
 
-    Attributes
-    ----------
-    sigma : float
-        Standard deviation of a surveyed position per axis, m.
-    halo : float
-        Halo radius, m.
-    share : float
-        ``sigma`` over ``halo``.
-    radius_95 : float
-        Radius around a surveyed position that holds the true one 95 times in 100, m.
-    lost : float
-        Probability that an alarm exactly on the true position falls outside the halo.
-    """
-
-    sigma: float
-    halo: float
-    share: float
-    radius_95: float
-    lost: float
+    sigma: float  #: standard deviation of a surveyed position per axis, m
+    halo: float  #: halo radius, m
+    share: float  #: ``sigma`` over ``halo``
+    radius_95: float  #: radius around a surveyed position that holds the true one 95 times in 100, m
+    lost: float  #: probability that an alarm exactly on the true position falls outside the halo
 
 
 def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
