@@ -139,27 +139,10 @@ def iterate_suppression(
 
 
 def averaged(course: Iterated, combination: int) -> ComplexArray:
-    """Average the iterations of a combination of Table II.
+    """Average the iterations of a combination of Table II, by its index in ``TABLE_II``.
 
     The mean of images is the image of the mean of their data, so that one image needs to be made. Where the iteration
-    was stopped before, its last kept iteration stands in.
-
-    Parameters
-    ----------
-    course : Iterated
-        Result of :func:`iterate_suppression`.
-    combination : int
-        Index in ``TABLE_II``.
-
-    Returns
-    -------
-    (..., polarization, pair, frequency) ndarray of complex64
-        Data.
-
-    Raises
-    ------
-    ValueError
-        If there is no such combination, or more iterations are needed than were asked for.
+    was stopped before, its last kept iteration stands in; one that would need more than were asked for is a ValueError.
     """
     if combination not in TABLE_II:
         raise ValueError(f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}")

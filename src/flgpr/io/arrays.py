@@ -70,27 +70,10 @@ class ArrayFile:
 
 
 def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
-    """Open a file of named arrays and list what it holds.
+    """Open a file of named arrays, of at most ``limit`` bytes each, and list what it holds.
 
-    Parameters
-    ----------
-    path : str or Path
-        HDF5 (.h5, .hdf5), MATLAB (.mat), .npz, .npy, .csv, .txt or Touchstone (.s2p, .s4p, ...); HDF5 and MATLAB files
-        are known by their content, the others by their ending.
-    limit : int
-        Largest array to read, bytes.
-
-    Returns
-    -------
-    ArrayFile
-        Names, shapes and a way to read.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the format is not known or the file is damaged.
+    It may be HDF5 (.h5, .hdf5), MATLAB (.mat), .npz, .npy, .csv, .txt or Touchstone (.s2p, .s4p, ...); HDF5 and MATLAB
+    files are known by their content, the others by their ending. An unknown format or a damaged file is a ValueError.
     """
     path = Path(path)
     if not path.is_file():

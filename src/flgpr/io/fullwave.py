@@ -34,22 +34,9 @@ class FullwaveLane:
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
-    """Read a full-wave lane.
+    """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each.
 
-    Parameters
-    ----------
-    path : str or Path
-        The .npz archive.
-    max_memory : int
-        Largest array that is read, bytes.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If an array is missing or has the wrong shape, the array does not keep its form from scan to scan, or the
-        archive is damaged.
+    An array that is missing or has the wrong shape, or that does not keep its form from scan to scan, is a ValueError.
     """
     path = Path(path)
     if not path.is_file():

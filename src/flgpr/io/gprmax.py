@@ -70,22 +70,7 @@ def is_gprmax(path: str | Path) -> bool:
 
 
 def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
-    """Read a result file of gprMax 3 or 4.
-
-    Parameters
-    ----------
-    path : str or Path
-        The HDF5 file.
-    limit : int
-        Largest file, bytes.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is damaged or no result of gprMax.
-    """
+    """Read a result file of gprMax 3 or 4, at most ``limit`` bytes; a damaged or other file is a ValueError."""
     path = Path(path)
     open_arrays(path, limit)  # looks at the file in a child process first
     try:
@@ -250,32 +235,12 @@ _NEEDED = ("title", "polarization", "tones", "tx_position", "rx_position", "pose
 
 
 class GprmaxRun:
-    """The results of a folder of decks as the scans of a run.
+    """The results of a folder of decks, ``manifest.json`` and all results, as the scans of a run.
 
-    A pair's field over the transmitter's current moment, its direct wave (from the run of air alone) taken off, times
-    j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr: it is what an ideal receiver
-    records, V/m per A·m, as the simulator's own dipoles do.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Folder with ``manifest.json`` and the results of all its input files.
-    keep_direct : bool
-        Leave the direct wave from transmitter to receiver in the data.
-
-    Attributes
-    ----------
-    manifest : dict
-        The manifest.
-    frequency : (frequency,) ndarray
-        Hz.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such folder.
-    ValueError
-        If the manifest is damaged or results are missing.
+    A pair's field over the transmitter's current moment, its direct wave (from the run of air alone) taken off unless
+    ``keep_direct``, times j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr: it is what
+    an ideal receiver records, V/m per A·m, as the simulator's own dipoles do. A damaged manifest, or a result that is
+    missing, is a ValueError.
     """
 
     def __init__(self, folder: str | Path, keep_direct: bool = False) -> None:

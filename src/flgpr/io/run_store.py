@@ -442,24 +442,9 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:
-    """Read and check the commit manifest of a run store.
+    """Read and check a run store's commit manifest: format, version, scans, files (key -> sha256, bytes), sha256.
 
-    Parameters
-    ----------
-    path : str or Path
-        Folder of the store.
-
-    Returns
-    -------
-    dict
-        format, version, scans, files (key -> sha256, bytes) and the manifest's own sha256.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is nothing at the path.
-    RunStoreError
-        If the manifest is missing, altered, or of another format.
+    If it is missing, altered, or of another format, that is a RunStoreError.
     """
     root = Path(path)
     if not root.is_dir():

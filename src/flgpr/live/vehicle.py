@@ -16,27 +16,17 @@ class Vehicle:
 
     Stopping distance ``v·t + v²/(2·a)``: it goes on at its speed v while driver and brakes react, then slows evenly.
 
-    Attributes
-    ----------
-    speed : float or None
-        v, m/s; None where no stopping distance is asked for.
-    reaction : float
-        t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up.
-    deceleration : float
-        a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2.
-    front : float
-        How far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m.
-
     Raises
     ------
     ValueError
         If a value is out of range.
     """
 
-    speed: float | None = None
+    speed: float | None = None  #: v, m/s; None where no stopping distance is asked for
+    #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up
     reaction: float = 1.5
-    deceleration: float = 3.0
-    front: float = 0.0
+    deceleration: float = 3.0  #: a, m/s². Default 3, loose ground; a dry road allows about 7, mud or ice 1 to 2
+    front: float = 0.0  #: how far the vehicle's foremost wheel or bumper lies ahead of the array's reference point, m
 
     def __post_init__(self) -> None:
         if self.speed is not None and not 0 < self.speed < 100:

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 class Lane:
     """The rectangle that is scored.
 
-    Attributes
-    ----------
-    x_min, x_max, y_min, y_max : float
-        Its borders in the lane frame, m. A point on the border is inside.
-
     Examples
     --------
     >>> from flgpr.model import Lane
@@ -32,6 +27,7 @@ class Lane:
     array([ True,  True, False])
     """
 
+    #: x_min, x_max, y_min, y_max: its borders in the lane frame, m. A point on the border is inside
     x_min: float
     x_max: float
     y_min: float

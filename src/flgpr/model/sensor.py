@@ -113,45 +113,24 @@ class SystemErrors(BaseModel):
 
 
 class Sensor(BaseModel):
-    """An antenna array: every transmitter paired with every receiver, or pairs that a scanned head visits.
-
-    Attributes
-    ----------
-    name, source : str
-        Name, and where the figures come from.
-    tones : Tones
-        Frequencies.
-    polarization : tuple of str
-        Polarizations in the order of the data.
-    tx, rx : tuple of positions
-        Antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's reference point.
-    height : float
-        Height of the reference point over the mean ground, m.
-    tilt : float
-        Downward tilt of the antennas' axes, rad.
-    scanned : bool
-        Whether one pair is moved over the positions, so that transmitter i goes with receiver i alone.
-    footprint : (x_min, x_max, y_min, y_max)
-        Ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged.
-    antenna : Antenna
-        Directivity.
-    errors : SystemErrors
-        What the radar adds to the echoes.
-    """
+    """An antenna array: every transmitter paired with every receiver, or pairs that a scanned head visits."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     name: str
-    source: str
+    source: str  #: where the figures come from
     tones: Tones
-    polarization: tuple[str, ...]
+    polarization: tuple[str, ...]  #: polarizations in the order of the data
+    #: tx, rx: antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's reference point
     tx: tuple[Position, ...]
     rx: tuple[Position, ...]
-    height: Annotated[float, Field(gt=0)]
-    tilt: float = 0.0
+    height: Annotated[float, Field(gt=0)]  #: height of the reference point over the mean ground, m
+    tilt: float = 0.0  #: downward tilt of the antennas' axes, rad
+    #: whether one pair is moved over the positions, so that transmitter i goes with receiver i alone
     scanned: bool = False
+    #: ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged
     footprint: tuple[float, float, float, float] = (-7.0, 7.0, 5.5, 28.0)
     antenna: Antenna = Antenna()
-    errors: SystemErrors = SystemErrors()
+    errors: SystemErrors = SystemErrors()  #: what the radar adds to the echoes
 
     @model_validator(mode="before")
     @classmethod

@@ -237,31 +237,14 @@ class Track(_Part):
 
 
 class Scene(_Part):
-    """A lane and all that is in it.
-
-    Attributes
-    ----------
-    name : str
-        Name of the lane.
-    site : str or None
-        One of the packaged sites, whose soil, surface and clutter stand wherever the scene says nothing itself.
-    x_min, x_max, length : float
-        The lane, m; it begins at y = 0.
-    soil, surface, clutter, track : Soil, Surface, Clutter, Track
-        See there.
-    terrain, grass, shadow : Terrain, Grass, Shadow
-        See the module ``tables``.
-    stones, roots, lenses, heterogeneity, holes : Stones, Roots, Lenses, Heterogeneity, Holes
-        See :mod:`flgpr.simulate.tables_buried`.
-    targets, draws, objects, patches
-        Targets at given places, targets to be drawn, other objects and wet patches at given places.
-    """
+    """A lane and all that is in it."""
 
     name: str = "lane"
+    #: one of the packaged sites, whose soil, surface and clutter stand wherever the scene says nothing itself
     site: str | None = None
-    x_min: float = -1.5
-    x_max: float = 1.5
-    length: Positive = 60.0
+    x_min: float = -1.5  #: m
+    x_max: float = 1.5  #: m
+    length: Positive = 60.0  #: m; the lane begins at y = 0
     soil: Soil = Soil()
     surface: Surface = Surface()
     clutter: Clutter = Clutter()
@@ -274,8 +257,8 @@ class Scene(_Part):
     heterogeneity: Heterogeneity = Heterogeneity()
     holes: Holes = Holes()
     track: Track = Track()
-    targets: tuple[Target, ...] = ()
-    draws: tuple[TargetDraw, ...] = ()
+    targets: tuple[Target, ...] = ()  #: at given places, as objects and patches
+    draws: tuple[TargetDraw, ...] = ()  #: targets to be drawn
     objects: tuple[Thing, ...] = ()
     patches: tuple[Patch, ...] = ()
 
@@ -322,18 +305,7 @@ def sites() -> list[str]:
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Load a scene from a TOML file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Raises
-    ------
-    ValueError
-        If there is no such file or it breaks a rule; the message names the entry.
-    """
+    """Load a scene from a TOML file; if it is not there or breaks a rule, that is a ValueError that names the entry."""
     if not Path(path).is_file():
         raise ValueError(f"scene file not found: {path}")
     return parse_entries(Scene, Path(path).read_bytes(), f"scene {path}", "scene")
