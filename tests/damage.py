@@ -6,7 +6,7 @@ import warnings
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-CASES = int(os.environ.get("FLGPR_CASES", "300"))
+CASES = int(os.environ.get("FLGPR_CASES", "100"))
 """Cases per reader."""
 FUZZ = settings(
     max_examples=CASES,

@@ -9,6 +9,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
+from flgpr.detect import OneClassRelevanceVectorMachine
 from flgpr.features import mean_template
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate.simulator import Simulator
@@ -70,6 +71,7 @@ def test_settings_are_the_papers(settings):
 
 def test_the_way_back_sees_the_same_mines_turned(small):
     sensor = load_sensor(small.sensor)
+    sensor = sensor.model_copy(update={"tones": sensor.tones.model_copy(update={"step": 8e7, "count": 30})})
     out = Simulator(_scene(small, "arid-sand"), sensor, 3)
     back = Simulator(_turned(small, "arid-sand", out), sensor, 4)
     np.testing.assert_allclose(back.truth["x"], -out.truth["x"])
@@ -225,12 +227,16 @@ def reproduced(tmp_path_factory):
     def drive(settings, site, images, track):
         return [a_pass(settings, "out", len(site), site), a_pass(settings, "back", len(site) + 1, site)]
 
+    def few_references(**options):
+        return OneClassRelevanceVectorMachine(**options | {"n_reference": 40})
+
     def never(material):
         raise AssertionError("computed again")
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flsar2004, "drive", drive)
         patch.setattr(flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"})
+        patch.setattr(figures, "OneClassRelevanceVectorMachine", few_references)
         page = flsar2004.reproduce(folder, quick=True)
         text, findings = page.read_text(encoding="utf-8"), (folder / "findings.json").read_bytes()
         patch.setattr(flsar2004, "PARTS", dict.fromkeys(flsar2004.PARTS, never))

@@ -20,7 +20,7 @@ from flgpr.io import open_run
 from flgpr.results.result import ResultError, read_result
 from robust import content, digests
 
-KILLS = int(os.environ.get("FLGPR_KILLS", "10"))
+KILLS = int(os.environ.get("FLGPR_KILLS", "6"))
 MOST_IN_A_ROW = 4
 OPERATIONS = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir"}
 
