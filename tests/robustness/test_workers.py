@@ -243,9 +243,9 @@ def test_a_training_that_would_overwrite_other_files_begins_nothing(lane, tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "truth.csv"]
 
 
-@pytest.mark.parametrize("stop", [2, 5, 40, 75, 100, 150])
+@pytest.mark.parametrize("stop", [2, 40, 75, 120, 150])
 def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, stop, tmp_path, monkeypatch):
-    """With nothing waited for, every scan of every pass is made once, but for the one that was stopped."""
+    """A stop in each of the five passes: every scan of every pass is made once, but for the one that was stopped."""
     monkeypatch.setattr(checkpoint, "KEEP_EVERY", 0.0)
     count, image = 0, ScanImager.image
 
