@@ -84,23 +84,9 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
 
 
 def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
-    """Draw where the antennas stood and how often each spot was seen.
+    """Draw in plan and from the side where the antennas stood, and how often each spot was seen; ``beyond`` in m.
 
-    Parameters
-    ----------
-    run : dict
-        Description of a run as a result's manifest holds it.
-    lane : Lane
-        The lane.
-    looks : xarray.DataArray or None
-        Number of scans (y, x) in the lane frame.
-    beyond : float
-        How much to show around, m.
-
-    Returns
-    -------
-    Figure
-        Plan view and side view.
+    ``run`` is the description of a run that a result's manifest holds.
     """
     pose, tx, rx = (np.asarray(run[name], dtype=float) for name in ("pose", "tx_m", "rx_m"))
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")

@@ -16,31 +16,11 @@ _HOME = "flgpr.report"
 
 
 def render(template: str, package: str = _HOME, **values: Any) -> str:
-    """Write a page that needs nothing beside it.
+    """Fill in a template of a package, which may extend and import those of this one; the page needs nothing beside it.
 
     Templates know two filters beside Jinja's own: ``fmt``, which is Python's ``format``, and ``data_url``, which
-    turns a figure or its PNG into what an ``img`` shows.
-
-    Parameters
-    ----------
-    template : str
-        File among the package's templates; it may extend and import those of this package.
-    package : str
-        Package whose folder ``templates`` holds it.
-    **values
-        What the template asks for; text is escaped. ``version`` is given to all.
-
-    Returns
-    -------
-    str
-        HTML.
-
-    Raises
-    ------
-    jinja2.TemplateNotFound
-        If there is no such template.
-    jinja2.UndefinedError
-        If the template asks for what is not given.
+    turns a figure or its PNG into what an ``img`` shows. Text is escaped, what is asked for and not given is an error,
+    and ``version`` is given to all.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 
@@ -60,20 +40,7 @@ def _environment(package: str) -> Environment:
 
 
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
-    """Render a figure.
-
-    Parameters
-    ----------
-    figure : Figure
-        A figure.
-    dpi : float
-        Resolution, dots per inch.
-
-    Returns
-    -------
-    bytes
-        PNG, the same for equal figures.
-    """
+    """Render a figure as PNG, the same for equal figures; dpi in dots per inch."""
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})  # else the library's version is in it
     return stream.getvalue()

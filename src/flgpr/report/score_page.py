@@ -128,31 +128,11 @@ def report_html(
     alarm_patches: Mapping[Any, ArrayLike] | None = None,
     target_patches: Mapping[Any, ArrayLike] | None = None,
 ) -> str:
-    """Write the report of a result, of scores, or of both.
+    """Write the report of a result, of its scores, or of scores alone; it needs nothing beside it.
 
-    Parameters
-    ----------
-    result : Result, optional
-        A result folder, read. Its pictures and what was run are shown.
-    scored : sequence of Score
-        Scores, in the order of the result's detections; without them the page tells nothing about truth.
-    objects : DataFrame, optional
-        Table of what else stands there, to draw.
-    title : str
-        Heading; by default that of the run.
-    notes : mapping, optional
-        Provenance to print.
-    bands : mapping of str to bytes, optional
-        Curves with bands as PNG, by name.
-    sections : mapping of str to str, optional
-        Addresses of the pages of the sections that a lane was taken in, by name; "" where there is no page.
-    worst, alarm_patches, target_patches
-        As for :func:`write_score_report`.
-
-    Returns
-    -------
-    str
-        HTML that needs nothing beside it.
+    Scores stand in the order of the result's detections; without them the page tells nothing about truth. ``bands`` are
+    curves as PNG by name; ``sections`` the addresses of the pages of a lane's sections, "" where there is none; all
+    else is as for :func:`write_score_report`, and ``objects`` are drawn.
     """
     values: dict[str, Any] = {"result": result, "scored": scored, "title": title, "sections": sections}
     if result is not None:
