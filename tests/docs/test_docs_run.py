@@ -26,7 +26,7 @@ kind = "metal"
 depth = 0.02
 count = 2
 [surface]
-density = 20.0
+density = 3.0
 [track]
 step = [3.0, 4.0]
 """
