@@ -194,6 +194,9 @@ def test_the_lines_for_the_shell_are_found():
     count = sum(line.startswith("flgpr ") for page in PAGES for fence in shell_fences(page) for line in fence)
     assert count > 45
     assert sum(1 for page in EXAMPLES for _ in program_lines(page)) >= 4
+    assert sum(1 for page in PAGES for _ in commands_in(read(page))) > 40
+    assert sum(len(LINK.findall(read(page))) for page in PAGES) > 80
+    assert sum(len(re.findall(r"`flgpr\.", read(page))) for page in PAGES) > 80
 
 
 @pytest.mark.parametrize(

@@ -187,6 +187,7 @@ def test_verdicts_follow_the_interval_over_seeds():
     assert found["Eigenvalue 2 is 0.089 of the first (dry sand)"].verdict == "agrees"
     assert found["Eigenvalue 3 is 0.075 of the first (dry sand)"].verdict == "disagrees"
     worst = [one for statement, one in found.items() if statement.startswith("Wet clay")]
+    assert worst
     assert {one.verdict for one in worst} <= {"cannot say", "disagrees"}
     blind = {s: [case(k, rng.normal(-50, 1, 40), rng.normal(0, 1, 500)) for k in range(6)] for s in sites}
     for one in findings(recipe, blind, pd_table(recipe, blind)):
