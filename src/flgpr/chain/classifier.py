@@ -1,25 +1,19 @@
-"""Trained classifiers: histogram normaliser and Fisher discriminant, kept as JSON and npy files."""
+"""The classifier of Wang et al. 2007: labels, duplication, histogram normaliser and Fisher discriminant."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import flgpr
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer, hit_weights
-from flgpr.io import check_free_folder, inside, read_limited, replace_folder, seal, sha256, unseal, write_whole
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
-FORMAT, VERSION = "flgpr-classifier", 2
 CLASSIFIER_A = ("C_HH_F1",)
 CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
 """The two classifiers of Wang et al. 2007, Fig. 14."""
@@ -70,6 +64,38 @@ class Classifier:
     discriminant: FisherDiscriminant
     notes: dict[str, Any] = field(default_factory=dict)
 
+    def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
+        """Split confidences into what each feature adds, and ``threshold``, the discriminant's constant."""
+        names = list(self.features)
+        if not len(features):
+            return pd.DataFrame({name: np.zeros(0) for name in [*names, "threshold"]})
+        values = self.normalizer.transform(features[names].to_numpy(dtype=np.float64))
+        table = pd.DataFrame(values * self.discriminant.direction_, columns=names)
+        return table.assign(threshold=-self.discriminant.threshold_)
+
+    def about(self) -> dict[str, Any]:
+        """Tell what JSON can hold of it."""
+        return {"estimator": "fisher", "features": list(self.features), "threshold": self.discriminant.threshold_}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Give its arrays."""
+        knots = {f"knots-{i}": one for i, one in enumerate(self.normalizer.knots_)}
+        return {"direction": self.discriminant.direction_} | knots
+
+    @classmethod
+    def restored(
+        cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
+    ) -> Classifier:
+        """Put together what :meth:`about` and :meth:`arrays` gave."""
+        names = tuple(str(name) for name in about["features"])
+        normalizer, discriminant = HistogramNormalizer(), FisherDiscriminant()
+        normalizer.knots_ = [np.asarray(arrays[f"knots-{i}"], dtype=np.float64) for i in range(len(names))]
+        discriminant.direction_ = np.asarray(arrays["direction"], dtype=np.float64)
+        discriminant.threshold_ = float(about["threshold"])
+        normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
+        discriminant.classes_ = np.array([0, 1])
+        return cls(names, normalizer, discriminant, notes)
+
     def confidence(self, features: pd.DataFrame) -> FloatArray:
         """Score alarms.
 
@@ -88,15 +114,20 @@ class Classifier:
         ValueError
             If a column is missing.
         """
-        missing = [name for name in self.features if name not in features.columns]
-        if missing:
-            raise ValueError(f"features must hold the columns the model reads; missing: {', '.join(missing)}")
-        values = features[list(self.features)].to_numpy(dtype=np.float64)
+        values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
-        whole = np.isfinite(values).all(axis=1)
         if whole.any():
             result[whole] = self.discriminant.decision_function(self.normalizer.transform(values[whole]))
         return result
+
+
+def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Take columns out of a feature table: values (alarm, feature), and which alarms have all of them."""
+    missing = [name for name in names if name not in features.columns]
+    if missing:
+        raise ValueError(f"features must hold the columns the model reads; missing: {', '.join(missing)}")
+    values = features[list(names)].to_numpy(dtype=np.float64)
+    return values, np.isfinite(values).all(axis=1)
 
 
 def label_lanes(
@@ -161,6 +192,7 @@ def make_training_set(
     lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]],
     label_radius: float = 1.0,
     columns: Sequence[str] | None = None,
+    spent: Sequence[pd.DataFrame] = (),
 ) -> TrainingSet:
     """Label and weigh the alarms of lanes.
 
@@ -172,6 +204,8 @@ def make_training_set(
         r_label, m.
     columns : sequence of str, optional
         Features that must be known; alarms that lack one are left out. Default: all.
+    spent : sequence of DataFrame, optional
+        Rows of each lane's truth whose hits are left out, as they made templates or thresholds.
 
     Returns
     -------
@@ -187,6 +221,9 @@ def make_training_set(
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
     known = np.isfinite(table[list(columns or table.columns)].to_numpy(dtype=np.float64)).all(axis=1)
     keep = known & (labels["label"] != "neither").to_numpy()
+    if spent:
+        used = np.concatenate([truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)])
+        keep &= ~np.append(used, False)[labels["target"].to_numpy()]  # those that hit nothing have the number -1
     labels = labels[keep]
     weight = duplication(labels, sum(len(truth) for *_, truth, _ in lanes), label_radius)
     label = (labels["label"] == "hit").to_numpy().astype(np.int64)
@@ -229,134 +266,3 @@ def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplica
         "duplication": duplicate,
     }
     return Classifier(tuple(features), normalizer, discriminant, notes)
-
-
-def save_classifier(classifier: Classifier, folder: str | Path, notes: dict[str, Any] | None = None) -> Path:
-    """Write a classifier: ``model.json``, ``direction.npy`` and one ``knots-N.npy`` per feature; whole or not at all.
-
-    Parameters
-    ----------
-    classifier : Classifier
-        The classifier.
-    folder : str or Path
-        Folder to make or, if it holds a classifier, to replace.
-    notes : dict, optional
-        More to remember, such as what it was trained on.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    FileExistsError
-        If something else lies there.
-    """
-    folder = check_free_model(folder)
-    partial = folder.with_name(f"{folder.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    arrays = {"direction.npy": classifier.discriminant.direction_}
-    arrays |= {f"knots-{i}.npy": knots for i, knots in enumerate(classifier.normalizer.knots_)}
-    content = {name: _npy(array) for name, array in arrays.items()}
-    for name, data in content.items():
-        write_whole(partial / name, data)
-    model = {
-        "format": FORMAT,
-        "version": VERSION,
-        "flgpr": flgpr.__version__,
-        "features": list(classifier.features),
-        "threshold": classifier.discriminant.threshold_,
-        "notes": classifier.notes | (notes or {}),
-        "files": {name: sha256(data) for name, data in content.items()},
-    }
-    write_whole(partial / "model.json", seal(model))
-    replace_folder(partial, folder)
-    return folder
-
-
-def check_free_model(folder: str | Path) -> Path:
-    """Make sure that a classifier may be written at a place.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The place.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    FileExistsError
-        If something that is no classifier lies there.
-    """
-    return check_free_folder(folder, ("model.json",), "model")
-
-
-def load_classifier(folder: str | Path) -> Classifier:
-    """Read a classifier.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Folder of :func:`save_classifier`.
-
-    Returns
-    -------
-    Classifier
-        The classifier.
-
-    Raises
-    ------
-    ValueError
-        If it is no classifier, or a file is missing or altered.
-    """
-    folder = Path(folder)
-    try:
-        model = _read_model(folder)
-        arrays = {name: _checked(inside(folder, name), digest) for name, digest in model["files"].items()}
-        names = tuple(str(name) for name in model["features"])
-        normalizer, discriminant = HistogramNormalizer(), FisherDiscriminant()
-        normalizer.knots_ = [arrays[f"knots-{i}.npy"] for i in range(len(names))]
-        discriminant.direction_, discriminant.threshold_ = arrays["direction.npy"], float(model["threshold"])
-        notes = dict(model["notes"])
-    except FileNotFoundError as error:
-        raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
-    except (KeyError, TypeError, AttributeError, OSError, EOFError, MemoryError, OverflowError) as error:
-        raise ValueError(f"model {folder}: it cannot be read ({error})") from None
-    except ValueError as error:
-        raise ValueError(f"model {folder}: {str(error).removeprefix(f'model {folder}: ')}") from None
-    normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
-    discriminant.classes_ = np.array([0, 1])
-    return Classifier(names, normalizer, discriminant, notes)
-
-
-def _read_model(folder: Path) -> dict[str, Any]:
-    data = read_limited(folder / "model.json")
-    try:
-        model = unseal(data)
-        if (model["format"], model["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        return model
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"model {folder}: model.json is altered: {error}") from None
-
-
-def _npy(array: FloatArray) -> bytes:
-    buffer = BytesIO()
-    np.save(buffer, array, allow_pickle=False)
-    return buffer.getvalue()
-
-
-def _checked(path: Path, digest: str) -> FloatArray:
-    data = path.read_bytes()
-    if sha256(data) != digest:
-        raise ValueError(f"model {path.parent}: {path.name} differs from what was written")
-    try:
-        return np.asarray(np.load(BytesIO(data), allow_pickle=False), dtype=np.float64)
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ValueError(f"{path.name} cannot be read ({error!r})") from None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import xarray as xr
 
-from flgpr.chain.classifier import Classifier
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import Detection, LaneChain
+from flgpr.chain.model import Detector, Model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.sections import Section
@@ -18,8 +20,9 @@ def detect(
     recipe: Recipe,
     lane: Lane | None = None,
     track: Track = silent,
-    classifier: Classifier | None = None,
+    model: Model | Detector | None = None,
     section: Section | None = None,
+    others: Mapping[str, xr.Dataset] | None = None,
 ) -> list[Detection]:
     """Run a recipe on a run, in memory.
 
@@ -33,10 +36,12 @@ def detect(
         Lane in place of the recipe's.
     track : Track
         Shows progress.
-    classifier : Classifier, optional
-        Trained classifier whose score is the confidence, for recipes with features; default: the local contrast.
+    model : Model or its detector, optional
+        What the recipe's stages have learnt; its detector's score is the confidence, by default the local contrast.
     section : Section, optional
         Part of the lane, for recipes without variants; default all of it.
+    others : mapping of str to xarray.Dataset, optional
+        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
 
     Returns
     -------
@@ -48,6 +53,6 @@ def detect(
     ValueError
         If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
     """
-    chain = LaneChain(run, recipe, area_of(run, recipe, lane), classifier, section=section)
+    chain = LaneChain(run, recipe, area_of(run, recipe, lane), model, section=section, others=others)
     chain.go(track)
     return chain.detections()

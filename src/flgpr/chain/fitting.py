@@ -181,9 +181,12 @@ def _raise(faults: list[str]) -> None:
 
 def _channel_faults(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> list[str]:
     known, faults = ", ".join(polarizations), []
-    for name, wanted in (("prescreen", recipe.prescreen.polarization), ("contrast", recipe.contrast.polarization)):
+    wants = [("contrast.polarization", recipe.contrast.polarization)]
+    if recipe.map is None:
+        wants.insert(0, ("prescreen.polarization", recipe.prescreen.polarization))
+    for name, wanted in [*wants, *(("image.polarizations", one) for one in recipe.image.polarizations)]:
         if wanted not in polarizations:
-            faults.append(f"{name}.polarization must be one the run has ({known}), got {wanted!r}")
+            faults.append(f"{name} must be one the run has ({known}), got {wanted!r}")
     if recipe.features is not None and not _allow_features(polarizations):
         faults.append(f"features must be left out unless the run has HH, VV and HV or VH, got {known}")
     for name, (low, high) in recipe.image.subbands.items():

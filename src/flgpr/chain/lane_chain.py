@@ -1,7 +1,8 @@
-"""The chain of Wang et al. 2007 as passes: self-signature, gain, run-view, features or contrast, explanations.
+"""The chain of every recipe as passes: clutter stages, self-signature, gain, run-view, features, explanations.
 
 Every pass holds one scan at a time, so that runs may have any length. A recipe's variants are the same passes with one
-thing done otherwise.
+thing done otherwise. A chain that is told a truth has, where its recipe learns, a pass that gathers examples and ends
+there.
 """
 
 from __future__ import annotations
@@ -16,20 +17,29 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import Classifier
-from flgpr.chain.contributions import contributions
 from flgpr.chain.evidence import Evidence, EvidenceSums
+from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
+from flgpr.chain.model import Detector, Model, as_model
 from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, bundled, group_of
 from flgpr.chain.recipe import Recipe, SuppressionTable
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
-from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, suppress_by_model
+from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
+from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, shared_level, suppress_by_model
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
-from flgpr.screen import RunViewSums, local_maxima, sample_scan, select, view_array
+from flgpr.screen import (
+    MeanViewSums,
+    RangeViewSums,
+    RunViewSums,
+    local_maxima,
+    sample_scan,
+    select,
+    view_array,
+)
 
 MAIN = "main"
 SWAPPED, PAPER = "swapped.", "paper."
@@ -119,16 +129,12 @@ def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, 
 
 
 class CleanedRun:
-    """A run's cleaned images, made anew on every pass.
-
-    Images end at the distance that counts, so that passes make only what they need.
+    """A run's cleaned images, made anew on every pass, as far ahead as counts.
 
     Parameters
     ----------
-    run : xarray.Dataset
-        A run.
-    recipe : Recipe
-        The recipe.
+    images : RunImages
+        The run's images.
     background : mapping of str to ndarray
         Result of the pass "gain".
     whole : callable, optional
@@ -140,25 +146,22 @@ class CleanedRun:
         Scan gains r_k.
     whole_background, background : Background
         Of whole images, and of the nearest rows that count.
-    imager : ScanImager
-        Images of those rows, of pixels ``grid``.
+    grid : Grid
+        Pixels of those rows.
     """
 
     def __init__(
         self,
-        run: xr.Dataset,
-        recipe: Recipe,
+        images: RunImages,
         background: Mapping[str, NDArray[Any]],
         whole: Callable[[int], xr.DataArray] | None = None,
     ) -> None:
-        table, every = recipe.image, recipe.image.grid()
-        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
-        rows = min(every.ny, int(np.ceil((reach - every.y_min) / every.dy)) + 1)
-        self.grid, self._whole = Grid(every.x_min, every.y_min, every.nx, rows, every.dx, every.dy), whole
+        self.grid, self._whole = images.grid, whole if images.plain else images.image
         self.gains: FloatArray = background["gains"]
-        self.imager = ScanImager(run, self.grid, table.subbands, table.window, table.tolerance)
+        imager = images.imager
         self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
-        self.background: Background = self.whole_background.cropped(rows)
+        self.background: Background = self.whole_background.cropped(self.grid.ny)
+        self.imager = ScanImager(imager.run, self.grid, imager.subbands, imager.window, imager.tolerance)
 
     def __len__(self) -> int:
         return len(self.imager)
@@ -169,6 +172,52 @@ class CleanedRun:
             return self._whole(place).isel(y=slice(self.grid.ny))
         return self.imager.image(int(self.imager.scans[place]))
 
+    def coherent(self, place: int) -> xr.DataArray:
+        """Give the cleaned image of the scan at a place, in units of its background, with its phase."""
+        image = self.scan(place)
+        return image.copy(data=self.background.own_coherent(image.values, self.gains[place]))
+
+
+class StageSums:
+    """Means over the scans of what a feature stage gives for alarms.
+
+    Parameters
+    ----------
+    stage : FeatureStage
+        The stage.
+    alarms : DataFrame
+        x, y (m) in the lane frame.
+    """
+
+    def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
+        self.stage = stage
+        self._points = np.zeros((len(alarms), 3))
+        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._total = np.zeros((len(alarms), len(stage.columns)))
+        self._count = np.zeros(self._total.shape, np.int64)
+
+    def add(self, image: xr.DataArray) -> None:
+        """Take in one cleaned image."""
+        found = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
+        values = np.stack([np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1)
+        self._total += np.nan_to_num(values)
+        self._count += np.isfinite(values)
+
+    def state(self) -> Arrays:
+        """Give sums and counts by row of the alarms."""
+        return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans."""
+        self._total[state["row"]] += state["total"]
+        self._count[state["row"]] += state["count"]
+
+    def table(self) -> pd.DataFrame:
+        """Compute the means; NaN where no scan gave a value."""
+        with np.errstate(invalid="ignore"):
+            means = np.where(self._count > 0, self._total / np.maximum(self._count, 1), np.nan)
+        return pd.DataFrame(means, columns=list(self.stage.columns))
+
 
 class LaneChain(Chain):
     """The passes of a recipe over one run.
@@ -176,23 +225,27 @@ class LaneChain(Chain):
     Parameters
     ----------
     run : xarray.Dataset
-        A run; for features with HH, VV and HV or VH.
+        A run; for the ten features with HH, VV and HV or VH.
     recipe : Recipe
         The recipe.
     lane : Lane
         The lane.
-    classifier : Classifier, optional
-        Scores the alarms of recipes with features; default: their local contrast.
+    model : Model or its detector, optional
+        What the recipe's stages have learnt; its detector scores the alarms, default: their local contrast.
     known : mutable mapping of str to dict of ndarray, optional
         Results by pass, kept here and looked up here.
     section : Section, optional
         The rows of the lane's run-view that are asked for; default all. Backgrounds are those of the whole run, and
         run-view, alarms and features those that the whole lane has there.
+    others : mapping of str to xarray.Dataset, optional
+        Runs taken together with it, by the names that the recipe gives them.
+    truth : DataFrame, optional
+        Targets of a training lane, for the first stage that has not learnt yet.
 
     Raises
     ------
     ValueError
-        If the recipe does not fit the run, or there is a classifier and no features.
+        If the recipe does not fit the run, or learns and has no model, or there is a detector and nothing it reads.
     """
 
     def __init__(
@@ -200,16 +253,52 @@ class LaneChain(Chain):
         run: xr.Dataset,
         recipe: Recipe,
         lane: Lane,
-        classifier: Classifier | None = None,
+        model: Model | Detector | None = None,
         known: MutableMapping[str, Any] | None = None,
         section: Section | None = None,
+        others: Mapping[str, xr.Dataset] | None = None,
+        truth: pd.DataFrame | None = None,
     ) -> None:
-        if classifier is not None and recipe.features is None:
+        self.run, self.recipe, self.lane, self.model = run, recipe, lane, as_model(model)
+        if self.model.detector is not None and recipe.features is None and not recipe.columns:
             raise ValueError("model needs a recipe with the table features, got one without")
-        self.run, self.recipe, self.lane, self.classifier = run, recipe, lane, classifier
-        table = recipe.image
-        self.imager = ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
-        self.variations, passes = variations_of(recipe), []
+        known = {} if known is None else known
+        table, names = recipe.image, recipe.named()
+        self.untrained = [name for name in recipe.learning() if name not in self.model.stages]
+        if self.untrained and truth is None:
+            raise ValueError(
+                f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: make one with "
+                f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with --model"
+            )
+        self.images = RunImages(run, recipe, lane, self.model, known, others or {})
+        self.imager, self.setup = self.images.imager, self.images.setup
+        made = {
+            name: one.of(one.settings, self.setup, self.model.stages.get(name))
+            for name, one in names.items()
+            if not name.startswith("clutter.")
+        }
+        self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
+        self._screener = next((one for one in made.values() if isinstance(one, ScreenStage)), None)
+        self._columns = {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
+        self.variations = variations_of(recipe)
+        super().__init__(self._passes(made, truth), len(self.imager), known)
+        self.grid = self.setup.view
+        self.section = Section(0, self.grid.ny) if section is None else section
+        self._kept = kept_rows(recipe, lane, self.section)
+        channels = len(self.setup.imaged) * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
+        # Variants go through the images again and again: those of a short run are remembered.
+        self._remembers = len(self.variations) > 1 and 8 * len(self.imager) * channels <= CACHE
+        self._images: dict[tuple[int, bool], xr.DataArray] = {}
+        self._cleaned: dict[str, CleanedRun] = {}
+
+    def _passes(self, made: Mapping[str, Stage], truth: pd.DataFrame | None) -> list[Pass]:
+        """List the passes, up to the one that the first stage that has not learnt yet learns from."""
+        passes = self.images.passes()
+        learner = self.untrained[0] if self.untrained else ""
+        targets = pd.DataFrame({"x": [], "y": []}) if truth is None else truth
+        if learner in self.images.stages:
+            stage = self.images.stages[learner]
+            return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", lambda _: stage.examples(targets))]
         suppresses = any(one.suppressed for one in self.variations)
         if suppresses:
             passes.append(Pass("roadside", "bright roadside", self._roadside, whole=True))
@@ -222,17 +311,14 @@ class LaneChain(Chain):
                 passes.append(
                     Pass(name, f"{one.name}: {title}" if one.name != MAIN else title, partial(kind, one), whole)
                 )
+                if name == "gain" and self.mapper is not None and made.get(learner) is self.mapper:
+                    examples = partial(self._map_examples, self.mapper, targets)
+                    return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", examples)]
+                if name == "view" and learner:
+                    return passes
                 if name == "view" and suppresses:
                     passes.append(Pass("share", "share of the roadside", self._share))
-        super().__init__(passes, len(self.imager), {} if known is None else known)
-        self.grid = recipe.run_view.grid(lane)
-        self.section = Section(0, self.grid.ny) if section is None else section
-        self._kept = kept_rows(recipe, lane, self.section)
-        channels = run.sizes["polarization"] * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
-        # Variants go through the images again and again: those of a short run are remembered.
-        self._remembers = len(self.variations) > 1 and 8 * len(self.imager) * channels <= CACHE
-        self._images: dict[tuple[int, bool], xr.DataArray] = {}
-        self._cleaned: dict[str, CleanedRun] = {}
+        return passes
 
     @cached_property
     def reaching(self) -> list[int]:
@@ -248,7 +334,7 @@ class LaneChain(Chain):
     def _cleaned_by(self, one: Variation) -> CleanedRun:
         if one.name not in self._cleaned:
             whole = None if len(self.variations) == 1 else partial(self._image, suppressed=one.suppressed)
-            self._cleaned[one.name] = CleanedRun(self.run, self.recipe, self.known[one.of("gain")], whole)
+            self._cleaned[one.name] = CleanedRun(self.images, self.known[one.of("gain")], whole)
         return self._cleaned[one.name]
 
     def raised(self, one: Variation | None = None) -> pd.DataFrame:
@@ -265,9 +351,12 @@ class LaneChain(Chain):
         Needs its pass "features". Those that have no confidence are left out.
         """
         one = one or self.variations[0]
-        features = array_table(self.known[one.of("features")])
-        confidence = features[self._single] if self.classifier is None else self.classifier.confidence(features)
-        alarms = self.raised(one).assign(confidence=confidence, scans=features["scans"])
+        features, alarms = array_table(self.known[one.of("features")]), self.raised(one)
+        more = alarms[[name for name in alarms.columns if name not in ("x", "y", "magnitude")]]
+        features = pd.concat([features, more], axis=1)
+        detector, read = self.model.detector, features.assign(magnitude=alarms["magnitude"])
+        alarms["confidence"] = read[self._single] if detector is None else detector.confidence(read)
+        alarms["scans"] = features["scans"]
         if one.name == MAIN and "share" in self.passes:
             total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
             features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
@@ -282,7 +371,9 @@ class LaneChain(Chain):
     def _single(self) -> str:
         """Name of the feature that is the confidence where nothing was trained."""
         table = self.recipe.contrast
-        return "contrast" if self.recipe.features is None else f"C_{table.polarization}_{table.subband}"
+        if self.recipe.confidence == "magnitude" or self.recipe.features is None:
+            return self.recipe.confidence
+        return f"C_{table.polarization}_{table.subband}"
 
     def detection(self, one: Variation | None = None) -> Detection:
         """Give alarms, features and run-view of a variation, by default the recipe's own; needs its pass "features"."""
@@ -298,7 +389,11 @@ class LaneChain(Chain):
         for one in self.variations:
             found, sums = self.detection(one), self._evidence_sums(one)
             sums.merge(group_of(self.known[one.of("evidence")], "evidence"))
-            shares = contributions(found.alarms, found.features, self._single, self.classifier)
+            features, detector = found.features, self.model.detector
+            if detector is None or features is None:
+                shares = pd.DataFrame({self._single: found.alarms["confidence"].to_numpy()})
+            else:
+                shares = detector.contributions(features)
             before = self._own_view("evidence") if one.name == MAIN else None
             channel, explained = (screen.polarization, screen.subband), sums.result()
             several.append(replace(found, channel=channel, contributions=shares, evidence=explained, before=before))
@@ -306,8 +401,9 @@ class LaneChain(Chain):
 
     def _notes(self, one: Variation) -> dict[str, Any]:
         notes: dict[str, Any] = {}
-        if self.recipe.features is not None:
-            notes["confidence"] = self._single if self.classifier is None else " + ".join(self.classifier.features)
+        detector = self.model.detector
+        if self.recipe.features is not None or detector is not None:
+            notes["confidence"] = self._single if detector is None else " + ".join(detector.features)
         if "share" in self.passes and (one.name == MAIN or one.suppressed):
             points, peaks = self.known["roadside"]["points"], self.known["share"]["peaks"]
             notes["mask_pixels"] = len(points)
@@ -321,7 +417,7 @@ class LaneChain(Chain):
         if (place, suppressed) in self._images:
             return self._images[place, suppressed]
         scan = int(self.imager.scans[place])
-        image = self.imager.image(scan, self._without_roadside(scan) if suppressed else None)
+        image = self.images.image(place, self._without_roadside(scan) if suppressed else None)
         if self._remembers:
             self._images[place, suppressed] = image
         return image
@@ -403,8 +499,15 @@ class LaneChain(Chain):
             tool.first_result,
         )
 
+    def _map_examples(self, mapper: MapStage, truth: pd.DataFrame, block: range | None) -> Accumulator:  # noqa: ARG002
+        return mapper.examples(truth, self.cleaned.coherent)
+
     def _gain(self, one: Variation, block: range | None) -> Accumulator:
-        tool, first = self._estimator(one), self.known[one.of("signature")]
+        tool, first, how = self._estimator(one), self.known[one.of("signature")], self.recipe.background.gain
+        if how == "none":
+            return Accumulator(lambda _: None, lambda _: {}, lambda _: None, lambda: self._level(first, np.ones(1)))
+        if how == "rows":
+            return self._rows_gain(one, first)
         tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
         return Accumulator(
             lambda place: tool.add_gain(self._image(place, one.suppressed).values),
@@ -413,34 +516,85 @@ class LaneChain(Chain):
             lambda: {"gains": first["gains"]} | vars(tool.result()),
         )
 
-    def _estimator(self, one: Variation) -> BackgroundEstimator:
-        table = self.recipe.background
-        return BackgroundEstimator(*table.windows(self.recipe.image.spacing), table.median_step, one.signature)
-
-    def _view(self, one: Variation, block: range | None) -> Accumulator:
-        sums, cleaned = self._view_sums(block), self._cleaned_by(one)
+    def _rows_gain(self, one: Variation, first: Mapping[str, NDArray[Any]]) -> Accumulator:
+        """Take the median magnitude of every row near the middle, mean over the scans."""
+        within = self.recipe.background.within or np.inf
+        near = np.abs(self.imager.grid.x) <= within
+        sums = {"total": np.zeros((*first["signature"].shape[:3], 1)), "count": np.zeros(1)}
 
         def add(place: int) -> None:
-            image = cleaned.scan(place)
-            magnitude = cleaned.background.magnitude(image.values, cleaned.gains[place])
+            image = self._image(place, one.suppressed).values / first["gains"][place][..., None, None]
+            level = np.abs(image - first["signature"])[..., near]
+            sums["total"] += np.median(level, axis=-1, keepdims=True)
+            sums["count"] += 1
+
+        def merge(state: Mapping[str, NDArray[Any]]) -> None:
+            for name, value in sums.items():
+                value += state[name]
+
+        return Accumulator(
+            add, lambda _: dict(sums), merge, lambda: self._level(first, sums["total"] / np.maximum(sums["count"], 1))
+        )
+
+    def _level(self, first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
+        """Give the result of the pass "gain" for a level that is broadcast over the image."""
+        gain = np.broadcast_to(level, first["signature"].shape).astype(np.float32)
+        if not (gain > 0).all():
+            raise ValueError("gain background must be positive everywhere, got zero: the images equal their signature")
+        shared = shared_level(gain, first["gains"])
+        background = Background(first["signature"], gain, first["shared"], shared)
+        return {"gains": first["gains"]} | vars(background)
+
+    def _estimator(self, one: Variation) -> BackgroundEstimator:
+        table = self.recipe.background
+        return BackgroundEstimator(*table.windows(*self.recipe.image.steps), table.median_step, one.signature)
+
+    def _view(self, one: Variation, block: range | None) -> Accumulator:
+        sums, cleaned = self._look_sums(block), self._cleaned_by(one)
+
+        def add(place: int) -> None:
+            if self.mapper is not None:
+                image = cleaned.coherent(place)
+                magnitude = self.mapper.map(image)[None, None]
+            else:
+                image = cleaned.scan(place)
+                magnitude = cleaned.background.magnitude(image.values, cleaned.gains[place])
             sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
 
         def result() -> Arrays:
             values, looks = sums.result()
-            screen, section = self.recipe.prescreen, self.section
-            chosen = select(self._as_view(values, looks, self._kept), screen.polarization, screen.subband)
-            maxima, y = local_maxima(chosen, screen.radius), self.grid.y[section.rows]
-            own = maxima[(maxima["y"] >= y[0]) & (maxima["y"] <= y[-1])].reset_index(drop=True)
+            values = values.reshape(len(values), -1, *values.shape[-2:])  # ranges stand beside the sub-bands
+            screen, view = self.recipe.prescreen, self._as_view(values, looks, self._kept)
+            chosen = select(view, screen.polarization, screen.subband)
             seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
-            return {**self._cropped(values, looks), "seen": np.array(seen), **bundled({"maximum": table_arrays(own)})}
+            raised = {} if self.untrained else bundled({"maximum": table_arrays(self._raise(view, chosen))})
+            return {**self._cropped(values, looks), "seen": np.array(seen), **raised}
 
         return Accumulator(add, lambda _: sums.state(), sums.merge, result)
+
+    def _raise(self, view: xr.DataArray, chosen: xr.DataArray) -> pd.DataFrame:
+        """Give what may become alarms in the section's own rows, with the features that the run-view has of it."""
+        found = (
+            local_maxima(chosen, self.recipe.prescreen.radius)
+            if self._screener is None
+            else self._screener.alarms(view).select_dtypes("number")
+        )
+        y, half = self.grid.y[self.section.rows], self.grid.dy / 2  # what lies between two rows belongs to the nearer
+        own = found[(found["y"] >= y[0] - half) & (found["y"] < y[-1] + half)].reset_index(drop=True)
+        for stage in self._columns.values():
+            own = own.assign(**stage.of_view(view, own[["x", "y"]].to_numpy(dtype=np.float64)))
+        return own
+
+    @property
+    def training_view(self) -> xr.DataArray:
+        """Run-view of the whole lane, for stages that learn from it; needs the pass "view"."""
+        return self._own_view("view")
 
     def _features(self, one: Variation, block: range | None) -> Accumulator:
         cleaned, alarms = self._cleaned_by(one), self.raised(one)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
         sums = self._feature_sums(alarms.iloc[near], cleaned.grid)
-        table, labels = self.recipe.contrast, [str(label) for label in self.run["polarization"].values]
+        table, labels = self.recipe.contrast, [str(label) for label in self.imager.run["polarization"].values]
         channel = labels.index(table.polarization), list(self.recipe.image.subbands).index(table.subband)
 
         def add(place: int) -> None:
@@ -451,6 +605,8 @@ class LaneChain(Chain):
             for name, some in sums.items():
                 if isinstance(some, ContrastSums):
                     some.add(magnitude[channel], pose)
+                elif isinstance(some, StageSums):
+                    some.add(image.copy(data=cleaned.background.own_coherent(values, gain)))
                 else:
                     own = cleaned.background.own_coherent(values, gain) if name == PAPER else coherent
                     some.add(magnitude, own, pose)
@@ -492,24 +648,33 @@ class LaneChain(Chain):
 
         return Accumulator(add, lambda _: state(), merge, result)
 
-    def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums]:
-        """Make the sums of the features, and of their variants by prefix; without features those of the contrast."""
+    def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums | StageSums]:
+        """Make the sums of the features, of their variants by prefix, and of the stages by name.
+
+        Without the ten features there is the contrast.
+        """
         recipe, table = self.recipe, self.recipe.features
+        stages: dict[str, FeatureSums | ContrastSums | StageSums] = {
+            name: StageSums(one, alarms) for name, one in self._columns.items() if one.columns
+        }
         if table is None:
-            return {"": ContrastSums(alarms, grid, recipe.run_view.y_max, recipe.contrast.patch())}
-        channels = [str(label) for label in self.run["polarization"].values], list(recipe.image.subbands)
+            return {"": ContrastSums(alarms, grid, recipe.run_view.y_max, recipe.contrast.patch()), **stages}
+        channels = [str(label) for label in self.imager.run["polarization"].values], list(recipe.image.subbands)
         main = FeatureSettings(recipe.contrast.patch(), table.inner, recipe.run_view.y_max, table.psi)
         settings = {"": main}
         if table.variants:
             settings |= {SWAPPED: main.swapped()}
             settings |= {PAPER: FeatureSettings(main.patch, main.inner, main.y_max, "linear")}
-        return {name: FeatureSums(alarms, *channels, grid, one) for name, one in settings.items()}
+        return {name: FeatureSums(alarms, *channels, grid, one) for name, one in settings.items()} | stages
 
-    def _feature_table(self, sums: Mapping[str, FeatureSums | ContrastSums]) -> pd.DataFrame:
+    def _feature_table(self, sums: Mapping[str, FeatureSums | ContrastSums | StageSums]) -> pd.DataFrame:
         """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
         tables = []
         for name, one in sums.items():
             columns = one.table()
+            if isinstance(one, StageSums):
+                tables.append(columns)
+                continue
             if name == PAPER:
                 columns = columns[[f"{p}_{band}" for band in self.recipe.image.subbands for p in POLARIMETRIC]]
             tables.append(
@@ -548,6 +713,14 @@ class LaneChain(Chain):
         rows = self._kept if block is None else self._rows(block)
         return RunViewSums(self.grid, self.recipe.run_view.y_max, rows)
 
+    def _look_sums(self, block: range | None) -> RunViewSums | MeanViewSums | RangeViewSums:
+        """Make the sums of the recipe's look."""
+        table, rows = self.recipe.run_view, self._kept if block is None else self._rows(block)
+        if table.look == "ranges":
+            return RangeViewSums(self.grid, table.y_max, rows, table.ranges, table.within)
+        kind = MeanViewSums if table.look == "mean" else RunViewSums
+        return kind(self.grid, table.y_max, rows)
+
     @property
     def _own(self) -> slice:
         """The section's own rows among those that are kept."""
@@ -557,11 +730,17 @@ class LaneChain(Chain):
         return {"view": values[..., self._own, :], "looks": looks[self._own]}
 
     def _own_view(self, name: str) -> xr.DataArray:
-        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows)
+        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows, name)
 
-    def _as_view(self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice) -> xr.DataArray:
-        labels = {"polarization": self.run["polarization"].values, "subband": list(self.recipe.image.subbands)}
-        return view_array(values, looks, self.grid, labels, rows)
+    def _as_view(
+        self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, name: str = "view"
+    ) -> xr.DataArray:
+        polarization = [str(label) for label in self.imager.run["polarization"].values]
+        subband = list(self.recipe.image.subbands)
+        if not name.startswith("evidence"):
+            subband = self.recipe.run_view.channels(subband)
+            polarization = polarization if self.recipe.map is None else [self.recipe.map.stage]
+        return view_array(values, looks, self.grid, {"polarization": polarization, "subband": subband}, rows)
 
 
 def table_arrays(table: pd.DataFrame) -> Arrays:

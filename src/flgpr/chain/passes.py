@@ -13,6 +13,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
@@ -57,12 +58,15 @@ class Pass:
         known by then.
     whole : bool
         Whether it goes through all scans where only a section of the lane is asked for.
+    stored : bool
+        Whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`.
     """
 
     name: str
     title: str
     start: Callable[[range | None], Accumulator]
     whole: bool = False
+    stored: bool = False
 
 
 # Goes through a block for an accumulator, which may begin with what was kept of it.
@@ -72,6 +76,11 @@ Going = Callable[[range, Accumulator], Iterator[int]]
 def plainly(block: range, gathered: Accumulator) -> Iterator[int]:  # noqa: ARG001
     """Go through a block from its beginning and keep nothing."""
     yield from block
+
+
+def part_name(name: str, number: int) -> str:
+    """Name under which a block's part of a pass is kept."""
+    return f"{name}-{number:06d}"
 
 
 def blocks_of(scans: int) -> list[range]:
@@ -139,7 +148,12 @@ class Chain:
             if name not in self.known:
                 every = self.numbers(name)
                 numbers = track(every, self.passes[name].title, len(every))
-                self.known[name] = self.fold(name, (self.part(name, number) for number in numbers))
+                if self.passes[name].stored:
+                    for number in numbers:
+                        self.known[part_name(name, number)] = self.part(name, number)
+                    self.known[name] = {}
+                else:
+                    self.known[name] = self.fold(name, (self.part(name, number) for number in numbers))
 
 
 def bundled(groups: Mapping[str, Arrays]) -> Arrays:
@@ -150,3 +164,16 @@ def bundled(groups: Mapping[str, Arrays]) -> Arrays:
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Take a group out of what :func:`bundled` made."""
     return {key.removeprefix(f"{group}|"): arrays[key] for key in arrays if key.startswith(f"{group}|")}
+
+
+def gathered(parts: list[Arrays], add: Callable[[int], Any]) -> Accumulator:
+    """Accumulator of arrays whose first axis grows: ``add`` appends a scan's to ``parts``, the result joins them."""
+
+    def joined() -> Arrays:
+        return {name: np.concatenate([one[name] for one in parts]) for name in parts[0]} if parts else {}
+
+    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+        if state:
+            parts.append(dict(state))
+
+    return Accumulator(add, lambda _: joined(), merge, joined)

@@ -10,17 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from flgpr.chain.stages import ClutterNamed, FeaturesNamed, MapNamed, Named, Positive, ScreenNamed, Table
 from flgpr.features import PatchShape
-from flgpr.kernels.windows import WINDOWS
+from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane
 from flgpr.model.faults import describe_fault, no_preset
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Positive = Annotated[float, Field(gt=0)]
+FloatArray = NDArray[np.float64]
 
 
 def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
@@ -30,8 +32,8 @@ def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def _known_window(name: str) -> str:
-    if name not in WINDOWS:
-        raise ValueError(f"must be one of {', '.join(WINDOWS)}, got {name!r}")
+    if name not in (*WINDOWS, "ramp"):
+        raise ValueError(f"must be one of {', '.join(WINDOWS)}, ramp, got {name!r}")
     return name
 
 
@@ -45,64 +47,102 @@ Limits = Annotated[tuple[float, float], AfterValidator(_increasing)]
 Polarization = Annotated[str, AfterValidator(_known_polarization)]
 
 
-class Table(BaseModel):
-    """A table of a recipe: unknown keys are refused, values are not changed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
 class ImageTable(Table):
-    """Scan images: pixels in the scan frame (m), sub-bands (Hz), window, tolerance of the imaging operator."""
+    """Scan images: pixels in the scan frame (m), sub-bands (Hz), window, tolerance of the imaging operator.
+
+    ``spacing`` (m) may be one length or two, cross-track and down-track. The window "ramp" is that of filtered
+    backprojection. ``polarizations`` are those that are imaged, default all; an image is the coherent mean over the
+    last ``frames`` scans, on the ground ahead of the latest (Fuse et al. 2018, Eq. 4).
+    """
 
     x: Limits
     y: Limits
-    spacing: Positive
+    spacing: Positive | tuple[Positive, Positive]
     subbands: dict[str, Limits] = Field(min_length=1)
     window: Annotated[str, AfterValidator(_known_window)] = "boxcar"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
+    polarizations: tuple[Polarization, ...] = ()
+    frames: Annotated[int, Field(ge=1)] = 1
+
+    @property
+    def steps(self) -> tuple[float, float]:
+        """Spacing cross-track and down-track, m."""
+        return self.spacing if isinstance(self.spacing, tuple) else (self.spacing, self.spacing)
 
     def grid(self) -> Grid:
         """Grid of the scan images."""
-        return Grid.spanning(self.x, self.y, self.spacing)
+        (dx, dy), x, y = self.steps, self.x, self.y
+        if dx == dy:
+            return Grid.spanning(x, y, dx)
+        return Grid(x[0], y[0], round((x[1] - x[0]) / dx) + 1, round((y[1] - y[0]) / dy) + 1, dx, dy)
+
+    def weights(self, frequency: FloatArray) -> str | FloatArray:
+        """Window as the imaging operator takes it."""
+        return ramp(frequency) if self.window == "ramp" else self.window
 
 
 class BackgroundTable(Table):
-    """Self-signature estimate and the windows of the gain background (m).
+    """Self-signature estimate and gain background.
 
-    ``median_step`` takes the median at every so many pixels only, see :class:`flgpr.clutter.BackgroundEstimator`.
+    The gain background is "smooth", filtered by the windows ``median`` and ``mean`` (m; Wang et al. 2007, Eq. 3 and 4),
+    or one level for each of the "rows", the median within ``within`` metres of the middle (Fuse et al. 2018), or
+    "none". ``median_step`` takes the median at every so many pixels, see :class:`flgpr.clutter.BackgroundEstimator`.
     """
 
     self_signature: Literal["none", "mean", "median"]
-    median: Positive
-    mean: Positive
+    gain: Literal["smooth", "rows", "none"] = "smooth"
+    median: Positive = 1.05
+    mean: Positive = 2.55
     median_step: Annotated[int, Field(ge=1)] = 1
+    within: Positive | None = None
 
-    def windows(self, spacing: float) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Windows of the median and the mean in odd numbers of pixels of a spacing (m)."""
-        median, mean = (max(2 * round((length / spacing - 1) / 2) + 1, 1) for length in (self.median, self.mean))
-        return (median, median), (mean, mean)
+    def windows(self, dx: float, dy: float | None = None) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Windows (y, x) of the median and the mean in odd numbers of pixels of a spacing (m)."""
+        steps = (dx if dy is None else dy, dx)
+        median, mean = (
+            tuple(max(2 * round((length / step - 1) / 2) + 1, 1) for step in steps)
+            for length in (self.median, self.mean)
+        )
+        return (median[0], median[1]), (mean[0], mean[1])
 
 
 class RunViewTable(Table):
     """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
 
-    Without ``y`` it is as long as the lane.
+    Without ``y`` it is as long as the lane. ``look`` tells what becomes of the scans that see a pixel: the
+    "second-largest" magnitude stands (Wang et al. 2007), or the "mean", or one view is made for each of the ``ranges``
+    ahead of the array (m), of the scan that sees the pixel nearest to it, at most ``within`` off (flsar2004).
     """
 
     x: Limits
     y: Limits | None = None
     spacing: Positive
     y_max: Positive
+    look: Literal["second-largest", "mean", "ranges"] = "second-largest"
+    ranges: tuple[Positive, ...] = ()
+    within: Positive = 2.5
+
+    @model_validator(mode="after")
+    def _ranged(self) -> RunViewTable:
+        if (self.look == "ranges") != bool(self.ranges):
+            raise ValueError(f'ranges must be given with the look "ranges" and only then, got {self.ranges}')
+        return self
 
     def grid(self, lane: Lane) -> Grid:
         """Grid of the run-view of a lane."""
         return Grid.spanning(self.x, self.y or (lane.y_min, lane.y_max), self.spacing)
 
+    def channels(self, subbands: Sequence[str]) -> list[str]:
+        """Names of the run-view's channels beside the polarizations: sub-bands, or ranges of each."""
+        if self.look != "ranges":
+            return list(subbands)
+        return [f"{band} {one:g} m" if len(subbands) > 1 else f"{one:g} m" for band in subbands for one in self.ranges]
+
 
 class PrescreenTable(Table):
     """Prescreener: channel, alarm radius (m), density, and where the density rule counts."""
 
-    polarization: Polarization
+    polarization: str
     subband: str
     radius: Positive
     density: Positive
@@ -135,6 +175,30 @@ class FeaturesTable(Table):
     inner: tuple[int, int] = (5, 3)
     psi: Literal["circular", "linear"] = "circular"
     variants: bool = False
+
+
+class DetectorTable(Table):
+    """What is trained on the features of alarms: an estimator, the features it reads, and how.
+
+    ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher discriminant), or one
+    that ``ALLOWED`` in :mod:`flgpr.chain.estimators` names, with its ``options``; ``scale`` "standard" brings every
+    feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone. ``features`` are
+    columns; names may end in ``*``.
+    """
+
+    estimator: str = "fisher"
+    features: tuple[str, ...] = ()
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    scale: Literal["standard", "none"] = "standard"
+    on: Literal["all", "mines"] = "all"
+
+    @model_validator(mode="after")
+    def _known(self) -> DetectorTable:
+        from flgpr.chain.estimators import ALLOWED  # only where a recipe has a detector
+
+        if self.estimator not in ("fisher", *ALLOWED):
+            raise ValueError(f"estimator must be one of fisher, {', '.join(ALLOWED)}, got {self.estimator!r}")
+        return self
 
 
 class LaneTable(Table):
@@ -196,19 +260,77 @@ class Recipe(Table):
     contrast: ContrastTable
     score: ScoreTable
     lane: LaneTable | None = None
+    clutter: tuple[ClutterNamed, ...] = ()
+    map: MapNamed | None = None
+    screen: ScreenNamed | None = None
     features: FeaturesTable | None = None
+    columns: tuple[FeaturesNamed, ...] = ()
+    detector: DetectorTable | None = None
+    confidence: Literal["contrast", "magnitude"] = "contrast"
     suppression: SuppressionTable | None = None
     variants: tuple[Variant, ...] = ()
 
+    def named(self) -> dict[str, Named]:
+        """All stages that the recipe names, by kind and name, in the order in which they work and learn."""
+        kinds = {"clutter": self.clutter, "map": (self.map,), "screen": (self.screen,), "features": self.columns}
+        return {f"{kind}.{one.stage}": one for kind, some in kinds.items() for one in some if one is not None}
+
+    def learning(self) -> list[str]:
+        """Names of the stages that must be trained before the recipe can be run."""
+        return [name for name, one in self.named().items() if one.of.learns]
+
+    def waits(self) -> list[str]:
+        """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
+        why = {f"{name}": one.of.waits for name, one in self.named().items() if one.of.waits}
+        why |= {name: "named features are means over all scans" for name, one in self.named().items()
+                if one.of.kind == "features" and name not in why}  # fmt: skip
+        if self.image.frames > 1:
+            why["image.frames"] = "several scans are summed"
+        if self.run_view.look != "second-largest":
+            why["run_view.look"] = f"the look {self.run_view.look!r} is complete only when a place is passed"
+        if self.background.self_signature != "mean":
+            why["background.self_signature"] = (
+                f'must be "mean", whose estimate grows, got "{self.background.self_signature}"'
+            )
+        if self.background.gain != "smooth":
+            why["background.gain"] = f'must be "smooth", got "{self.background.gain}"'
+        if self.confidence != "contrast":
+            why["confidence"] = f'must be "contrast", got "{self.confidence}"'
+        return [f"{name}: {reason}" for name, reason in why.items()]
+
     @model_validator(mode="after")
     def _consistent(self) -> Recipe:
-        used = {"prescreen": self.prescreen.subband, "contrast": self.contrast.subband}
+        used = {"contrast": self.contrast.subband}
         if self.suppression is not None:
             used["suppression"] = self.suppression.subband
         for name, subband in used.items():
             if subband not in self.image.subbands:
                 known = ", ".join(self.image.subbands)
                 raise ValueError(f"{name}.subband must be one of image.subbands ({known}), got {subband!r}")
+        views = self.run_view.channels(list(self.image.subbands))
+        if self.prescreen.subband not in views:
+            place = "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
+            raise ValueError(
+                f"prescreen.subband must be one of {place} ({', '.join(views)}), got {self.prescreen.subband!r}"
+            )
+        if self.map is not None and self.prescreen.polarization != self.map.stage:
+            raise ValueError(
+                f"prescreen.polarization must be {self.map.stage!r}, the map, got {self.prescreen.polarization!r}"
+            )
+        if self.map is None and self.prescreen.polarization not in POLARIZATIONS:
+            known = ", ".join(POLARIZATIONS)
+            raise ValueError(f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}")
+        if self.map is not None and len(self.image.subbands) > 1:
+            raise ValueError(f"image.subbands must be one band for a map, got {len(self.image.subbands)}")
+        kinds = [
+            f"{kind} {one.stage}"
+            for kind, some in (("clutter", self.clutter), ("columns", self.columns))
+            for one in some
+        ]
+        if len(set(kinds)) != len(kinds):
+            raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
+        if self.variants and (self.named() or self.image.frames > 1):
+            raise ValueError("variants need a recipe without named stages and with image.frames = 1, got both")
         if self.suppression is None and any(variant.suppress_roadside for variant in self.variants):
             raise ValueError("a variant with suppress_roadside needs the table suppression")
         names = [variant.name for variant in self.variants]

@@ -10,11 +10,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import pandas as pd
 
 from flgpr.chain.recipe import Recipe
+from flgpr.chain.stages import ScreenStage
 from flgpr.model import Lane
 from flgpr.screen import density_threshold
 
@@ -78,7 +79,10 @@ def margin(recipe: Recipe) -> int:
     int
         Rows: twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border.
     """
-    return math.ceil(2 * recipe.prescreen.radius / recipe.run_view.spacing) + 2
+    reach = 2 * recipe.prescreen.radius
+    if recipe.screen is not None:
+        reach = max(reach, cast(type[ScreenStage], recipe.screen.of).margin(recipe.screen.settings))
+    return math.ceil(reach / recipe.run_view.spacing) + 2
 
 
 def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
@@ -189,6 +193,8 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
     float
         Magnitude from which on they are alarms, see :func:`flgpr.screen.density_threshold`.
     """
+    if recipe.screen is not None:
+        return -math.inf  # a stage of its own has judged already
     screen, grid = recipe.prescreen, recipe.run_view.grid(lane)
     whole = screen.count == "view"
     counted = maxima if whole else maxima[lane.contains(maxima["x"], maxima["y"])]

@@ -1,0 +1,98 @@
+"""A run's images as a recipe wants them: cleaned data of the last scans, summed coherently, polarizations chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from flgpr.chain.model import Model
+from flgpr.chain.passes import Pass
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.stages import ClutterStage, ComplexArray, Setup
+from flgpr.imaging import ScanImager
+from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
+
+
+class RunImages:
+    """Images of a run, scan by scan, with its recipe's clutter stages in between.
+
+    Parameters
+    ----------
+    run, recipe, lane, model, known
+        As for :class:`flgpr.chain.lane_chain.LaneChain`.
+    others : mapping of str to xarray.Dataset
+        Runs taken together with it.
+
+    Attributes
+    ----------
+    imager : ScanImager
+        Of the polarizations that are imaged, on the recipe's grid.
+    grid : Grid
+        Its pixels as far ahead as counts.
+    plain : bool
+        Whether images are those of the run's own scans.
+    setup : Setup
+        What stages are told.
+    """
+
+    def __init__(
+        self,
+        run: xr.Dataset,
+        recipe: Recipe,
+        lane: Lane,
+        model: Model,
+        known: Mapping[str, Any],
+        others: Mapping[str, xr.Dataset],
+    ) -> None:
+        table, every = recipe.image, recipe.image.grid()
+        labels = [str(label) for label in run["polarization"].values]
+        wanted = list(table.polarizations) or labels
+        how = every, table.subbands, table.weights(run["frequency"].values), table.tolerance
+        source = ScanImager(run, *how)
+        self.imager = source if wanted == labels else ScanImager(run.sel(polarization=wanted), *how)
+        self.frames = table.frames
+        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.steps[1]
+        rows = min(every.ny, int(np.ceil((reach - every.y_min) / every.dy)) + 1)
+        self.grid = Grid(every.x_min, every.y_min, every.nx, rows, every.dx, every.dy)
+        self.setup = Setup(
+            run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(one) for one in wanted],
+            self.frames, known,
+        )  # fmt: skip
+        self.stages: dict[str, ClutterStage] = {}
+        before = self._raw
+        for name, one in recipe.named().items():
+            if issubclass(one.of, ClutterStage):
+                stage = one.of(one.settings, self.setup, model.stages.get(name))
+                stage.before = before
+                self.stages[name], before = stage, stage.data
+                if one.of.learns and name not in model.stages:
+                    break  # what comes after it works on what it will leave
+        self.plain = not self.stages and self.frames == 1
+        self._data = before
+
+    def passes(self) -> list[Pass]:
+        """List the passes that the clutter stages need beforehand."""
+        return [one for stage in self.stages.values() for one in stage.passes()]
+
+    def image(self, place: int, data: ComplexArray | None = None) -> xr.DataArray:
+        """Whole image of the scan at a place among the complete ones; ``data`` stands in for a plain scan's own."""
+        scan = int(self.imager.scans[place])
+        if self.plain:
+            return self.imager.image(scan, data)
+        frames = self._data(place, self.frames)[:, self.setup.imaged]
+        if len(frames) == 1:
+            return self.imager.image(scan, frames[0])
+        points = scan_to_lane(self.imager.grid.points(), self.setup.pose(place))
+        total = self.imager.operator(scan).adjoint(frames[-1])
+        for back, one in enumerate(frames[-2::-1], 1):
+            earlier = int(self.imager.scans[place - back])
+            where = lane_to_scan(points, self.setup.pose(place - back))
+            total += self.imager.operator_on(earlier, where, self.imager.subbands).adjoint(one)
+        return self.imager.labelled(scan, np.asarray(total / np.float32(len(frames)), np.complex64))
+
+    def _raw(self, place: int, count: int) -> ComplexArray:
+        scans = self.setup.imager.scans[max(place - count + 1, 0) : place + 1]
+        return np.stack([self.setup.imager.signal(int(scan)) for scan in scans])

@@ -1,0 +1,307 @@
+"""Stages: what a recipe names, packaged or from another distribution, and what each kind must be able to do.
+
+A stage is a class of one of five kinds. Its ``Settings`` are the entries of its table in a recipe. A
+distribution offers stages by entry points of the group ``flgpr.stages``, whose names are those that recipes use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from flgpr.model.faults import describe_fault
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from flgpr.chain.passes import Accumulator, Arrays, Pass
+    from flgpr.imaging import ScanImager
+    from flgpr.model import Grid, Lane
+
+GROUP = "flgpr.stages"
+PACKAGED = {
+    "clutter": {"standing": "standing:StandingField", "masks": "masks:MaskedSuppression"},
+    "map": {
+        "deflection": "forms:DeflectionMap",
+        "neyman-pearson": "forms:NeymanPearsonMap",
+        "whitening": "forms:WhiteningMap",
+        "magnitude": "forms:MagnitudeMap",
+    },
+    "screen": {"clusters": "clusters:ClusterScreen"},
+    "features": {"templates": "clusters:TemplateFeatures"},
+}
+Positive = Annotated[float, Field(gt=0)]
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex64]
+
+
+class Table(BaseModel):
+    """A table of a recipe: unknown entries are refused, values are not changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a stage is told of the chain it belongs to.
+
+    Attributes
+    ----------
+    run : xarray.Dataset
+        The run.
+    others : mapping of str to xarray.Dataset
+        Runs that were taken together with it, by the name that recipes give them, such as a second band.
+    lane : Lane
+        The lane.
+    imager : ScanImager
+        Makes images and operators of the run; ``imager.scans`` are the numbers of its complete scans, in whose order
+        places are counted.
+    images : Grid
+        Pixels of the scan images that count, in the scan frame.
+    view : Grid
+        Pixels of the run-view, in the lane frame.
+    imaged : list of int
+        Numbers of the polarizations that are imaged.
+    summed : int
+        Number of scans that an image is the coherent sum of.
+    known : mapping of str to dict of ndarray
+        Results of earlier passes.
+    """
+
+    run: xr.Dataset
+    others: Mapping[str, xr.Dataset]
+    lane: Lane
+    imager: ScanImager
+    images: Grid
+    view: Grid
+    imaged: list[int]
+    summed: int
+    known: Mapping[str, Any]
+
+    def pose(self, place: int) -> FloatArray:
+        """Pose (6,) of the scan at a place among the complete ones."""
+        return np.asarray(self.run["pose"].values[self.imager.scans[place]], dtype=np.float64)
+
+
+class Stage:
+    """A step of a recipe. Subclass one of the kinds below.
+
+    Parameters
+    ----------
+    settings : Table
+        Its entries in the recipe, an instance of ``Settings``.
+    setup : Setup
+        The chain it belongs to.
+    learnt : dict of str to ndarray, optional
+        What ``fit`` gave; None before training.
+
+    Attributes
+    ----------
+    kind : str
+        "clutter", "map", "screen", "features" or "detector".
+    learns : bool
+        Whether it must be trained: it then has ``fit``.
+    waits : str
+        Why it cannot work while scans come in; "" if it can.
+    """
+
+    kind: ClassVar[str] = ""
+    learns: ClassVar[bool] = False
+    waits: ClassVar[str] = ""
+    Settings: ClassVar[type[Table]] = Table
+
+    def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
+        self.settings, self.setup = settings, setup
+        self.learnt = learnt or {}
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Learn from the training lanes: arrays to work with later, and figures worth reporting.
+
+        Parameters
+        ----------
+        settings : Table
+            Its entries in the recipe.
+        examples : list
+            One per training lane: the result of ``examples`` for the kinds that look at scans, else a
+            :class:`TrainingView`.
+
+        Returns
+        -------
+        dict of str to ndarray, dict
+            What it has learnt, and notes.
+        """
+        raise NotImplementedError(f"{cls.__name__} does not learn")
+
+    @classmethod
+    def spent(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
+        """Give the rows of each training lane's truth that made it what it is: no detector is trained on them again."""
+        return []
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """Run-view (polarization, subband, y, x) of a training lane, its truth table, and its lane."""
+
+    view: xr.DataArray
+    truth: pd.DataFrame
+    lane: Lane
+
+
+class ClutterStage(Stage):
+    """Takes clutter out of the received field: data in, data out."""
+
+    kind = "clutter"
+    before: Callable[[int, int], ComplexArray]
+    """Data of the scans up to a place, as the stages before leave it: ``before(place, count)``."""
+
+    def clean(self, place: int, data: ComplexArray) -> ComplexArray:
+        """Clean the data (polarization, pair, frequency) of the scan at a place among the complete ones."""
+        raise NotImplementedError
+
+    def data(self, place: int, count: int) -> ComplexArray:
+        """Give cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to a place."""
+        first = max(place - count + 1, 0)
+        return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, place + 1)])
+
+    def passes(self) -> list[Pass]:
+        """List the passes over the run that it needs beforehand; their names begin with that of the stage."""
+        return []
+
+    def examples(self, truth: pd.DataFrame) -> Accumulator:
+        """Gather, scan by scan, what ``fit`` needs of a lane with this truth, for stages that learn."""
+        raise NotImplementedError
+
+
+class MapStage(Stage):
+    """Turns every cleaned scan image into a map of how much each pixel is like a mine."""
+
+    kind = "map"
+
+    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Map (y, x) of a cleaned complex scan image (polarization, subband, y, x); NaN where it says nothing."""
+        raise NotImplementedError
+
+    def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Gather what ``fit`` needs of a lane; ``image`` gives the cleaned image of the scan at a place."""
+        raise NotImplementedError
+
+
+class ScreenStage(Stage):
+    """Raises alarms on the run-view, in place of its local maxima."""
+
+    kind = "screen"
+
+    @classmethod
+    def margin(cls, settings: Any) -> float:
+        """Tell how far beyond a section's border alarms depend on the run-view, m."""
+        raise NotImplementedError
+
+    def alarms(self, view: xr.DataArray) -> pd.DataFrame:
+        """Alarms on a run-view (polarization, subband, y, x): x, y (m, lane frame) and magnitude, strong to weak."""
+        raise NotImplementedError
+
+
+class FeatureStage(Stage):
+    """Adds columns to the features of alarms: give one of the two methods, or both.
+
+    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken; the chain does the gathering.
+    """
+
+    kind = "features"
+    columns: tuple[str, ...] = ()
+    """Columns of ``of_image``; "" for none."""
+
+    def of_image(self, image: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:
+        """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
+
+        Parameters
+        ----------
+        image : xarray.DataArray
+            Cleaned complex scan image (polarization, subband, y, x), in units of the background.
+        places : (alarm, 2) ndarray
+            x and y of the alarms in the scan frame, m.
+        """
+        raise NotImplementedError
+
+    def of_view(self, view: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
+        """Features of the run-view (polarization, subband, y, x) at places (alarm, 2) in the lane frame, m."""
+        return {}
+
+
+class Named(BaseModel):
+    """A stage that a recipe names, with its entries."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+    stage: str
+    settings: Table
+    of: type[Stage]
+
+
+def _named(kind: str) -> Callable[[Any], Any]:
+    def read(table: Any) -> Any:
+        if isinstance(table, Named):
+            return table
+        if not isinstance(table, dict) or not isinstance(table.get("stage"), str):
+            raise ValueError(f'must be a table with the entry stage = "...", got {table!r}')
+        of = find_stage(kind, table["stage"])
+        entries = {name: value for name, value in table.items() if name != "stage"}
+        try:
+            settings = of.Settings.model_validate(entries)
+        except ValidationError as error:
+            raise ValueError(
+                "; ".join(describe_fault(one, of.Settings, table["stage"]) for one in error.errors())
+            ) from None
+        return Named(stage=table["stage"], settings=settings, of=of)
+
+    return read
+
+
+ClutterNamed = Annotated[Named, BeforeValidator(_named("clutter"))]
+MapNamed = Annotated[Named, BeforeValidator(_named("map"))]
+ScreenNamed = Annotated[Named, BeforeValidator(_named("screen"))]
+FeaturesNamed = Annotated[Named, BeforeValidator(_named("features"))]
+
+
+@cache
+def find_stage(kind: str, name: str) -> type[Stage]:
+    """Find a stage by its kind and name.
+
+    Parameters
+    ----------
+    kind : str
+        "clutter", "map", "screen" or "features".
+    name : str
+        Name of a packaged stage or of an entry point of the group ``flgpr.stages``.
+
+    Returns
+    -------
+    type
+        The stage's class.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name, or it is of another kind.
+    """
+    if name in PACKAGED[kind]:
+        module, _, which = PACKAGED[kind][name].partition(":")
+        found: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), which)
+        return found
+    offered = {one.name: one for one in entry_points(group=GROUP)}
+    if name not in offered:
+        known = ", ".join([*PACKAGED[kind], *offered])
+        raise ValueError(f"stage must be one of {known}, got {name!r}")
+    loaded = offered[name].load()
+    if not (isinstance(loaded, type) and issubclass(loaded, Stage) and loaded.kind == kind):
+        raise ValueError(f"stage {name!r} of {offered[name].value} must be a class of the kind {kind}, got {loaded!r}")
+    return loaded

@@ -1,0 +1,169 @@
+"""flsar2004's three prescreeners over ranges and polarizations, and correlation with templates of mines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field
+
+from flgpr.chain.passes import Arrays
+from flgpr.chain.stages import FeatureStage, FloatArray, Positive, ScreenStage, Table, TrainingView
+from flgpr.features import cut_regions, mean_template, template_features
+from flgpr.model import Grid
+from flgpr.screen import (
+    ClusterThresholds,
+    Ellipse,
+    fit_ellipse,
+    fuse_clusters,
+    prescreen_clusters,
+    thresholds_over,
+)
+from flgpr.screen.clusters import Rule
+
+_LIMITS = ("half_x", "half_y", "amplitude", "size", "std", "energy_ratio")
+
+
+def subset(lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ()) -> list[pd.DataFrame]:
+    """Choose the mines that make templates and thresholds: the same ones for every stage, evenly spread over the lanes.
+
+    Of the targets, sorted by place, every so-manieth is taken, at least four in all; of ``kinds`` only where given, as
+    long as there are any.
+    """
+    total = sum(len(lane.truth) for lane in lanes)
+    step = max(total // max(round(share * total), min(4, total)), 1) if total else 1
+    chosen, begun = [], 0
+    for lane in lanes:
+        table = lane.truth.sort_values(["y", "x"], kind="stable")
+        chosen.append(table[(begun + np.arange(len(table))) % step == 0])
+        begun += len(table)
+    wanted = [one[one["kind"].isin(kinds)] if kinds else one for one in chosen]
+    return wanted if any(len(one) for one in wanted) else chosen
+
+
+class TemplateSettings(Table):
+    """Sizes of templates and regions, x and y in m, and the share of the training mines that makes templates."""
+
+    region: tuple[Positive, Positive] = (1.36, 1.47)
+    template: tuple[Positive, Positive] = (1.04, 0.80)
+    share: Annotated[float, Field(gt=0, lt=1)] = 0.1
+
+
+class ClusterSettings(TemplateSettings):
+    """Radius of a cluster (m), share of mines that passes each prescreener, how far a peak may lie from its mine (m).
+
+    ``rule`` says in which images a region must be seen (par. 18 and 44), ``polarizations`` in those of which it may be.
+    """
+
+    radius: Positive = 0.2
+    pass_share: Annotated[float, Field(gt=0, le=1)] = 1.0
+    reach: Positive = 0.5
+    kinds: tuple[str, ...] = ("metal",)
+    polarizations: tuple[str, ...] = ()
+    rule: Rule = "and-or"
+
+
+def _grid(view: xr.DataArray) -> Grid:
+    x, y = view["x"].values, view["y"].values
+    return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
+
+
+def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArray[Any]:
+    """Mean signatures (polarization, range, y, x) of unit energy of the subset's mines (par. 19)."""
+    chips = [
+        cut_regions(lane.view.values, _grid(lane.view), mines[["x", "y"]], settings.template)
+        for lane, mines in zip(lanes, subset(lanes, settings.share), strict=True)
+    ]
+    return mean_template(np.concatenate(chips))
+
+
+class ClusterScreen(ScreenStage):
+    """Amplitude with clustering, standard deviation and energy in an ellipse, one after the other (Sec. 3.1)."""
+
+    learns = True
+    waits = "a region is looked at from all ranges before it is judged"
+    Settings: ClassVar[type[Table]] = ClusterSettings
+
+    @classmethod
+    def margin(cls, settings: Any) -> float:
+        """Tell how far regions and what decides on them reach, at most: an ellipse is no larger than a template."""
+        return 2 * max(*settings.region, *settings.template) + 10 * settings.radius
+
+    def alarms(self, view: xr.DataArray) -> pd.DataFrame:
+        """Regions that pass; their magnitude is the peak over the amplitude threshold of its image."""
+        tables, levels = {}, {}
+        for (p, polarization), (r, name) in self._channels(view):
+            ellipse, limits = self._limits(p, r)
+            key = polarization, name
+            channel = view.isel(polarization=p, subband=r)
+            tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius, "local")
+            levels[key] = limits.amplitude
+        found = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels, "local")
+        return found.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
+
+    def _channels(self, view: xr.DataArray) -> list[tuple[tuple[int, str], tuple[int, str]]]:
+        wanted = self.settings.polarizations or tuple(view["polarization"].values)
+        return [
+            ((p, str(polarization)), (r, str(name)))
+            for p, polarization in enumerate(view["polarization"].values)
+            for r, name in enumerate(view["subband"].values)
+            if polarization in wanted
+        ]
+
+    def _limits(self, p: int, r: int) -> tuple[Ellipse, ClusterThresholds]:
+        half_x, half_y, *limits = (float(self.learnt[name][p, r]) for name in _LIMITS)
+        return Ellipse(half_x, half_y), ClusterThresholds(*limits)
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+        """Set ellipse and thresholds of every channel by the subset's mines."""
+        templates = templates_of(examples, settings)
+        mines = subset(examples, settings.share, settings.kinds)
+        learnt = {name: np.zeros(templates.shape[:2]) for name in _LIMITS}
+        first = _grid(examples[0].view)
+        for p, r in np.ndindex(*templates.shape[:2]):
+            ellipse = fit_ellipse(templates[p, r], (first.dx, first.dy))
+            views = [(lane.view[p, r], some[["x", "y"]].to_numpy()) for lane, some in zip(examples, mines, strict=True)]
+            limits = thresholds_over(views, ellipse, settings.radius, settings.reach, settings.pass_share)
+            for name in _LIMITS:
+                learnt[name][p, r] = getattr(ellipse if name.startswith("half") else limits, name)
+        return learnt, {"mines_for_thresholds": sum(len(one) for one in mines)}
+
+    @classmethod
+    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
+        """Give the subset's mines."""
+        return subset(examples, settings.share)
+
+
+class TemplateFeatures(FeatureStage):
+    """The largest correlation with the template of every polarization and range (par. 22)."""
+
+    learns = True
+    waits = ClusterScreen.waits
+    Settings: ClassVar[type[Table]] = TemplateSettings
+
+    def of_view(self, view: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:
+        """Correlations, named T_POLARIZATION_RANGE."""
+        regions = cut_regions(view.values, _grid(view), places, self.settings.region)
+        values = (
+            template_features(regions, self.learnt["templates"])
+            if len(places)
+            else np.zeros((0, regions.shape[1] * regions.shape[2]))
+        )
+        names = [f"T_{p}_{s}" for p in view["polarization"].values for s in view["subband"].values]
+        return dict(zip((name.replace(" ", "") for name in names), values.T, strict=True))
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
+        """Average the subset's signatures."""
+        templates = templates_of(examples, settings)
+        return {"templates": templates}, {"mines_for_templates": sum(map(len, subset(examples, settings.share)))}
+
+    @classmethod
+    def spent(cls, settings: Any, examples: list[TrainingView]) -> list[pd.DataFrame]:
+        """Give the subset's mines."""
+        return subset(examples, settings.share)

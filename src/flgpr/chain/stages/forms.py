@@ -1,0 +1,173 @@
+"""Maps by linear-quadratic forms: the detectors of Cosgrove et al. 2004 at every pixel of a scan image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from flgpr.chain.passes import Accumulator, Arrays, gathered
+from flgpr.chain.stages import MapStage, Positive, Table
+from flgpr.clutter import ClutterWhitener
+from flgpr.detect import (
+    DeflectionDetector,
+    LinearQuadraticForm,
+    NeymanPearsonDetector,
+    PolarimetricWhiteningFilter,
+    magnitude_form,
+)
+from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.kernels.moments import ESTIMATORS
+from flgpr.model import lane_to_scan
+
+_FORM = ("strength", "vectors", "linear", "offset")
+_PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
+
+
+class CutSettings(Table):
+    """Range cuts of some polarizations, and how training samples are taken; lengths in m, steps in pixels.
+
+    ``search`` is how far from the surveyed place a mine's cut is taken where it is brightest, ``clear`` the distance of
+    clutter from mines, ``moments`` the estimator of the clutter's mean and covariance.
+    """
+
+    polarizations: tuple[str, ...] = ("HH", "VV")
+    length: Annotated[int, Field(ge=1)] = 28
+    search: Annotated[float, Field(ge=0)] = 0.5
+    clear: Positive = 1.0
+    clutter_step: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (7, 8)
+    moments: str = "ledoit-wolf"
+    rank: Annotated[int, Field(ge=0)] = 3
+    ddof: Annotated[int, Field(ge=0)] = 1
+
+    @model_validator(mode="after")
+    def _known(self) -> CutSettings:
+        if self.moments not in ESTIMATORS:
+            raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+        return self
+
+
+class FormMap(MapStage):
+    """A map by forms on chips; its unit is the standard deviation of what it gives on clutter, above the mean there."""
+
+    learns = True
+    waits = "its self-signature is that of the whole run"
+    Settings: ClassVar[type[Table]] = CutSettings
+
+    @property
+    def _cut(self) -> tuple[int, int]:
+        return self.settings.length, 1
+
+    def map(self, image: xr.DataArray) -> NDArray[np.float32]:
+        """Value of the detector about every pixel ("likelihood map", Cosgrove et al. 2004, Sec. IV-B)."""
+        stack, _ = stack_channels(image.isel(subband=0, drop=True), self.settings.polarizations)
+        maps = [form.likelihood(stack, self._chip) for form in self._forms]
+        level, spread = self.learnt["clutter"]
+        return np.asarray((np.max(maps, axis=0) - level) / spread, dtype=np.float32)
+
+    @property
+    def _chip(self) -> tuple[int, int]:
+        return self._cut
+
+    @property
+    def _forms(self) -> list[LinearQuadraticForm]:
+        return [
+            LinearQuadraticForm(**{name: self.learnt[f"{name}-{k}"] for name in _FORM}, constant=float(constant))
+            for k, constant in enumerate(self.learnt["constant"])
+        ]
+
+    def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
+        """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
+        settings, lane, parts = self.settings, truth[["x", "y"]].to_numpy(dtype=np.float64), []
+        places = np.column_stack([lane, np.zeros(len(lane))])
+
+        def add(place: int) -> None:
+            one = image(place).isel(subband=0, drop=True)
+            stack, _ = stack_channels(one, settings.polarizations)
+            x, y = one["x"].values, one["y"].values
+            mines = lane_to_scan(places, self.setup.pose(place))[:, :2]
+            cuts = range_cuts(one, mines, self._cut, settings.polarizations, settings.search)
+            cuts = cuts[np.isfinite(cuts).all(axis=1)]
+            clean = clean_pixels(x, y, mines, settings.clear)
+            clutter = clutter_cuts(stack, clean, self._cut, settings.clutter_step)
+            parts.append({"target": cuts, "clutter": clutter, "pixel": clutter_cuts(stack, clean, (1, 1), _PIXELS)})
+
+        return gathered(parts, add)
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Train the detector on the mines of all training lanes, whitened by their clutter."""
+        target, clutter, pixel = (np.concatenate([one[n] for one in examples]) for n in ("target", "clutter", "pixel"))
+        if len(target) < 2:
+            raise ValueError(f"truth must hold mines that at least two scans see whole, got {len(target)} looks")
+        forms = cls.trained(settings, target, clutter, pixel)
+        samples = pixel if forms[0].linear.size == len(settings.polarizations) else clutter
+        value = np.max([form(samples) for form in forms], axis=0)
+        learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
+        learnt["constant"] = np.array([form.constant for form in forms])
+        learnt["clutter"] = np.array([value.mean(), value.std()])
+        return learnt, {"looks_at_mines": len(target), "clutter_samples": len(clutter)}
+
+    @classmethod
+    def trained(
+        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]
+    ) -> list[LinearQuadraticForm]:
+        """Make forms from target cuts, clutter cuts (n_samples, n_features) and clutter pixels (n, polarization)."""
+        raise NotImplementedError
+
+
+class DeflectionMap(FormMap):
+    """The deflection-optimal linear-quadratic detector (Cosgrove et al. 2004, Eq. 12)."""
+
+    @classmethod
+    def trained(
+        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
+    ) -> list[LinearQuadraticForm]:  # fmt: skip
+        """Whiten the cuts and train."""
+        whitener = ClutterWhitener(settings.moments).fit(clutter)
+        trained = DeflectionDetector(settings.rank, settings.ddof).fit(whitener.transform(target))
+        return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
+
+
+class NeymanPearsonMap(FormMap):
+    """The Neyman-Pearson detector of Gaussian signals (Cosgrove et al. 2004, Sec. II)."""
+
+    @classmethod
+    def trained(
+        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
+    ) -> list[LinearQuadraticForm]:  # fmt: skip
+        """Whiten the cuts and train."""
+        whitener = ClutterWhitener(settings.moments).fit(clutter)
+        trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(target))
+        return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
+
+
+class WhiteningMap(FormMap):
+    """The polarimetric whitening filter (Novak et al. 1993), trained on clutter alone."""
+
+    @property
+    def _chip(self) -> tuple[int, int]:
+        return 1, 1
+
+    @classmethod
+    def trained(
+        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
+    ) -> list[LinearQuadraticForm]:  # fmt: skip
+        """Take the pixels' covariance."""
+        return list(PolarimetricWhiteningFilter().fit(pixel.astype(np.complex128)).forms_)
+
+
+class MagnitudeMap(WhiteningMap):
+    """The power of the first polarization, as plain HH in Cosgrove et al. 2004."""
+
+    @classmethod
+    def trained(
+        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
+    ) -> list[LinearQuadraticForm]:  # fmt: skip
+        """Only the scale of clutter is learnt."""
+        return [magnitude_form(len(settings.polarizations), 0)]

@@ -1,0 +1,285 @@
+"""Suppression of what lies under masks, with calibrated thresholds (Fuse et al. 2018), as a stage of any chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from flgpr.chain.passes import Accumulator, Arrays, Pass, blocks_of, gathered, part_name
+from flgpr.chain.stages import ClutterStage, ComplexArray, FloatArray, Positive, Table
+from flgpr.chain.stages.standing import standing_pass
+from flgpr.clutter import (
+    ROADSIDE,
+    FrameStack,
+    Intersection,
+    Iterated,
+    ThresholdCalibration,
+    Thresholds,
+    averaged,
+    iterate_suppression,
+    mixed_mask,
+    subregions,
+    subtract_standing,
+    suppress_by_model,
+)
+from flgpr.imaging import ImagingOperator, ScanImager
+from flgpr.model import Grid, check_shared_poses, complete_scans, lane_to_scan, scan_to_lane
+
+OperatorOn = Callable[[FloatArray], ImagingOperator]
+BLOCKS = "masks"
+
+
+class MaskSettings(Table):
+    """Masks and suppression; lengths in m.
+
+    The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say otherwise; ``edges`` are
+    the borders of the sub-regions in range, ``frames`` the scans that are summed coherently, the latest the last. A
+    calibration target's response is what lies ``halo`` about it, within ``response_db`` of its peak. ``second`` names
+    the run of a second band (``flgpr detect RUN --with NAME=OTHER``).
+    """
+
+    edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)
+    frames: Annotated[int, Field(ge=1)] = 5
+    x: tuple[float, float] | None = None
+    y: tuple[float, float] | None = None
+    spacing: Positive | None = None
+    roadside: tuple[float, float] = ROADSIDE
+    halo: Positive = 0.5
+    response_db: Positive = 6.0
+    intersect: Intersection = "pixel"
+    method: Literal["iteration", "least-squares"] = "iteration"
+    iterations: Annotated[int, Field(ge=1)] = 7
+    combination: Annotated[int, Field(ge=0, le=6)] = 6
+    second: str | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> MaskSettings:
+        subregions(np.zeros(0), self.edges)
+        if self.combination >= self.iterations:
+            raise ValueError(
+                f"combination {self.combination} needs {self.combination + 1} iterations, got {self.iterations}"
+            )
+        if not 0 <= self.roadside[0] < self.roadside[1]:
+            raise ValueError(f"roadside must rise from 0 or more, got {self.roadside}")
+        return self
+
+
+@dataclass(frozen=True)
+class Aperture:
+    """Consecutive scans that are summed coherently, on pixels ahead of the latest.
+
+    Attributes
+    ----------
+    data : (scan, polarization, pair, frequency) ndarray of complex64
+        Received field.
+    operators : sequence of callable
+        Per scan, the maker of its operator on points of the latest scan's frame.
+    vv, vh : (y, x) ndarray of complex64
+        Coherent sums over the scans (Fuse et al. 2018, Eq. 4).
+    second : (y, x) ndarray of float32 or None
+        Second band: the mean magnitude over the scans, as its wavelength is too short for the poses.
+    """
+
+    data: ComplexArray
+    operators: Sequence[OperatorOn]
+    vv: ComplexArray
+    vh: ComplexArray
+    second: NDArray[np.float32] | None
+
+    def stack_on(self, points: FloatArray) -> FrameStack:
+        """Make the operator of all scans on points of the latest scan's frame."""
+        return FrameStack([make(points) for make in self.operators])
+
+
+def equal_cost(course: Iterated, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
+    """Count the least-squares iterations that cost no more than an iterated suppression, in pixels.
+
+    An iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches; one of least squares
+    images the mask and models it.
+    """
+    under = int(mask.sum())
+    if under == 0:
+        return 1
+    area = int(np.isin(region, np.unique(region[mask])).sum())
+    return max(1, course.asked * (2 * under + area) // (2 * under))
+
+
+class MaskedSuppression(ClutterStage):
+    """Forms mixed masks ahead of every scan and suppresses what lies under them in the data of its aperture."""
+
+    learns = True
+    waits = "it keeps the cleaned data of blocks of scans"
+    Settings: ClassVar[type[Table]] = MaskSettings
+
+    def __init__(self, settings: Any, setup: Any, learnt: Arrays | None = None) -> None:
+        super().__init__(settings, setup, learnt)
+        image = setup.imager.grid
+        x, y = settings.x or (image.x_min, image.x[-1]), settings.y or (image.y_min, image.y[-1])
+        self.grid = Grid.spanning(x, y, settings.spacing or image.dy)
+        self.points = self.grid.points()
+        self.region = subregions(np.broadcast_to(self.grid.y[:, None], self.grid.shape), settings.edges)
+        self.across = np.broadcast_to(self.grid.x, self.grid.shape)
+        labels = [str(label) for label in setup.run["polarization"].values]
+        cross = next((label for label in ("VH", "HV") if label in labels), None)
+        if "VV" not in labels or cross is None:
+            raise ValueError(f"masks need a run with VV and VH or HV, got {', '.join(labels)}")
+        if setup.summed > settings.frames:
+            raise ValueError(f"masks.frames must be at least image.frames, {setup.summed}, got {settings.frames}")
+        self._held: tuple[int, Arrays] = (-1, {})
+        self._vv, self._vh = labels.index("VV"), labels.index(cross)
+        self._second = None if settings.second is None else self._other(settings.second)
+        if learnt is not None and ("second" in learnt) != (self._second is not None):
+            word = "was trained with" if "second" in learnt else "was trained without"
+            raise ValueError(
+                f"model {word} a second band: give the runs as in training (--with {settings.second or 'NAME'}=RUN)"
+            )
+
+    def _other(self, name: str) -> ScanImager | None:
+        """Imager of the second band, where its run was given."""
+        run = self.setup.others.get(name)
+        if run is None:
+            return None
+        check_shared_poses({"run": self.setup.run, name: run})
+        if "VV" not in run["polarization"].values:
+            raise ValueError(f"run {name} must have the polarization VV")
+        good = complete_scans(run)[self.setup.imager.scans]
+        if not good.all():
+            raise ValueError(
+                f"run {name} must be complete where the other is, got {int((~good).sum())} scans with missing sweeps"
+            )
+        return ScanImager(run.sel(polarization=["VV"]), self.grid, {"whole": self._band(run)}, tolerance=1e-2)
+
+    @staticmethod
+    def _band(run: Any) -> tuple[float, float]:
+        tones = run["frequency"].values
+        return float(tones[0]), float(tones[-1])
+
+    def aperture(self, place: int) -> Aperture:
+        """Image the aperture that ends with the scan at a place."""
+        first = max(place - self.settings.frames + 1, 0)
+        scans = [int(scan) for scan in self.setup.imager.scans[first : place + 1]]
+        lane = scan_to_lane(self.points, self.setup.pose(place))
+        data = self.before(place, len(scans))
+        makes = [self._maker(scan, place) for scan in scans]
+        seen = data[:, [self._vv, self._vh]]
+        looks = [make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)]
+        vv, vh = np.sum(looks, axis=0)
+        second = None
+        if self._second is not None:
+            field, strengths = self.setup.known[f"{BLOCKS}.second"]["field"], []
+            for scan in scans:
+                where = lane_to_scan(lane, self.setup.run["pose"].values[scan])
+                signal = subtract_standing(self._second.signal(scan), field)
+                strengths.append(np.abs(self._second.operator_on(scan, where).adjoint(signal)[0, 0]))
+            second = np.asarray(np.mean(strengths, axis=0), dtype=np.float32)
+        return Aperture(data, makes, vv, vh, second)
+
+    def _maker(self, scan: int, place: int) -> OperatorOn:
+        latest, pose = self.setup.pose(place), self.setup.run["pose"].values[scan]
+        return lambda points: self.setup.imager.operator_on(scan, lane_to_scan(scan_to_lane(points, latest), pose))
+
+    def passes(self) -> list[Pass]:
+        """Second band's standing field; then, once trained, the suppression itself, kept block by block."""
+        found = []
+        if self._second is not None:
+            imager = self._second
+            found.append(
+                standing_pass(
+                    f"{BLOCKS}.second",
+                    len(imager),
+                    64,
+                    lambda place: imager.signal(int(self.setup.imager.scans[place])),
+                )
+            )
+        if self.learnt:
+            found.append(Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True))
+        return found
+
+    def _suppression(self, block: range | None) -> Accumulator:  # noqa: ARG002
+        parts: list[Arrays] = []
+
+        def add(place: int) -> None:
+            cleaned = self._suppressed(self.aperture(place))
+            kept = np.zeros((self._count, *cleaned.shape[1:]), np.complex64)
+            kept[-min(len(cleaned), self._count) :] = cleaned[-self._count :]
+            parts.append({"data": kept[None], "place": np.array([place])})
+
+        return gathered(parts, add)
+
+    @property
+    def _count(self) -> int:
+        """How many of an aperture's scans the images are made of, and so kept."""
+        return self.setup.summed
+
+    def _suppressed(self, one: Aperture) -> ComplexArray:
+        """Clean the data of an aperture, of the polarizations that are imaged (Fuse et al. 2018, Eq. 5-8)."""
+        settings, b = self.settings, one.data[:, self.setup.imaged]
+        mask = self.mask(one)
+        if not mask.any():
+            return b
+        course = iterate_suppression(b, one.stack_on, self.points, mask, self.region, settings.iterations)
+        if settings.method == "iteration":
+            return averaged(course, settings.combination)
+        count = equal_cost(course, mask, self.region)
+        return suppress_by_model(b, one.stack_on(self.points[mask]), count).data
+
+    def mask(self, one: Aperture) -> NDArray[np.bool_]:
+        """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
+        limits = Thresholds(**{name: self.learnt[name] for name in self.learnt if name != "looks"})
+        settings = self.settings
+        return mixed_mask(
+            one.vv, one.vh, limits, self.region, self.across, one.second, settings.intersect, settings.roadside
+        )
+
+    def data(self, place: int, count: int) -> ComplexArray:
+        """Give data of the last scans up to a place, cleaned together; uncleaned before the first aperture is whole."""
+        kept = self._block(place)
+        row = int(np.flatnonzero(kept["place"] == place)[0])
+        full = self.before(place, count).copy()
+        full[:, self.setup.imaged] = kept["data"][row][-len(full) :]
+        return full
+
+    def _block(self, place: int) -> Arrays:
+        """Give what was kept of the block that holds a place; the one asked for last is held."""
+        number = next(k for k, block in enumerate(blocks_of(len(self.setup.imager))) if place in block)
+        if self._held[0] != number:
+            kept = self.setup.known[part_name(BLOCKS, number)]
+            self._held = number, {name: kept[name] for name in ("place", "data")}
+        return self._held[1]
+
+    def examples(self, truth: pd.DataFrame) -> Accumulator:
+        """Follow the responses of the calibration targets, and the level at the roadside."""
+        settings = self.settings
+        learnt = ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
+        targets = np.zeros((len(truth), 3))
+        targets[:, :2] = truth[["x", "y"]].to_numpy(dtype=np.float64)
+        away = np.abs(self.across)
+        beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
+
+        def add(place: int) -> None:
+            one, local = self.aperture(place), lane_to_scan(targets, self.setup.pose(place))
+            x_min, x_max, y_min, y_max = self.grid.extent()
+            inside = (local[:, 0] >= x_min + settings.halo) & (local[:, 0] <= x_max - settings.halo)
+            inside &= (local[:, 1] >= y_min + settings.halo) & (local[:, 1] <= y_max - settings.halo)
+            halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in local[inside]]
+            learnt.add(one.vv, one.vh, self.region, halos, beside, one.second)
+
+        return Accumulator(add, lambda _: learnt.state(), learnt.merge, learnt.state)
+
+    @classmethod
+    def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Set the thresholds "as low as possible without compromising the target signal response" (Sec. 2.4)."""
+        learnt = ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
+        for one in examples:
+            learnt.merge(one)
+        limits = learnt.result()
+        arrays = {"vv": limits.vv, "vh": limits.vh, "low_vh": limits.low_vh, "looks": learnt.targets}
+        if limits.second is not None:
+            arrays["second"] = limits.second
+        return arrays, {"looks_at_targets": learnt.targets.tolist()}

@@ -1,0 +1,53 @@
+"""Data freed from what stands still on the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from flgpr.chain.passes import Accumulator, Arrays, Pass, gathered
+from flgpr.chain.stages import ClutterStage, ComplexArray, Table
+from flgpr.clutter import standing_field, subtract_standing
+
+
+class StandingSettings(Table):
+    """``most`` scans, spread evenly over the run, give the median."""
+
+    most: Annotated[int, Field(ge=3)] = 64
+
+
+def standing_pass(name: str, scans: int, most: int, read: Callable[[int], ComplexArray]) -> Pass:
+    """Make the pass that estimates the standing field from at most so many scans; ``read`` gives a scan's data."""
+    chosen = set(np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist())
+
+    def start(block: range | None) -> Accumulator:  # noqa: ARG001
+        parts: list[Arrays] = []
+
+        def add(place: int) -> None:
+            if place in chosen:
+                parts.append({"signal": read(place)[None]})
+
+        sums = gathered(parts, add)
+        return Accumulator(add, sums.state, sums.merge, lambda: {"field": standing_field(sums.result()["signal"])})
+
+    return Pass(name, "standing field", start, whole=True)
+
+
+class StandingField(ClutterStage):
+    """Subtracts the median of the data over the run, fitted to every scan's gain."""
+
+    waits = "what stands still is told by the whole run"
+    Settings: ClassVar[type[Table]] = StandingSettings
+
+    def passes(self) -> list[Pass]:
+        """Estimate the field."""
+        scans = len(self.setup.imager)
+        return [standing_pass("standing", scans, self.settings.most, lambda place: self.before(place, 1)[0])]
+
+    def clean(self, place: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+        """Subtract it."""
+        return subtract_standing(data, self.setup.known["standing"]["field"])

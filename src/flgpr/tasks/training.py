@@ -1,0 +1,209 @@
+"""Training on stored runs: every stage of a recipe that learns, in their order, then its detector."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
+from flgpr.chain.estimators import train_estimator
+from flgpr.chain.fitting import area_of
+from flgpr.chain.model import Model, check_free_model, save_model
+from flgpr.chain.progress import Track, silent
+from flgpr.chain.recipe import DetectorTable, Recipe, parse_recipe, recipe_text
+from flgpr.chain.stages import TrainingView
+from flgpr.execution.checkpoint import finish
+from flgpr.execution.executors import Executor
+from flgpr.execution.lane_run import passes_of_lane
+from flgpr.execution.lane_work import LaneJob, make_job
+from flgpr.execution.survey import executor_for
+from flgpr.io import MAX_MEMORY, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.model import Lane
+
+PathLike = str | Path
+
+
+def train_runs(
+    runs: Sequence[PathLike],
+    truths: Sequence[PathLike],
+    recipe: PathLike,
+    output: PathLike,
+    features: Sequence[str] = (),
+    lanes: Sequence[PathLike] | None = None,
+    label_radius: float = 1.0,
+    track: Track = silent,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    max_memory: int = MAX_MEMORY,
+    others: Sequence[Mapping[str, PathLike]] | None = None,
+) -> Model:
+    """Train a recipe on stored runs and write its model.
+
+    What is found in the runs is kept beside the output until the model is written (``OUTPUT-1-1.work`` and so on), so
+    that a training that was stopped goes on.
+
+    Parameters
+    ----------
+    runs : sequence of path
+        Run stores, one lane each.
+    truths : sequence of path
+        CSV of the targets of each run, in the same order. Truth is read here and in scoring, nowhere else.
+    recipe : str or path
+        Name of a packaged recipe, or a TOML file.
+    output : path
+        Folder to make.
+    features : sequence of str, optional
+        Columns the detector reads; default those of the recipe's table detector, else those of Wang et al. 2007's
+        classifier B. Names may end in ``*``.
+    lanes : sequence of path, optional
+        TOML of each lane, in the same order, in place of the recipe's.
+    label_radius : float
+        Alarms this near to a target are its hits, m.
+    track, workers, scheduler, max_memory
+        As for ``detect_run``.
+    others : sequence of mapping of str to path, optional
+        Per run, the runs taken together with it.
+
+    Returns
+    -------
+    Model
+        As written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError, FileExistsError
+        If an input is not valid, or nothing in the recipe learns; nothing is written then.
+    """
+    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
+        raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
+    text = recipe_text(recipe)
+    parsed = parse_recipe(text, str(recipe))
+    judges = parsed.features is not None or bool(parsed.columns)
+    if not judges and not parsed.learning():
+        raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
+    tables = [read_table(truth, "truth") for truth in truths]
+    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
+    areas = []
+    for number, run in enumerate(runs):
+        given = read_lane(lanes[number]) if lanes is not None else None
+        areas.append(area_of(open_run(run, max_memory), parsed, given))
+    with executor_for(workers, scheduler) as executor:
+        course = _Course(parsed, text, runs, truths, tables, areas, Path(output), executor, track, max_memory, others)
+        course.learn_stages()
+        if judges:
+            course.train_detector(features, label_radius)
+    digests = [read_manifest(run)["sha256"] for run in runs]
+    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
+    save_model(course.model, output, notes)
+    course.clear()
+    return course.model
+
+
+class _Course:
+    """A training: its lanes, and what has been learnt so far."""
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        text: str,
+        runs: Sequence[PathLike],
+        truths: Sequence[PathLike],
+        tables: Sequence[pd.DataFrame],
+        areas: Sequence[Lane],
+        output: Path,
+        executor: Executor,
+        track: Track,
+        max_memory: int,
+        others: Sequence[Mapping[str, PathLike]] | None,
+    ) -> None:
+        self.recipe, self.text, self.output, self.model = recipe, text, output, Model()
+        self.lanes = list(zip(runs, truths, tables, areas, others or [{}] * len(runs), strict=True))
+        self._executor, self._track, self._max_memory = executor, track, max_memory
+        self._views: list[TrainingView] = []
+        self._jobs: list[LaneJob] = []
+        self._step = 0
+
+    @property
+    def _learnt(self) -> Path:
+        """Folder of what the stages have learnt so far."""
+        return self.output.with_name(f"{self.output.name}.training")
+
+    def learn_stages(self) -> None:
+        """Fit all learning stages, each with what those before it have learnt."""
+        named = self.recipe.named()
+        for name in self.recipe.learning():
+            of, settings = named[name].of, named[name].settings
+            if of.kind in ("screen", "features"):
+                self._views = self._views or [
+                    TrainingView(chain.training_view, table, area)
+                    for chain, (_, _, table, area, _) in self._chains(truth=True)
+                ]
+                examples: list[Any] = self._views
+            else:
+                examples = [dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)]
+            try:
+                arrays, notes = of.fit(settings, examples)
+            except ValueError as error:
+                raise ValueError(f"{name} cannot be trained: {error}") from None
+            told = self.model.notes | {name: notes}
+            self.model = replace(self.model, stages=self.model.stages | {name: arrays}, notes=told)
+
+    def train_detector(self, features: Sequence[str], label_radius: float) -> None:
+        """Train the detector on the alarms of all lanes."""
+        found = [
+            (f"{number}:{Path(lane[0]).stem}", *chain.found(), lane[2], lane[3])
+            for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
+        ]
+        table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
+        wanted = _matching(list(features) or list(table.features), list(found[0][2].columns))
+        spent = self._spent()
+        examples = make_training_set(found, label_radius, wanted, spent)
+        if table.estimator == "fisher":
+            self.model = replace(self.model, detector=train(examples, wanted))
+        else:
+            self.model = replace(self.model, detector=train_estimator(examples, table, wanted))
+
+    def _spent(self) -> list[pd.DataFrame]:
+        parts = [
+            one.of.spent(one.settings, self._views)
+            for name, one in self.recipe.named().items()
+            if name in self.recipe.learning()
+        ]
+        parts = [part for part in parts if part]
+        return [pd.concat(rows) for rows in zip(*parts, strict=True)]
+
+    def _chains(self, truth: bool) -> Any:
+        """Go through the lanes as far as the model allows, and yield each one's chain and lane."""
+        self._step += 1
+        model = None
+        if self.model.stages:
+            model = save_model(self.model, self._learnt)
+        for number, lane in enumerate(self.lanes, 1):
+            run, targets, _, area, others = lane
+            beside = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
+            job = make_job(
+                run, self.text, area, beside, False, model, self._max_memory, others, targets if truth else None
+            )
+            self._jobs.append(job)
+            with passes_of_lane(job, self._executor, self._track, name=f"{Path(run).stem}: ") as chain:
+                yield chain, lane
+
+    def clear(self) -> None:
+        """Delete what was kept; the model is written."""
+        for job in self._jobs:
+            finish(job.work)
+        shutil.rmtree(self._learnt, ignore_errors=True)
+
+
+def _matching(wanted: list[str], columns: list[str]) -> list[str]:
+    found = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
+    missing = [pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)]
+    if missing or not found:
+        raise ValueError(f"features must be columns of the feature table, got {', '.join(missing) or 'none'}")
+    return list(dict.fromkeys(found))

@@ -1,0 +1,145 @@
+"""Simulated lanes of 60 m for the tests of whole systems: a small array, two bands, and recipes cut down to them."""
+
+import shutil
+from pathlib import Path
+
+from flgpr import tasks
+from flgpr.chain.recipe import recipe_text
+from small_lane import cut_down
+
+LENGTH = 60.0
+SENSOR = """name = "small-{band}"
+source = "a small array for tests"
+polarization = {polarization}
+height = 2.5
+tilt = 0.26
+footprint = [-4.0, 4.0, 2.5, 10.0]
+
+[tones]
+start = {start}
+step = 14e6
+count = {count}
+
+[tx]
+first = [-0.9, 0.0, 0.0]
+last = [0.9, 0.0, 0.0]
+count = 2
+
+[rx]
+first = [-1.1, 0.0, 0.0]
+last = [1.1, 0.0, 0.0]
+count = {rx}
+
+[antenna]
+kind = "horn"
+"""
+SCENE = """name = "lane"
+site = "arid-sand"
+x_min = -1.5
+x_max = 1.5
+length = {length}
+{more}
+[surface]
+density = 4.0
+[clutter]
+bushes = 0.25
+posts = 0.05
+rocks = 0.02
+roadside = [2.0, 3.5]
+[[draws]]
+kind = "metal"
+depth = 0.0
+count = 10
+[[draws]]
+kind = "metal"
+depth = 0.05
+count = 4
+[track]
+start = -6.0
+step = [0.95, 1.05]
+wander = 0.05
+"""
+# What stands in a packaged recipe, and what the small array takes in its place.
+SMALL = {
+    "cosgrove2004": [
+        ("x = [-2.5, 2.5]\ny = [12.0, 18.0]", "x = [-1.6, 1.6]\ny = [4.0, 8.0]"),
+        ("spacing = [0.05, 0.02]", "spacing = [0.1, 0.05]"),
+        ("band = [0.3e9, 1.9e9]", "band = [0.6e9, 1.7e9]"),
+        ("length = 28", "length = 10"),
+        ("clutter_step = [7, 8]", "clutter_step = [5, 8]"),
+        ("x = [-2.5, 2.5]\nspacing = 0.05\ny_max = 18.0", "x = [-1.6, 1.6]\nspacing = 0.1\ny_max = 8.0"),
+        ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
+    ],
+    "flsar2004": [
+        ("x = [-3.0, 3.0]           #", "x = [-2.4, 2.4]  #"),
+        ("y = [8.0, 22.0]", "y = [3.5, 8.5]"),
+        ("spacing = [0.08, 0.03]", "spacing = [0.1, 0.05]"),
+        ("band = [0.3e9, 3.0e9]", "band = [0.6e9, 1.7e9]"),
+        ("x = [-3.0, 3.0]\nspacing = 0.05\ny_max = 22.0", "x = [-2.4, 2.4]\nspacing = 0.1\ny_max = 8.5"),
+        ("ranges = [10.0, 15.0, 20.0]\nwithin = 2.5", "ranges = [4.5, 6.0, 7.5]\nwithin = 0.75"),
+        ("share = 0.1  ", "share = 0.3  "),
+        ("share = 0.1\n", "share = 0.3\n"),
+        ('subband = "10 m"', 'subband = "4.5 m"'),
+        ("n_starts = 3", "n_starts = 1"),
+        ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
+    ],
+    "fuse2018": [
+        ("x = [-10.0, 10.0] ", "x = [-3.6, 3.6] "),
+        ("y = [5.0, 15.0] ", "y = [3.5, 8.0] "),
+        ("spacing = 0.05\nframes = 5 ", "spacing = 0.1\nframes = 3 "),
+        ("L = [0.75e9, 3.2e9]", "L = [0.6e9, 1.7e9]"),
+        ("edges = [5.0, 7.5, 10.0, 12.5, 15.0]", "edges = [3.5, 5.0, 8.0]"),
+        ("frames = 5\n", "frames = 3\n"),
+        ("roadside = [4.0, 10.0]", "roadside = [1.9, 3.6]"),
+        ("iterations = 7", "iterations = 2"),
+        ("combination = 6", "combination = 1"),
+        ("within = 4.0", "within = 1.8"),
+        ("x = [-7.0, 7.0] ", "x = [-2.0, 2.0] "),
+        ("spacing = 0.05\ny_max = 10.0", "spacing = 0.1\ny_max = 7.0"),
+        ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
+    ],
+    "wang2007": [
+        ("x = [-6.0, 6.0]", "x = [-2.4, 2.4]"),
+        ("y = [7.0, 26.0]", "y = [3.5, 8.5]"),
+        ("spacing = 0.05", "spacing = 0.1"),
+        ("F0 = [0.80e9, 2.80e9]\n", ""),
+        ("F1 = [0.75e9, 1.35e9]", "F1 = [0.6e9, 1.2e9]"),
+        ("F2 = [1.25e9, 1.85e9]\nF3 = [1.75e9, 2.35e9]\nF4 = [2.25e9, 2.85e9]", "F2 = [1.1e9, 1.7e9]"),
+        ("x = [-3.0, 3.0]", "x = [-2.0, 2.0]"),
+        ("y_max = 16.0", "y_max = 7.0"),
+    ],
+}
+SMALL["fuse2018-wang2007"] = [
+    ("edges = [7.0, 10.0, 13.0, 17.0, 22.0]", "edges = [3.5, 5.0, 8.0]"),
+    ("x = [-6.0, 6.0]\ny = [7.0, 22.0]\nspacing = 0.1", "x = [-3.6, 3.6]\ny = [3.5, 8.0]\nspacing = 0.1"),
+    ("frames = 3", "frames = 2"),
+    ("roadside = [2.5, 6.0]", "roadside = [1.9, 3.6]"),
+    ("iterations = 7", "iterations = 2"),
+    ("combination = 6", "combination = 1"),
+    *SMALL["wang2007"],
+]
+LANE = "x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 60.0\n"
+
+
+def small_recipe(name: str) -> str:
+    """Text of a packaged recipe, cut down to the small array."""
+    return cut_down(recipe_text(name), SMALL[name])
+
+
+def make_lanes(folder: Path) -> None:
+    """Simulate a lane to train on and one to test on, in two bands with the same poses; write lane and recipes."""
+    bands = {
+        "l": {"polarization": '["HH", "VV", "HV", "VH"]', "start": "0.6e9", "count": 81, "rx": 5},
+        "x": {"polarization": '["VV"]', "start": "2.6e9", "count": 61, "rx": 3},
+    }
+    (folder / "lane.toml").write_text(LANE)
+    for name in SMALL:
+        (folder / f"{name}.toml").write_text(small_recipe(name))
+    for band, settings in bands.items():
+        (folder / f"{band}.toml").write_text(SENSOR.format(band=band, **settings))
+        (folder / f"scene-{band}.toml").write_text(SCENE.format(length=LENGTH, more=""))
+        for seed, name in ((1, "train"), (2, "test")):
+            store = folder / f"{name}-{band}.zarr"
+            tasks.simulate_lane(folder / f"scene-{band}.toml", folder / f"{band}.toml", seed, store, errors=False)
+    shutil.copy(folder / "train-l-truth.csv", folder / "train.csv")
+    shutil.copy(folder / "test-l-truth.csv", folder / "test.csv")
