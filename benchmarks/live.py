@@ -27,8 +27,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
+from flgpr.chain.classifier import Classifier
 from flgpr.chain.detect import detect
+from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.io import open_run, read_table
@@ -69,7 +70,7 @@ def make_model(folder: Path) -> Path:
     values = rng.normal(size=(200, len(names))) + label[:, None] + 2
     normalizer = HistogramNormalizer().fit(values)
     discriminant = FisherDiscriminant().fit(normalizer.transform(values), label.astype(int))
-    return save_classifier(Classifier(names, normalizer, discriminant), folder)
+    return save_model(Classifier(names, normalizer, discriminant), folder)
 
 
 def play(run: Path, lane: Path, home: Path, options: argparse.Namespace, model: Path | None) -> dict:
@@ -145,8 +146,8 @@ def main() -> None:
                 flush=True,
             )
             if options.agreement:
-                classifier = None if chosen is None else load_classifier(chosen)
-                batch = detect(dataset, load_recipe("wang2007"), lane, classifier=classifier)[0].alarms
+                classifier = None if chosen is None else load_model(chosen).detector
+                batch = detect(dataset, load_recipe("wang2007"), lane, model=classifier)[0].alarms
                 print(f"  {agreement(told['alarms_table'], batch)}", flush=True)
 
 

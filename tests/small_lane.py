@@ -12,9 +12,17 @@ TX = np.repeat([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]], 4, axis=0)
 RX = np.tile([[x, 0.0, 0.0] for x in (-1.0, -0.4, 0.4, 1.0)], (2, 1))
 
 
+def cut_down(text, changes):
+    """Change entries of a recipe; each must be there."""
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
 def small_recipe(median_step=1):
     text = recipe_text("wang2007").replace("[features]\n", "[features]\nvariants = true\n")
-    for old, new in (
+    changes = (
         ("x = [-6.0, 6.0]", "x = [-2.0, 2.0]"),
         ("y = [7.0, 26.0]", "y = [2.5, 5.5]"),
         ("F0 = [0.80e9, 2.80e9]\n", ""),
@@ -25,10 +33,8 @@ def small_recipe(median_step=1):
         ("radius = 0.75", "radius = 0.4"),
         ("median = 1.05", "median = 0.55"),
         ("mean = 2.55", "mean = 1.05"),
-    ):
-        assert old in text
-        text = text.replace(old, new, 1)
-    return text
+    )
+    return cut_down(text, changes)
 
 
 def course(rng, y, sway):

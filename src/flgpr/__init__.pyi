@@ -14,8 +14,8 @@ from flgpr.simulate.scene import Scene, load_scene
 from flgpr.simulate.simulator import simulate
 from flgpr.tasks.detection import detect_run as detect
 from flgpr.tasks.results import replay
-from flgpr.tasks.results import train_runs as train
 from flgpr.tasks.scoring import score_result as score
+from flgpr.tasks.training import train_runs as train
 
 __version__: str
 

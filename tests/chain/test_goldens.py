@@ -50,7 +50,7 @@ def features():
         {"target_id": ["a", "b", "c"], "x": TARGETS[:, 0], "y": TARGETS[:, 1], "kind": "metal", "depth": 0.05}
     ).assign(radius=0.15, height=0.1, lane="one")
     model = train(make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5), ("C_HH_F1", "C_VV_F1"))
-    judged = detect(run, recipe, LANE, classifier=model)[0].alarms
+    judged = detect(run, recipe, LANE, model=model)[0].alarms
     tables = {"alarms": found.alarms, "features": found.features, "view": levels(found.view), "judged": judged}
     return {f"small-{name}": table for name, table in tables.items()}
 

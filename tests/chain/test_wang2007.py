@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 
 from flgpr import tasks
-from flgpr.chain.classifier import CLASSIFIER_A, load_classifier, make_training_set, save_classifier, train
+from flgpr.chain.classifier import CLASSIFIER_A, make_training_set, train
 from flgpr.chain.detect import detect
 from flgpr.chain.lane_chain import MAIN, CleanedRun, LaneChain
+from flgpr.chain.model import load_model, save_model
 from flgpr.chain.progress import silent
 from flgpr.chain.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.clutter import gain_background, remove_background, self_signature
@@ -113,7 +114,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
     main = read_result(result.folder).detections[0]
     assert main.name == MAIN
     assert main.features is not None
-    np.testing.assert_allclose(main.alarms["confidence"], model.confidence(main.features), rtol=1e-9)
+    np.testing.assert_allclose(main.alarms["confidence"], model.detector.confidence(main.features), rtol=1e-9)
     assert main.alarms["confidence"].is_monotonic_decreasing
     assert main.notes["confidence"] == "C_HH_F1 + M_VV_F1 + R_HH_HV_F2"
     assert len(main.alarms) == len(found.alarms)
@@ -131,22 +132,22 @@ def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, 
     examples = make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5)
     assert examples.label.sum() >= 3
     model = train(examples, ("C_HH_F1", "P_alpha_F1"))
-    folder = save_classifier(model, tmp_path / "model", {"site": "yard"})
-    again = load_classifier(folder)
-    np.testing.assert_array_equal(again.confidence(found.features), model.confidence(found.features))
+    folder = save_model(model, tmp_path / "model", {"site": "yard"})
+    again = load_model(folder)
+    np.testing.assert_array_equal(again.detector.confidence(found.features), model.confidence(found.features))
     assert again.notes["site"] == "yard"
-    np.save(folder / "direction.npy", np.array([9.0, 9.0]))
+    np.save(folder / "detector.direction.npy", np.array([9.0, 9.0]))
     with pytest.raises(ValueError, match="differs"):
-        load_classifier(folder)
-    (folder / "direction.npy").unlink()
+        load_model(folder)
+    (folder / "detector.direction.npy").unlink()
     with pytest.raises(ValueError, match="missing"):
-        load_classifier(folder)
+        load_model(folder)
     with pytest.raises(ValueError, match="missing: P_alpha_F1"):
         model.confidence(found.features[["C_HH_F1"]])
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "note.txt").write_text("mine")
     with pytest.raises(FileExistsError):
-        save_classifier(model, tmp_path / "other")
+        save_model(model, tmp_path / "other")
 
 
 def test_a_single_feature_model_ranks_alarms_as_the_feature(found, truth):

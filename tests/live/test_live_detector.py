@@ -185,7 +185,7 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     assert detector.subbands == ["F1"]
     play(detector, scans)
     live = seen(detector.table(), scans)
-    whole = seen(detect(run, recipe, LANE, classifier=model)[0].alarms, scans)
+    whole = seen(detect(run, recipe, LANE, model=model)[0].alarms, scans)
     top = whole.head(6)
     assert near(top, live).all()
     _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])

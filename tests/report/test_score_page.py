@@ -142,6 +142,10 @@ def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     told = json.loads(blank["json"].read_text(), parse_constant=lambda name: pytest.fail(name))
     assert told["detections"]["main"]["n_targets"] == 0
     assert told["detections"]["main"]["pd_mean"] is None
+    page = blank["html"].read_text(encoding="utf-8")
+    assert "No target stands here" in page
+    assert "nan" not in page
+    assert "<img" not in page
     silent = write_score_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
     assert "Missed targets at 0.01 false alarms per m²: 16" in silent["html"].read_text(encoding="utf-8")
     bad = tmp_path / "bad"

@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
+from flgpr.chain.classifier import Classifier
+from flgpr.chain.model import load_model, save_model
 from flgpr.detect import HistogramNormalizer
 from flgpr.detect.chip_detector import ChipDetector, load_detector
 from flgpr.detect.fisher import FisherDiscriminant
@@ -60,7 +61,7 @@ def view(folder):
 CASES = {
     "store": (make_store, lambda folder: open_run(folder).load()),
     "result": (make_result, lambda folder: read_result(folder)),
-    "model": (lambda folder, run: save_classifier(small_classifier(), folder), load_classifier),
+    "model": (lambda folder, run: save_model(small_classifier(), folder), load_model),
     "chip detector": (lambda folder, run: small_detector(folder), load_detector),
 }
 
@@ -152,9 +153,9 @@ def test_a_result_can_be_read_whenever_adding_files_stops(tmp_path, monkeypatch)
 def test_replay_uses_the_model_of_the_result(lane, tmp_path):
     from flgpr import tasks
 
-    model = save_classifier(small_classifier(), tmp_path / "model")
+    model = save_model(small_classifier(), tmp_path / "model")
     result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, model=model, report=False)
     shutil.rmtree(model)
-    assert result.classifier().notes == {"lanes": ["a"]}
+    assert result.model().detector.notes == {"lanes": ["a"]}
     told = tasks.replay(result.folder)
     assert told == {"identical": True, "agrees": True, "files": [], "difference": 0.0}

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from test_flips import small_classifier, small_detector
 
 from damage import CASES, FUZZ, damaged, refusal
-from flgpr.chain.classifier import load_classifier, save_classifier
+from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
 from flgpr.detect.chip_detector import load_detector
 from flgpr.execution.checkpoint import ArrayFile, write_arrays
@@ -78,7 +78,7 @@ def folders(tmp_path_factory):
     return {
         "store": Folder(save_run(run, home / "a.zarr"), lambda path: open_run(path, 10**7).load()),
         "result": Folder(small_result(home / "result", small_classifier()), read_result),
-        "model": Folder(save_classifier(small_classifier(), home / "model"), load_classifier),
+        "model": Folder(save_model(small_classifier(), home / "model"), load_model),
         "chip detector": Folder(small_detector(home / "detector"), load_detector),
     }
 

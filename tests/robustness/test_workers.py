@@ -15,7 +15,7 @@ from flgpr.chain.lane_chain import LaneChain
 from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.executors import LostWorkersError, Processes
-from flgpr.execution.lane_run import detect_lane, features_of_lane
+from flgpr.execution.lane_run import detect_lane, passes_of_lane
 from flgpr.execution.survey import executor_for
 from flgpr.imaging import ScanImager
 from flgpr.io import sample_lane, save_run
@@ -206,18 +206,18 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
 
     calls = []
 
-    def stopped(job, *rest):
+    def stopped(job, *rest, **names):
         calls.append(job)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return features_of_lane(job, *rest)
+        return passes_of_lane(job, *rest, **names)
 
-    monkeypatch.setattr("flgpr.tasks.results.features_of_lane", stopped)
+    monkeypatch.setattr("flgpr.tasks.training.passes_of_lane", stopped)
     with pytest.raises(KeyboardInterrupt):
         tasks.train_runs(*where, tmp_path / "model", columns, **options)
-    assert [path.name for path in tmp_path.glob("model*")] == ["model-1.work"]
+    assert [path.name for path in tmp_path.glob("model*")] == ["model-1-1.work"]
     monkeypatch.undo()
-    monkeypatch.setattr(LaneChain, "part", _only_of(tmp_path / "model-2.work", LaneChain.part))
+    monkeypatch.setattr(LaneChain, "part", _only_of(tmp_path / "model-2-1.work", LaneChain.part))
     tasks.train_runs(*where, tmp_path / "model", columns, **options)
     assert digests(tmp_path / "model") == digests(tmp_path / "plain")
     assert [path.name for path in tmp_path.glob("model*")] == ["model"]

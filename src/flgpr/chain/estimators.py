@@ -122,7 +122,8 @@ def _dumped(estimator: Any) -> NDArray[np.uint8]:
     """Write an estimator, the same one as the same bytes: neither the clock nor the memory's addresses enter."""
     from skops.io import dumps
 
-    out, seen = io.BytesIO(), {}
+    out = io.BytesIO()
+    seen: dict[str, int] = {}
 
     def numbered(match: re.Match[str]) -> str:
         return f'"__id__": {seen.setdefault(match[1], len(seen) + 1)}'

@@ -18,6 +18,26 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 app.command()(view)
+With = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--with", help="NAME=RUN: a run taken together with it, such as a second band; once per name and run."
+    ),
+]
+
+
+def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
+    """Sort NAME=RUN by run: the first of a name belongs to the first run, and so on."""
+    named: dict[str, list[Path]] = {}
+    for one in beside or []:
+        name, equals, path = one.partition("=")
+        if not (name and equals and path):
+            raise ValueError(f"with must be NAME=RUN, got {one!r}")
+        named.setdefault(name, []).append(Path(path))
+    for name, paths in named.items():
+        if len(paths) != runs:
+            raise ValueError(f"with must give {name} once per run, got {len(paths)} for {runs} runs")
+    return [{name: paths[number] for name, paths in named.items()} for number in range(runs)]
 
 
 @app.command()
@@ -49,7 +69,7 @@ def detect(
     lane: Annotated[
         list[Path] | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres; once per run.")
     ] = None,
-    model: Annotated[Path | None, typer.Option(help="Trained classifier, for recipes with features.")] = None,
+    model: Annotated[Path | None, typer.Option(help="What `flgpr train` made for the recipe.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; the result is the same.", min=1)] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
@@ -63,6 +83,7 @@ def detect(
     section: Annotated[
         float | None, typer.Option(help="Longest section of a lane in metres, for recipes without variants.")
     ] = None,
+    beside: With = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -76,12 +97,15 @@ def detect(
     with plain_errors(), progress(quiet or as_json) as track:
         options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
         options |= {"max_memory": tasks.parse_size(max_memory), "section": section}
+        others = _others(beside, len(runs))
         if len(runs) > 1:
-            folders = tasks.detect_runs(runs, recipe, output, lane, track, lanes_at_once=lanes_at_once, **options)
+            more: dict[str, Any] = {"lanes_at_once": lanes_at_once, "others": others}
+            folders = tasks.detect_runs(runs, recipe, output, lane, track, **more, **options)
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
-            folders = tasks.detect_long(runs[0], recipe, output, lane[0] if lane else None, track, **options)
+            where = lane[0] if lane else None
+            folders = tasks.detect_long(runs[0], recipe, output, where, track, others=others[0], **options)
         summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
         typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
@@ -105,21 +129,25 @@ def train(
     runs: Annotated[list[Path], typer.Argument(help="Run stores, one lane each.")],
     truth: Annotated[list[Path], typer.Option(help="CSV of the targets of each run, in the same order.")],
     output: Output,
-    recipe: Annotated[str, typer.Option(help="Recipe with features.")] = "wang2007",
+    recipe: Annotated[str, typer.Option(help="Recipe with features, or with stages that learn.")] = "wang2007",
     lane: Annotated[list[Path] | None, typer.Option(help="TOML of each lane, in the same order.")] = None,
-    feature: Annotated[list[str] | None, typer.Option(help="Feature to use; once per feature.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; the classifier is the same.", min=1)] = None,
+    feature: Annotated[
+        list[str] | None, typer.Option(help="Feature to use in place of the recipe's; once per feature.")
+    ] = None,
+    beside: With = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
     ] = None,
     max_memory: Annotated[str, typer.Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
-    """Train a classifier on runs with truth. A training that was stopped is gone on with."""
+    """Train a recipe on runs with truth. A training that was stopped is gone on with."""
     who: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
     with plain_errors(), progress(quiet) as track:
         who["max_memory"] = tasks.parse_size(max_memory)
-        tasks.train_runs(runs, truth, recipe, output, feature or tasks.CLASSIFIER_B, lane, track=track, **who)
+        who["others"] = _others(beside, len(runs))
+        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, track=track, **who)
     if not quiet:
         typer.echo(f"wrote {output}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -33,7 +34,7 @@ def bench_imaging_command(
 def recipe_list() -> None:
     """Name the packaged recipes."""
     for name in tasks.recipe_names():
-        typer.echo(f"{name:12} {tasks.load_recipe(name).description}")
+        typer.echo(f"{name:18} {tomllib.loads(tasks.recipe_text(name))['description']}")
 
 
 @recipe_app.command("show")

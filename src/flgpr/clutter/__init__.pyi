@@ -8,7 +8,7 @@ from flgpr.clutter.coherence import (
     iterate_frames,
     measured_coherence,
 )
-from flgpr.clutter.iteration import TABLE_II, Iterated, averaged, iterate_suppression
+from flgpr.clutter.iteration import TABLE_II, Iterated, averaged, equal_cost, iterate_suppression
 from flgpr.clutter.masks import (
     ROADSIDE,
     Intersection,
@@ -22,7 +22,8 @@ from flgpr.clutter.masks import (
     roadside_mask,
     subregions,
 )
-from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain
+from flgpr.clutter.standing import standing_field, subtract_standing
+from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain, shared_level
 from flgpr.clutter.suppression import Suppression, suppress_by_model
 from flgpr.clutter.whitening import ClutterWhitener, whitening_matrix
 
@@ -45,6 +46,7 @@ __all__ = [
     "averaged",
     "averaged_frames",
     "coherent_loss_db",
+    "equal_cost",
     "extended_mask",
     "fundamental_mask",
     "gain_background",
@@ -58,7 +60,10 @@ __all__ = [
     "scan_gain",
     "self_signature",
     "shared_gain",
+    "shared_level",
+    "standing_field",
     "subregions",
+    "subtract_standing",
     "suppress_by_model",
     "whitening_matrix",
 ]

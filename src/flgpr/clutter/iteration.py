@@ -154,6 +154,19 @@ def averaged(course: Iterated, combination: int) -> ComplexArray:
     return np.asarray(total / len(wanted), dtype=np.complex64)
 
 
+def equal_cost(course: Iterated, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
+    """Count the least-squares iterations that cost no more than an iterated suppression, in pixels.
+
+    An iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches; one of least squares
+    images the mask and models it.
+    """
+    under = int(mask.sum())
+    if under == 0:
+        return 1
+    area = int(np.isin(region, np.unique(region[mask])).sum())
+    return max(1, course.asked * (2 * under + area) // (2 * under))
+
+
 def _norms(data: ComplexArray) -> NDArray[np.float64]:
     """Norm of every polarization."""
     power = np.square(data.real, dtype=np.float64) + np.square(data.imag, dtype=np.float64)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -138,25 +138,10 @@ def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray
 
 
 def intersect(shape: BoolArray, other: BoolArray, by: Intersection = "pixel") -> BoolArray:
-    """Intersect two binary masks.
+    """Intersect two binary masks (y, x): the pixels that both hold, or whole regions of ``shape`` (eight neighbours).
 
-    Parameters
-    ----------
-    shape, other : (y, x) ndarray of bool
-        Masks.
-    by : {"pixel", "region"}
-        Pixels that both hold; or whole connected regions of ``shape`` (eight neighbours) that share a pixel with
-        ``other``. The paper compares "each region" and selects "the intersection", which can be read both ways.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The intersection.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ or ``by`` is unknown.
+    The paper compares "each region" and selects "the intersection", which can be read both ways: with "region", a
+    connected region stays whole if it shares a pixel with ``other``.
     """
     if shape.shape != other.shape:
         raise ValueError(f"masks must have one shape, got {shape.shape} and {other.shape}")
@@ -321,20 +306,10 @@ class ThresholdCalibration:
         roadside: BoolArray,
         second: ArrayLike | None = None,
     ) -> None:
-        """Take in one frame.
+        """Take in one frame: images (y, x) in VV, VH and perhaps of the second band.
 
-        Parameters
-        ----------
-        vv, vh : (y, x) array_like
-            Images.
-        region : (y, x) ndarray of int
-            From :func:`subregions`.
-        halos : iterable of (y, x) ndarray of bool
-            Pixels in the halo of each target in view.
-        roadside : (y, x) ndarray of bool
-            Pixels at the roadside.
-        second : (y, x) array_like, optional
-            Image of the second band.
+        ``region`` is from :func:`subregions`; ``halos`` are the pixels about each target in view, ``roadside`` those
+        beside the lane.
         """
         strong, cross = np.abs(np.asarray(vv)), np.abs(np.asarray(vh))
         other = None if second is None else np.abs(np.asarray(second))
@@ -357,19 +332,22 @@ class ThresholdCalibration:
         ]
         self._roadside.append(np.asarray(means))
 
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Give what was gathered, to be taken in by another."""
+        levels = np.asarray(self._roadside).reshape(-1, self.regions)
+        kept = {"targets": self.targets, "vv": self._vv, "vh": self._vh, "second": self._second, "roadside": levels}
+        return kept | {"has_second": np.array(self._has_second)}
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other frames or lanes."""
+        self.targets = self.targets + state["targets"]
+        self._vv = np.minimum(self._vv, state["vv"])
+        self._vh, self._second = (np.maximum(self._vh, state["vh"]), np.maximum(self._second, state["second"]))
+        self._has_second |= bool(state["has_second"])
+        self._roadside += list(state["roadside"])
+
     def result(self) -> Thresholds:
-        """Compute the thresholds.
-
-        Returns
-        -------
-        Thresholds
-            One set per sub-region.
-
-        Raises
-        ------
-        ValueError
-            If a sub-region has shown no target or no roadside.
-        """
+        """Compute the thresholds of every sub-region; each must have shown a target and roadside."""
         if (self.targets == 0).any():
             raise ValueError(f"every sub-region must have shown a target, got {self.targets.tolist()} looks")
         levels = np.asarray(self._roadside)

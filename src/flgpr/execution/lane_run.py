@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,17 +20,16 @@ import pandas as pd
 
 from flgpr.chain.lane_chain import LaneChain, array_table
 from flgpr.chain.memory import plan_sections, sizes_of
-from flgpr.chain.passes import Pass, group_of
+from flgpr.chain.passes import Pass, group_of, part_name
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
-from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part
+from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, open_chain
 from flgpr.io import (
     inside,
     lane_text,
-    open_run,
     read_limited,
     read_table,
     replace_folder,
@@ -99,11 +98,11 @@ def detect_lane(
         If the run does not fit the recipe, something else lies at the output, or another process works on it.
     """
     folder = check_free(job.output)
-    run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
-    sections = plan_sections(sizes_of(run), recipe, lane, job.max_memory, longest)
+    first = open_chain(job)  # refuses what does not fit before anything is written
+    sections = plan_sections(sizes_of(first.run), first.recipe, first.lane, job.max_memory, longest)
 
     def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
-        return _planned(LaneChain(run, recipe, lane, section=section), wanted)  # not kept: it holds memory
+        return _planned(open_chain(replace(job, section=section)), wanted)  # not kept: it holds memory
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     drive = _Drive(executor, track, note)
@@ -116,40 +115,44 @@ def detect_lane(
     return [folder]
 
 
-def features_of_lane(
-    job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Find the alarms of a stored lane and their features, and keep the work folder, ``OUTPUT.work``.
+@contextmanager
+def passes_of_lane(
+    job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, name: str = ""
+) -> Iterator[LaneChain]:
+    """Do the passes of a stored training lane, but for what explains alarms, and keep the work folder, ``OUTPUT.work``.
+
+    Nothing is written at the job's output.
 
     Parameters
     ----------
     job : LaneJob
-        What to do; nothing is written at its output.
+        What to do; with a truth it ends where the first stage that has not learnt yet has its examples.
     executor : Executor
         Who does it.
     track : Track
         Shows progress.
     note : callable
         Takes a report of every piece of work that was done.
+    name : str
+        What progress is called by.
 
-    Returns
-    -------
-    DataFrame, DataFrame
-        Alarm table, the highest confidence first, and the features in the same order.
+    Yields
+    ------
+    LaneChain
+        The chain with its results, as long as the context lasts.
 
     Raises
     ------
     ValueError, FileExistsError
         If the run does not fit the recipe, the lane takes more than the job's memory, or another process works on it.
     """
-    run, recipe, lane = open_run(job.run, job.max_memory), parse_recipe(job.recipe), Lane(*job.lane)
-    plan_sections(sizes_of(run), recipe, lane, job.max_memory, math.inf)
+    chain = open_chain(job)
+    plan_sections(sizes_of(chain.run), chain.recipe, chain.lane, job.max_memory, math.inf)
     with begin(job.work, job.identity()) as work:
-        chain = LaneChain(run, recipe, lane, known=work)
-        _Drive(executor, track, note).passes(
-            job, work, _planned(chain, lambda one: not one.name.startswith("evidence"))
-        )
-        return chain.found()
+        chain = open_chain(job, work)
+        plan = _planned(chain, lambda one: not one.name.startswith("evidence"))
+        _Drive(executor, track, note).passes(job, work, plan, name)
+        yield chain
 
 
 def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
@@ -165,13 +168,12 @@ class _Drive:
     def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
         for stage, (title, every) in plan.items():
             if stage not in work:
-                missing = [number for number in every if work.part(stage, number) not in work]
+                missing = [number for number in every if part_name(stage, number) not in work]
                 parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
                 for report in self.track(parts, name + title, len(missing)):
                     self.note(report)
                 for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
                     self.note(report)
-            work.drop_parts(stage)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
         for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
@@ -263,7 +265,7 @@ def _digest(path: Path) -> str:
 
 def _lasting(job: LaneJob) -> dict[str, Any]:
     """Tell what a result must have been made of to stand for a job, whatever the program and the machine."""
-    return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model")}
+    return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
 def _listed(folder: Path) -> dict[str, Any]:
@@ -348,8 +350,13 @@ def _is_whole(job: LaneJob) -> bool:
     return bool(
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == job.identity()["recipe"]
+        and _digests(manifest["run"].get("others", {})) == job.identity()["others"]
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and manifest.get("section", {}).get("rows") == section
         and manifest["files"].get(f"{MODEL}/model.json", "") == job.model_sha256
         and ("report.html" in manifest["added"] or not job.report)
     )
+
+
+def _digests(others: dict[str, Any]) -> dict[str, str]:
+    return {name: str(one["store_sha256"]) for name, one in others.items()}

@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 from collections import ChainMap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -19,14 +19,14 @@ from typing import Any
 import llvmlite.binding  # type: ignore[import-untyped]
 
 import flgpr
-from flgpr.chain.classifier import load_classifier
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.passes import BLOCK, Arrays
+from flgpr.chain.model import load_model
+from flgpr.chain.passes import BLOCK, Arrays, part_name
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.execution.checkpoint import ArrayFile, Checkpoint, Kept
 from flgpr.execution.executors import Report
-from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, sha256
+from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, read_table, sha256
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
@@ -49,7 +49,7 @@ class LaneJob:
     lane : tuple of float
         x_min, x_max, y_min, y_max, m.
     model : str or None
-        Folder of a trained classifier.
+        Folder of a trained model.
     output : str
         Result folder to make.
     report : bool
@@ -81,6 +81,8 @@ class LaneJob:
     max_memory: int = MAX_MEMORY
     section: Section | None = None
     shared: str = ""
+    others: tuple[tuple[str, str, str], ...] = ()
+    truth: tuple[str, str] = ("", "")
 
     @property
     def work(self) -> Path:
@@ -100,6 +102,8 @@ class LaneJob:
             "code": dict(self.code),
             "cpu": self.cpu,
             "block": BLOCK,
+            "others": {name: digest for name, _, digest in self.others},
+            "truth": self.truth[1],
         }
 
 
@@ -111,6 +115,8 @@ def make_job(
     report: bool = True,
     model: str | Path | None = None,
     max_memory: int = MAX_MEMORY,
+    others: Mapping[str, str | Path] | None = None,
+    truth: str | Path | None = None,
 ) -> LaneJob:
     """Describe a detection.
 
@@ -141,8 +147,6 @@ def make_job(
     ValueError, FileNotFoundError
         If the run or the model is not valid.
     """
-    if model is not None and parse_recipe(recipe).features is None:
-        raise ValueError("model needs a recipe with the table features, got one without")
     return LaneJob(
         str(Path(run).resolve()),
         recipe,
@@ -155,6 +159,10 @@ def make_job(
         code_versions(),
         processor(),
         max_memory,
+        others=tuple(
+            (name, str(Path(path).resolve()), read_manifest(path)["sha256"]) for name, path in (others or {}).items()
+        ),
+        truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(Path(truth).read_bytes())),
     )
 
 
@@ -176,7 +184,7 @@ def model_digest(model: str | Path) -> str:
     ValueError
         If it is no classifier.
     """
-    load_classifier(model)
+    load_model(model)
     return sha256(read_limited(Path(model) / "model.json"))
 
 
@@ -219,7 +227,7 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
-        name = work.part(stage, number)
+        name = part_name(stage, number)
         if name not in work:
             kept = Kept(work, name)
             work[name] = chain.part(stage, number, kept)
@@ -252,9 +260,11 @@ def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
+        stored = chain.passes[stage].stored
         if stage not in work:
-            work[stage] = chain.fold(stage, _parts(work, stage, numbers))
-        work.drop_parts(stage)
+            work[stage] = {} if stored else chain.fold(stage, _parts(work, stage, numbers))
+        if not stored:
+            work.drop_parts(stage)
         return _report(job, stage, -1, begun, work.size(stage))
 
 
@@ -282,9 +292,11 @@ def do_finish(job: LaneJob) -> Report:
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
         detections, described = chain.detections(), describe_run(chain.run, job.run)
+        if job.others:
+            described["others"] = {name: {"path": path, "store_sha256": digest} for name, path, digest in job.others}
         lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None
         told = None if cut is None else section_note(chain.lane, cut)
-        folder = write_result(job.output, detections, job.recipe, lane, described, chain.classifier, told)
+        folder = write_result(job.output, detections, job.recipe, lane, described, chain.model, told)
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # lets the run-views go
@@ -293,7 +305,7 @@ def do_finish(job: LaneJob) -> Report:
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
     for number in numbers:
-        yield dict(ArrayFile(work.path(work.part(stage, number))))
+        yield dict(ArrayFile(work.path(part_name(stage, number))))
 
 
 def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
@@ -308,15 +320,28 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
 
 @lru_cache(maxsize=2)
 def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
-    run = open_run(job.run, job.max_memory)
-    if read_manifest(job.run)["sha256"] != job.store_sha256:
-        raise ValueError(f"worker {socket.gethostname()} must see the run of the driver, got another at {job.run}")
-    classifier = load_classifier(job.model) if job.model is not None else None
+    work = Checkpoint(job.work)
+    return open_chain(job, ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work), work
+
+
+def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> LaneChain:
+    """Open what a job names, as the driver saw it, and make its chain."""
+    for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
+        if read_manifest(path)["sha256"] != digest:
+            raise ValueError(f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}")
     if job.model is not None and model_digest(job.model) != job.model_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
-    work = Checkpoint(job.work)
-    known = ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work
-    return LaneChain(run, parse_recipe(job.recipe), Lane(*job.lane), classifier, known, job.section), work
+    others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
+    return LaneChain(
+        open_run(job.run, job.max_memory),
+        parse_recipe(job.recipe),
+        Lane(*job.lane),
+        load_model(job.model) if job.model is not None else None,
+        known,
+        job.section,
+        others,
+        read_table(job.truth[0], "truth") if job.truth[0] else None,
+    )
 
 
 def _now() -> tuple[float, float]:

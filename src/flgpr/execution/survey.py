@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -45,6 +45,7 @@ def detect_survey(
     track: Track = silent,
     note: Note = unnoted,
     section: float | None = None,
+    others: Sequence[Mapping[str, PathLike]] | None = None,
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
@@ -65,9 +66,10 @@ def detect_survey(
     jobs = []
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane = None if lanes is None else read_lane(lanes[number])
+        beside = None if others is None else others[number]
         dataset = open_run(run, max_memory)
         area = area_of(dataset, recipe, lane)
-        jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory))
+        jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory, beside))
         check_free(home / name)
         plan_sections(sizes_of(dataset), recipe, area, max_memory, section)  # refuses beforehand
     home.mkdir(parents=True, exist_ok=True)

@@ -37,8 +37,9 @@ def cut_regions(image: ArrayLike, grid: Grid, centres: ArrayLike, size: tuple[fl
     values = np.asarray(image)
     places = np.reshape(np.asarray(centres, dtype=np.float64), (-1, 2))
     half_u, half_v = round(size[0] / grid.dx) // 2, round(size[1] / grid.dy) // 2
-    rows = (places[:, 1] - grid.y_min) / grid.dy
-    columns = (places[:, 0] - grid.x_min) / grid.dx
+    # Rounded, so that a place on the last row lies on it wherever along the lane the image begins.
+    rows = np.round((places[:, 1] - grid.y_min) / grid.dy, 9)
+    columns = np.round((places[:, 0] - grid.x_min) / grid.dx, 9)
     row = rows[:, None, None] + np.arange(-half_v, half_v + 1)[None, :, None] + np.zeros((1, 1, 2 * half_u + 1))
     column = columns[:, None, None] + np.arange(-half_u, half_u + 1)[None, None, :] + np.zeros((1, 2 * half_v + 1, 1))
     return np.moveaxis(np.nan_to_num(bilinear(values, row, column)), -3, 0)

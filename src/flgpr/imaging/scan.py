@@ -67,7 +67,7 @@ class ScanImager:
         if not subbands:
             raise ValueError("subbands must name at least one band, got none")
         self.subbands = dict(subbands)
-        self._window, self._tolerance, self._device = window, tolerance, device
+        self.window, self.tolerance, self._device = window, tolerance, device
         complete = complete_scans(run)
         self.scans = np.flatnonzero(complete)
         self.masked_scans = np.flatnonzero(~complete)
@@ -104,8 +104,8 @@ class ScanImager:
             vehicle_to_scan(self.run["rx_position"].values, pose),
             points,
             subbands=None if subbands is None else list(subbands.values()),
-            window=self._window if subbands is not None else None,
-            tolerance=self._tolerance,
+            window=self.window if subbands is not None else None,
+            tolerance=self.tolerance,
             device=self._device,
         )
 

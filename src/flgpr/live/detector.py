@@ -126,10 +126,10 @@ class LiveDetector:
         _check(description, recipe)
         table = recipe.image
         self._whole = table.grid()
-        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.spacing
+        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.steps[1]
         rows = min(self._whole.ny, math.ceil((reach - self._whole.y_min) / self._whole.dy) + 1)
         self.grid = Grid(self._whole.x_min, self._whole.y_min, self._whole.nx, rows, self._whole.dx, self._whole.dy)
-        median, mean = recipe.background.windows(table.spacing)
+        median, mean = recipe.background.windows(*table.steps)
         self.background = CausalBackground(
             median, mean, recipe.background.median_step, self.settings.span, self.settings.warm_up
         )
@@ -390,12 +390,14 @@ def _needed_subbands(recipe: Recipe, classifier: Classifier | None) -> list[str]
     return [name for name in recipe.image.subbands if name in needed]
 
 
+def check_causal(recipe: Recipe) -> None:
+    """Refuse a recipe that needs more than the scans so far; say why."""
+    if recipe.waits():
+        raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.waits())}")
+
+
 def _check(description: RunDescription, recipe: Recipe) -> None:
-    if recipe.background.self_signature != "mean":
-        raise ValueError(
-            'recipe must have background.self_signature = "mean" to run live, whose estimate grows scan by scan; '
-            f'got "{recipe.background.self_signature}"'
-        )
+    check_causal(recipe)
     check_channels(recipe, description.polarization, description.frequency)
 
 

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 import flgpr
-from flgpr.chain.classifier import Classifier, load_classifier
+from flgpr.chain.classifier import Classifier
+from flgpr.chain.model import load_model
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.io import (
     RunDescription,
@@ -27,7 +28,7 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate
+from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
@@ -69,7 +70,7 @@ class LiveOptions:
 class LiveReport:
     """How a live run went."""
 
-    counts: dict[str, int]  #: what came and what became of it, see ``live_intake.COUNTS``
+    counts: dict[str, int]  #: what came and what became of it, see ``COUNTS`` in ``live.intake``
     #: ``median``, ``p95`` and ``largest`` time from the arrival of a scan to its alarms, and ``scans``, of how many
     latency_ms: dict[str, float]
     alarms: int  #: alarms that stand at the end
@@ -101,7 +102,11 @@ class LiveRun:
         self.options, self._tell = options, tell
         text = recipe_text(options.recipe)
         self._recipe: Recipe = parse_recipe(text, str(options.recipe))
-        self._classifier: Classifier | None = load_classifier(options.model) if options.model is not None else None
+        check_causal(self._recipe)
+        detector = load_model(options.model).detector if options.model is not None else None
+        if detector is not None and not isinstance(detector, Classifier):
+            raise ValueError(f"model must hold a fisher discriminant to run live, got {detector.name}")
+        self._classifier: Classifier | None = detector
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
         model = "" if options.model is None else sha256((Path(options.model) / "model.json").read_bytes())

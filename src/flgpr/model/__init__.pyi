@@ -12,6 +12,7 @@ from flgpr.model.lane import Lane, as_lane
 from flgpr.model.run import (
     check_frequency,
     check_run,
+    check_shared_poses,
     complete_scans,
     make_run,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "check_frequency",
     "check_objects",
     "check_run",
+    "check_shared_poses",
     "check_truth",
     "complete_scans",
     "empty_table",

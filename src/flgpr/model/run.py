@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
 
 _LOWEST_FREQUENCY = 1e6  # Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
+_MOUNT, _LATE = 1e-6, 1e-3  # m and rad, s; runs of one vehicle are told apart by their heights alone
 
 
 def make_run(
@@ -102,25 +103,7 @@ def make_run(
 
 
 def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[np.float64]:
-    """Validate a frequency axis.
-
-    Parameters
-    ----------
-    frequency : (frequency,) array_like
-        Tones in Hz.
-    count : int, optional
-        Number of tones the data have.
-
-    Returns
-    -------
-    (frequency,) ndarray of float64
-        The tones, Hz.
-
-    Raises
-    ------
-    ValueError
-        If the axis has the wrong length, is not finite, is not strictly increasing, or is not in hertz.
-    """
+    """Validate a frequency axis, Hz: finite, strictly increasing, as long as ``count``; give it as float64."""
     tones = np.asarray(frequency, dtype=np.float64)
     if tones.ndim != 1 or tones.size == 0 or (count is not None and tones.size != count):
         want = "at least one tone" if count is None else f"{count} tones"
@@ -147,11 +130,6 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
     ----------
     run : xarray.Dataset
         Candidate.
-
-    Returns
-    -------
-    xarray.Dataset
-        The same dataset.
 
     Raises
     ------
@@ -244,3 +222,31 @@ def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:
     if (np.diff(array) < 0).any():
         raise ValueError("time must not decrease from scan to scan")
     return array
+
+
+def check_shared_poses(runs: Mapping[str, xr.Dataset]) -> None:
+    """Make sure that runs were taken together: one vehicle, each at its own height.
+
+    Parameters
+    ----------
+    runs : mapping of str to xarray.Dataset
+        Runs by name, at least one.
+
+    Raises
+    ------
+    ValueError
+        If their scans, poses or times differ by more than the height at which they are mounted.
+    """
+    (first, one), *others = runs.items()
+    for name, other in others:
+        a, b = one["pose"].values, other["pose"].values
+        if a.shape != b.shape:
+            raise ValueError(f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}")
+        apart = np.abs(np.delete(a - b, 2, axis=1)).max()
+        height = np.ptp(a[:, 2] - b[:, 2])
+        late = np.nan_to_num(np.abs(one["time"].values - other["time"].values)).max()  # NaN where there are no times
+        if not (max(apart, height) <= _MOUNT and late <= _LATE):
+            raise ValueError(
+                f"runs must share their poses: {first} and {name} are up to {apart:.3g} m or rad apart, their heights "
+                f"by {height:.3g} m from scan to scan, their times by {late:.3g} s"
+            )

@@ -184,7 +184,7 @@ def _scored(
     missed["off"] = [f"{off:.2f}" if found else "none" for off, found in missed[["distance", "detected"]].to_numpy()]
     missed["at"] = [f"{far:.4f}" if found else "never" for far, found in missed[["far", "detected"]].to_numpy()]
     false["key"] = false["alarm_id"] if "alarm_id" in false.columns else false.index
-    by = [name for name in ("kind", "depth", "soil") if name in groups.columns]
+    by, none = [name for name in ("kind", "depth", "soil") if name in groups.columns], not len(main.matched.truth)
     groups[by] = groups[by].map(_plain)
     return {
         "last": main.curve.iloc[-1],
@@ -195,8 +195,8 @@ def _scored(
         "roc": whole_roc_figure(scored),
         "outcomes": [_outcome_rows(one) for one in scored],
         "shifts": _knows_shifts(main),
-        "points": _rows(main.operating_points(), _POINT),
-        "curve": _rows(main.curve.iloc[1:][:_MOST], _CURVE),
+        "points": _rows(main.operating_points(), _POINT, none),
+        "curve": _rows(main.curve.iloc[1:][:_MOST], _CURVE, none),
         "n_points": len(main.curve) - 1,
         "by": by,
         "breakdown": _rows(groups, (*(f"{{{name}}}" for name in by), *_GROUP)),
@@ -209,9 +209,10 @@ def _scored(
     }
 
 
-def _rows(table: pd.DataFrame, cells: Sequence[str]) -> list[list[str]]:
-    """Write every row of a table by the formats of its cells."""
-    return [[cell.format_map(row) for cell in cells] for row in table.to_dict("records")]
+def _rows(table: pd.DataFrame, cells: Sequence[str], nothing: bool = False) -> list[list[str]]:
+    """Write every row of a table by the formats of its cells; those of a Pd say ``none`` where there is nothing."""
+    said = ["none" if nothing and "{pd" in cell else cell for cell in cells]
+    return [[cell.format_map(row) for cell in said] for row in table.to_dict("records")]
 
 
 def _figures(main: Score) -> dict[str, Any]:

@@ -16,8 +16,8 @@ import pandas as pd
 import xarray as xr
 
 import flgpr
-from flgpr.chain.classifier import Classifier, load_classifier, save_classifier
 from flgpr.chain.lane_chain import MAIN, Detection
+from flgpr.chain.model import Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.io import (
     canonical_json,
@@ -39,7 +39,7 @@ from flgpr.results.view_files import plain_json, write_view
 
 FORMAT, VERSION = "flgpr-result", 2
 MODEL = "model"
-"""Folder of the classifier inside a result."""
+"""Folder of the model inside a result."""
 SECTIONS = "sections.json"
 """What lists the result folders of a lane that was taken in sections."""
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
@@ -60,9 +60,9 @@ class Result:
     detections: list[Detection]  #: main result and variants
     recipe_text: str = ""  #: TOML of the recipe
 
-    def classifier(self) -> Classifier | None:
-        """Load the classifier that scored the alarms; None if none did."""
-        return load_classifier(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
+    def model(self) -> Model | None:
+        """Load the model that it was made with; None if there was none."""
+        return load_model(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
 
 
 def write_result(
@@ -71,7 +71,7 @@ def write_result(
     recipe_text: str,
     lane: Lane,
     run: dict[str, Any],
-    classifier: Classifier | None = None,
+    model: Model | Detector | None = None,
     section: dict[str, Any] | None = None,
 ) -> Path:
     """Write a result folder; it appears whole or not at all.
@@ -94,8 +94,9 @@ def write_result(
             write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
     write_view(partial, detections, lane, run)
     write_whole(partial / "recipe.toml", recipe_text)
-    if classifier is not None:
-        save_classifier(classifier, partial / MODEL)
+    learnt = as_model(model)
+    if learnt.detector is not None or learnt.stages:
+        save_model(learnt, partial / MODEL)
     content = plain_json(_content(partial, detections, recipe_text, lane, run))
     if section is not None:
         content["section"] = section

@@ -7,14 +7,25 @@ from flgpr.screen.clusters import (
     fuse_clusters,
     learn_thresholds,
     prescreen_clusters,
+    thresholds_over,
 )
 from flgpr.screen.labels import label_alarms
 from flgpr.screen.maxima import density_threshold, local_maxima, prescreen
-from flgpr.screen.views import RunViewSums, run_view, sample_scan, select, view_array
+from flgpr.screen.views import (
+    MeanViewSums,
+    RangeViewSums,
+    RunViewSums,
+    run_view,
+    sample_scan,
+    select,
+    view_array,
+)
 
 __all__ = [
     "ClusterThresholds",
     "Ellipse",
+    "MeanViewSums",
+    "RangeViewSums",
     "RunViewSums",
     "density_threshold",
     "energy_ratio",
@@ -29,5 +40,6 @@ __all__ = [
     "run_view",
     "sample_scan",
     "select",
+    "thresholds_over",
     "view_array",
 ]

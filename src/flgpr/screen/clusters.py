@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 Rule = Literal["and", "or", "and-or"]
+Grouping = Literal["greedy", "local"]
 RULES = ("and", "or", "and-or")
 CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
 
@@ -59,7 +60,9 @@ class ClusterThresholds:
     energy_ratio: float
 
 
-def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) -> pd.DataFrame:
+def find_clusters(
+    image: xr.DataArray, threshold: float, radius: float = 0.2, grouping: Grouping = "greedy"
+) -> pd.DataFrame:
     """Mark the pixels above a threshold and gather them into clusters (Sec. 3.1.1).
 
     The paper names a clustering method without its parameters; here the strongest marked pixel that is still free
@@ -73,6 +76,9 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
         Amplitude.
     radius : float
         Radius of a cluster, m; the paper's is 20 cm.
+    grouping : {"greedy", "local"}
+        As said, or: only pixels that none within the radius outshines lead a cluster, and every other joins the
+        strongest of those within the radius. Then a cluster depends on its surroundings alone, however long the lane.
 
     Returns
     -------
@@ -96,19 +102,26 @@ def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) ->
     rows, columns = rows[order], columns[order]
     amplitude = values[rows, columns]
     place = np.column_stack([x[columns], y[rows]])
-    pixel = float((x[1] - x[0]) * (y[1] - y[0]))
+    pixel = _pixel(image)
     found = []
-    for members in _leaders(place, radius):
+    for members in _leaders(place, radius, grouping):
         inside = amplitude[members]
         found.append((*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std()))
     return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _leaders(place: FloatArray, radius: float) -> list[NDArray[np.intp]]:
-    """Group points, each group about the first free one in the given order."""
+def _leaders(place: FloatArray, radius: float, grouping: Grouping = "greedy") -> list[NDArray[np.intp]]:
+    """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
+    if grouping not in ("greedy", "local"):
+        raise ValueError(f"grouping must be greedy or local, got {grouping!r}")
     if not len(place):
         return []
     tree = cKDTree(place)
+    if grouping == "local":
+        near = tree.query_ball_point(place, radius * (1 + 1e-9), return_sorted=True)
+        leads = np.array([one[0] == i for i, one in enumerate(near)])
+        joins = np.array([next((k for k in one if leads[k]), -1) for one in near])
+        return [np.flatnonzero(joins == leader) for leader in np.flatnonzero(leads)]
     free = np.ones(len(place), np.bool_)
     groups = []
     for i in range(len(place)):
@@ -151,7 +164,11 @@ def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> Fl
 
 
 def prescreen_clusters(
-    image: xr.DataArray, thresholds: ClusterThresholds, ellipse: Ellipse, radius: float = 0.2
+    image: xr.DataArray,
+    thresholds: ClusterThresholds,
+    ellipse: Ellipse,
+    radius: float = 0.2,
+    grouping: Grouping = "greedy",
 ) -> pd.DataFrame:
     """Apply the three prescreeners in sequence to one image (Sec. 3.1).
 
@@ -165,13 +182,15 @@ def prescreen_clusters(
         Template of the energy ratio.
     radius : float
         Radius of a cluster, m.
+    grouping : {"greedy", "local"}
+        As for :func:`find_clusters`.
 
     Returns
     -------
     DataFrame
         ``CLUSTER_COLUMNS`` of the clusters that pass all three.
     """
-    table = find_clusters(image, thresholds.amplitude, radius)
+    table = find_clusters(image, thresholds.amplitude, radius, grouping)
     table = table[(table["size"] >= thresholds.size) & (table["std"] <= thresholds.std)]
     ratio = energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse)
     table = table.assign(energy_ratio=ratio)
@@ -201,42 +220,63 @@ def learn_thresholds(
     pass_share : float
         Share of the mines.
 
-    Returns
-    -------
-    ClusterThresholds
-        Limits.
-
     Raises
     ------
     ValueError
         If there is no mine in the image, or the share is not in (0, 1].
     """
+    return thresholds_over([(image, places)], ellipse, radius, reach, pass_share)
+
+
+def thresholds_over(
+    lanes: Sequence[tuple[xr.DataArray, ArrayLike]], ellipse: Ellipse, radius: float, reach: float, pass_share: float
+) -> ClusterThresholds:
+    """Do as :func:`learn_thresholds` with the mines of several lanes: an image and places (n, 2) of each."""
     if not 0 < pass_share <= 1:
         raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
-    values = np.nan_to_num(np.asarray(image.values, dtype=np.float64))
+    found = [
+        _peaks(np.nan_to_num(np.asarray(image.values, dtype=np.float64)), image, places, reach)
+        for image, places in lanes
+    ]
+    peaks = np.concatenate([values.ravel()[at] for values, at in found])
+    if not peaks.size:
+        raise ValueError("places must hold at least one mine inside the image, got none")
+    amplitude = 0.5 * float(np.quantile(peaks, 1 - pass_share))
+    sizes, spreads, ratio = [], [], []
+    for (values, at), (image, _) in zip(found, lanes, strict=True):
+        x, y = np.meshgrid(image["x"].values, image["y"].values)
+        pixel = _pixel(image)
+        for peak in at:
+            disc = (x - x.ravel()[peak]) ** 2 + (y - y.ravel()[peak]) ** 2 <= radius**2 * (1 + 1e-9)
+            marked = values[disc & (values > amplitude)]
+            sizes.append(marked.size * pixel)
+            spreads.append(marked.std() if marked.size else 0.0)
+        ratio.append(energy_ratio(image, np.column_stack([x.ravel()[at], y.ravel()[at]]), ellipse))
+    return ClusterThresholds(
+        amplitude,
+        float(np.quantile(sizes, 1 - pass_share)),
+        float(np.quantile(spreads, pass_share)),
+        float(np.quantile(np.concatenate(ratio), pass_share)),
+    )
+
+
+def _pixel(image: xr.DataArray) -> float:
+    """Area of a pixel, m², the same wherever along the lane the image begins: areas are compared with limits."""
+    dy, dx = (float(image[axis].values[1] - image[axis].values[0]) for axis in ("y", "x"))
+    return round(dx * dy, 9)
+
+
+def _peaks(
+    values: FloatArray, image: xr.DataArray, places: ArrayLike, reach: float
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Give the values and the flat numbers of the largest pixel within reach of every place that the image holds."""
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     peaks = []
     for u, v in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
         near = np.flatnonzero(((x - u) ** 2 + (y - v) ** 2 <= reach**2).ravel())
         if near.size:
             peaks.append(near[values.ravel()[near].argmax()])
-    if not peaks:
-        raise ValueError("places must hold at least one mine inside the image, got none")
-    amplitude = 0.5 * float(np.quantile(values.ravel()[peaks], 1 - pass_share))
-    pixel = float((image["x"].values[1] - image["x"].values[0]) * (image["y"].values[1] - image["y"].values[0]))
-    sizes, spreads = [], []
-    for peak in peaks:
-        disc = (x - x.ravel()[peak]) ** 2 + (y - y.ravel()[peak]) ** 2 <= radius**2 * (1 + 1e-9)
-        marked = values[disc & (values > amplitude)]
-        sizes.append(marked.size * pixel)
-        spreads.append(marked.std() if marked.size else 0.0)
-    ratio = energy_ratio(image, np.column_stack([x.ravel()[peaks], y.ravel()[peaks]]), ellipse)
-    return ClusterThresholds(
-        amplitude,
-        float(np.quantile(sizes, 1 - pass_share)),
-        float(np.quantile(spreads, pass_share)),
-        float(np.quantile(ratio, pass_share)),
-    )
+    return values, np.array(peaks, dtype=np.intp)
 
 
 def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
@@ -266,7 +306,11 @@ def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
 
 
 def fuse_clusters(
-    tables: Mapping[tuple[str, float], pd.DataFrame], radius: float = 0.4, rule: Rule = "and"
+    tables: Mapping[tuple[str, Any], pd.DataFrame],
+    radius: float = 0.4,
+    rule: Rule = "and",
+    levels: Mapping[tuple[str, Any], float] | None = None,
+    grouping: Grouping = "greedy",
 ) -> pd.DataFrame:
     """Bring together the clusters of all polarizations and ranges into regions (par. 18 and 44).
 
@@ -278,12 +322,16 @@ def fuse_clusters(
         Clusters within it of the strongest make one region, m.
     rule : {"and", "or", "and-or"}
         Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some polarization (par. 44).
+    levels : mapping of (polarization, range) to float, optional
+        What the peaks of an image are measured in; default the mean peak of its clusters.
+    grouping : {"greedy", "local"}
+        As for :func:`find_clusters`.
 
     Returns
     -------
     DataFrame
         x, y (m), mean over the images' strongest clusters; ``images``, how many saw it; ``strength``, its peak over the
-        image's mean peak.
+        image's level.
 
     Raises
     ------
@@ -296,13 +344,13 @@ def fuse_clusters(
         raise ValueError("tables must hold at least one image, got none")
     keys = list(tables)
     parts = [
-        table[["x", "y"]].assign(strength=table["peak"] / table["peak"].mean(), image=i)
-        for i, table in enumerate(tables.values())
+        table[["x", "y"]].assign(strength=table["peak"] / (levels[key] if levels else table["peak"].mean()), image=i)
+        for i, (key, table) in enumerate(tables.items())
     ]
     pool = pd.concat(parts, ignore_index=True).sort_values("strength", ascending=False, kind="stable")
     pool = pool.reset_index(drop=True)
     regions = []
-    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius):
+    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius, grouping):
         best = pool.iloc[members].drop_duplicates("image")
         if _passes({keys[i] for i in best["image"]}, keys, rule):
             regions.append((best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0]))
@@ -310,7 +358,7 @@ def fuse_clusters(
     return table.astype({"x": float, "y": float, "images": int, "strength": float})
 
 
-def _passes(seen: set[tuple[str, float]], keys: list[tuple[str, float]], rule: Rule) -> bool:
+def _passes(seen: set[tuple[str, Any]], keys: list[tuple[str, Any]], rule: Rule) -> bool:
     if rule == "and":
         return len(seen) == len(keys)
     if rule == "or":

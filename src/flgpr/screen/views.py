@@ -15,19 +15,9 @@ from flgpr.model import Grid, lane_to_scan, scan_to_lane
 
 
 def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Sample the magnitude of a scan image at points of the scan frame.
+    """Sample the magnitude of a scan image (..., y, x) at points (..., 2 or 3) of the scan frame, m, bilinearly.
 
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Scan image (..., y, x) with uniform coordinates in the scan frame.
-    points : (..., 2 or 3) ndarray
-        Points in the scan frame, m.
-
-    Returns
-    -------
-    ndarray
-        Magnitudes by bilinear interpolation, shape image's leading dimensions plus the points'; NaN outside the image.
+    NaN outside the image.
     """
     y, x = image["y"].values, image["x"].values
     row = (points[..., 1] - y[0]) / (y[1] - y[0])
@@ -35,8 +25,8 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
     return bilinear(np.abs(image.values), row, column)
 
 
-class RunViewSums:
-    """The largest and second largest magnitude at every pixel of the lane, scan by scan.
+class LaneSums:
+    """Samples of all scans at the pixels of the lane; what becomes of them is told by the kind of look.
 
     Parameters
     ----------
@@ -55,24 +45,12 @@ class RunViewSums:
         self._points[..., 0] = grid.x[None, :]
         self._points[..., 1] = grid.y[self._window.start : self._window.stop, None]
         self._looks = np.zeros(self._points.shape[:2], np.int64)
-        self._first: NDArray[np.float32] | None = None
-        self._second: NDArray[np.float32] | None = None
+        self._kept: dict[str, NDArray[Any]] = {}
 
     def add(self, magnitude: NDArray[np.float32], grid: Grid, pose: NDArray[np.float64]) -> None:
-        """Take one scan in.
-
-        Parameters
-        ----------
-        magnitude : (..., y, x) ndarray of float32
-            Cleaned magnitudes.
-        grid : Grid
-            Their pixels in the scan frame.
-        pose : (6,) ndarray
-            Pose of the scan.
-        """
-        if self._first is None or self._second is None:
-            shape = (*magnitude.shape[:-2], *self._looks.shape)
-            self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
+        """Take in one scan: magnitudes (..., y, x) on a grid of the scan frame, and its pose (6,)."""
+        if not self._kept:
+            self._kept = self._begin(magnitude.shape[:-2])
         reached, start = self.reach(grid, pose), self._window.start
         rows = slice(max(reached.start - start, 0), max(reached.stop - start, 0))
         local = lane_to_scan(self._points[rows], pose)
@@ -81,86 +59,31 @@ class RunViewSums:
         values[..., local[..., 1] > self.y_max] = np.nan
         seen = np.isfinite(values)
         self._looks[rows] += seen.all(axis=tuple(range(seen.ndim - 2)))
-        values = np.where(seen, values, -np.inf)
-        first, second = self._first[..., rows, :], self._second[..., rows, :]
-        np.maximum(second, np.minimum(first, values), out=second)
-        np.maximum(first, values, out=first)
+        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, values, seen, local)
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """Compute the run-view.
-
-        Returns
-        -------
-        view : (..., y, x) ndarray of float32
-            Second largest magnitude; the only one where a single scan sees the pixel; NaN where none does.
-        looks : (y, x) ndarray of int
-            Number of scans that see each pixel.
-
-        Raises
-        ------
-        ValueError
-            If no scan was added.
-        """
-        if self._first is None or self._second is None:
-            raise ValueError("images must hold at least one scan, got none")
-        view = np.where(self._looks > 1, self._second, self._first)
+        """Compute the run-view (..., y, x), NaN where no scan sees the pixel, and the number of looks (y, x)."""
+        view = self._view(self._gathered())
         return np.where(self._looks > 0, view, np.nan).astype(np.float32), self._looks
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, to be taken in by another.
+        """Give what was gathered, with ``looks`` (y, x) and ``row``, the first row, to be taken in by another."""
+        return {**self._gathered(), "looks": self._looks, "row": np.array(self._window.start)}
 
-        Returns
-        -------
-        dict
-            ``first`` and ``second`` (..., y, x), the largest and second largest magnitudes, -inf where there are none,
-            ``looks`` (y, x), and ``row``, the first row.
-
-        Raises
-        ------
-        ValueError
-            If no scan was added.
-        """
-        if self._first is None or self._second is None:
-            raise ValueError("images must hold at least one scan, got none")
-        row = np.array(self._window.start)
-        return {"first": self._first, "second": self._second, "looks": self._looks, "row": row}
-
-    def merge(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans of the same lane, as far as it lies in the rows kept here.
-
-        Parameters
-        ----------
-        state : dict
-            From :meth:`state`.
-        """
-        if self._first is None or self._second is None:
-            shape = (*state["first"].shape[:-2], *self._looks.shape)
-            self._first, self._second = np.full(shape, -np.inf, np.float32), np.full(shape, -np.inf, np.float32)
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans of the same lane, as far as it lies in the rows kept here."""
+        gathered = {name: state[name] for name in state if name not in ("looks", "row")}
+        if not self._kept:
+            self._kept = self._begin(self._channels(gathered))
         start = int(state["row"]) - self._window.start
         rows = slice(max(start, 0), max(start + len(state["looks"]), 0))
         theirs = slice(rows.start - start, rows.start - start + len(self._looks[rows]))
         self._looks[rows] += state["looks"][theirs]
-        first, second = self._first[..., rows, :], self._second[..., rows, :]
-        one, two = state["first"][..., theirs, :], state["second"][..., theirs, :]
-        np.maximum(second, two, out=second)
-        np.maximum(second, np.minimum(first, one), out=second)
-        np.maximum(first, one, out=first)
+        own = {name: one[..., rows, :] for name, one in self._kept.items()}
+        self._fold(own, {name: one[..., theirs, :] for name, one in gathered.items()})
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
-        """Tell which rows of the run-view a scan can reach.
-
-        Parameters
-        ----------
-        grid : Grid
-            Pixels of the scan image.
-        pose : (6,) ndarray
-            Pose of the scan.
-
-        Returns
-        -------
-        slice
-            Rows of the whole grid.
-        """
+        """Tell which rows of the whole run-view a scan with these pixels can reach."""
         x_min, x_max, y_min, y_max = grid.extent()
         corners = np.zeros((4, 3))
         corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (y_min, min(y_max, self.y_max + grid.dy))]
@@ -168,6 +91,145 @@ class RunViewSums:
         first = math.floor((along.min() - self.grid.y_min) / self.grid.dy)
         last = math.ceil((along.max() - self.grid.y_min) / self.grid.dy) + 1
         return slice(min(max(first, 0), self.grid.ny), min(max(last, 0), self.grid.ny))
+
+    def _gathered(self) -> dict[str, NDArray[Any]]:
+        if not self._kept:
+            raise ValueError("images must hold at least one scan, got none")
+        return self._kept
+
+    def _channels(self, gathered: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+        """Tell the leading shape of the magnitudes from what another gathered of them."""
+        return next(iter(gathered.values())).shape[:-2]
+
+    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+        """Make the arrays (..., y, x) that gather."""
+        raise NotImplementedError
+
+    def _take(
+        self,
+        kept: Mapping[str, NDArray[Any]],
+        values: NDArray[np.float32],
+        seen: NDArray[np.bool_],
+        local: NDArray[np.float64],
+    ) -> None:
+        """Take in a scan's samples (..., y, x) of some rows, and where these pixels lie in its frame (y, x, 3)."""
+        raise NotImplementedError
+
+    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of the same rows."""
+        raise NotImplementedError
+
+    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        """Make the run-view of what was gathered."""
+        raise NotImplementedError
+
+
+class RunViewSums(LaneSums):
+    """The second largest magnitude at every pixel of the lane, to be rid of flashes (Wang et al. 2007, Sec. II-B).
+
+    Where a single scan sees the pixel its value stands. Parameters are those of ``LaneSums``.
+    """
+
+    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+        shape = (*channels, *self._looks.shape)
+        return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
+
+    def _take(
+        self,
+        kept: Mapping[str, NDArray[Any]],
+        values: NDArray[np.float32],
+        seen: NDArray[np.bool_],
+        local: NDArray[np.float64],  # noqa: ARG002
+    ) -> None:
+        values = np.where(seen, values, -np.inf)
+        np.maximum(kept["second"], np.minimum(kept["first"], values), out=kept["second"])
+        np.maximum(kept["first"], values, out=kept["first"])
+
+    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
+        np.maximum(own["second"], theirs["second"], out=own["second"])
+        np.maximum(own["second"], np.minimum(own["first"], theirs["first"]), out=own["second"])
+        np.maximum(own["first"], theirs["first"], out=own["first"])
+
+    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return np.where(self._looks > 1, kept["second"], kept["first"])
+
+
+class MeanViewSums(LaneSums):
+    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent.
+
+    Parameters are those of ``LaneSums``.
+    """
+
+    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+        return {"sum": np.zeros((*channels, *self._looks.shape))}
+
+    def _take(
+        self,
+        kept: Mapping[str, NDArray[Any]],
+        values: NDArray[np.float32],
+        seen: NDArray[np.bool_],
+        local: NDArray[np.float64],  # noqa: ARG002
+    ) -> None:
+        whole = seen.all(axis=tuple(range(seen.ndim - 2)))  # a pixel counts where all channels are seen
+        kept["sum"][...] += np.where(whole, values, 0.0)
+
+    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
+        own["sum"][...] += theirs["sum"]
+
+    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return kept["sum"] / np.maximum(self._looks, 1)
+
+
+class RangeViewSums(LaneSums):
+    """One view per distance ahead: at every pixel the scan that sees it nearest to that distance (flsar2004, Sec. 2).
+
+    Parameters
+    ----------
+    grid, y_max, rows
+        As for ``LaneSums``.
+    ranges : sequence of float
+        Distances ahead of the array, m.
+    within : float
+        Farthest from its distance that a scan may see a pixel, m.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        y_max: float,
+        rows: slice | None = None,
+        ranges: Sequence[float] = (),
+        within: float = math.inf,
+    ) -> None:
+        super().__init__(grid, y_max, rows)
+        self.ranges, self.within = tuple(ranges), within
+
+    def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+        shape = (*channels, len(self.ranges), *self._looks.shape)
+        return {"value": np.full(shape, np.nan, np.float32), "off": np.full(shape[-3:], np.inf)}
+
+    def _channels(self, gathered: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+        return gathered["value"].shape[:-3]
+
+    def _take(
+        self,
+        kept: Mapping[str, NDArray[Any]],
+        values: NDArray[np.float32],
+        seen: NDArray[np.bool_],
+        local: NDArray[np.float64],
+    ) -> None:
+        whole = seen.all(axis=tuple(range(seen.ndim - 2)))
+        off = np.abs(local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
+        off = np.where(whole & (off <= self.within), off, np.inf)
+        self._fold(kept, {"value": values[..., None, :, :], "off": off})
+
+    def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
+        nearer = theirs["off"] < own["off"]  # of equally near scans the first stays
+        own["value"][...] = np.where(nearer, theirs["value"], own["value"])
+        own["off"][...] = np.minimum(own["off"], theirs["off"])
+
+    def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        return kept["value"]
 
 
 def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.DataArray:
@@ -253,11 +315,6 @@ def view_array(
         Names and labels of the leading dimensions.
     rows : slice, optional
         Rows of the grid that the run-view holds; default all.
-
-    Returns
-    -------
-    xarray.DataArray
-        As :func:`run_view` returns it.
     """
     return xr.DataArray(
         view,
@@ -273,25 +330,7 @@ def _grid_of(image: xr.DataArray) -> Grid:
 
 
 def select(view: xr.DataArray, polarization: str, subband: str) -> xr.DataArray:
-    """Take one polarization and sub-band of a run-view.
-
-    Parameters
-    ----------
-    view : xarray.DataArray
-        Run-view (polarization, subband, y, x).
-    polarization, subband : str
-        Names.
-
-    Returns
-    -------
-    xarray.DataArray
-        Run-view (y, x).
-
-    Raises
-    ------
-    ValueError
-        If the run has no such polarization or sub-band.
-    """
+    """Take one polarization and sub-band of a run-view (polarization, subband, y, x), which must have them."""
     for name, value in (("polarization", polarization), ("subband", subband)):
         known: Sequence[str] = [str(label) for label in view[name].values]
         if value not in known:

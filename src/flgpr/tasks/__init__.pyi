@@ -1,4 +1,3 @@
-from flgpr.chain.classifier import CLASSIFIER_B
 from flgpr.chain.fitting import recipe_for
 from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
@@ -24,7 +23,7 @@ from flgpr.tasks.exchange import (
 )
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
-from flgpr.tasks.results import demo, replay, train_runs
+from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
     outcome_table,
     plan_lane,
@@ -43,9 +42,9 @@ from flgpr.tasks.stores import (
     simulate_lane,
     write_gprmax_lane,
 )
+from flgpr.tasks.training import train_runs
 
 __all__ = [
-    "CLASSIFIER_B",
     "COUNTS",
     "SECTIONS",
     "ClockSearch",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flgpr.chain.fitting import area_of, recipe_for
@@ -30,6 +30,7 @@ def detect_run(
     scheduler: str | None = None,
     note: Note = unnoted,
     max_memory: int = MAX_MEMORY,
+    others: Mapping[str, PathLike] | None = None,
 ) -> Result:
     """Detect on a stored run and write a result folder with its report.
 
@@ -61,6 +62,8 @@ def detect_run(
     max_memory : int
         Memory that each process may take, bytes; a lane that would take more is refused before anything is decoded, see
         :func:`detect_long`.
+    others : mapping of str to path, optional
+        Runs taken together with this one, such as a second band, by the names that the recipe gives them.
 
     Returns
     -------
@@ -73,7 +76,7 @@ def detect_run(
         If an input is not valid or the output would overwrite something else; nothing is written then.
     """
     options = (track, report, model, workers, scheduler, note, max_memory)
-    return read_result(detect_long(run, recipe, output, lane, *options, section=math.inf)[0])
+    return read_result(detect_long(run, recipe, output, lane, *options, section=math.inf, others=others)[0])
 
 
 def detect_long(
@@ -89,6 +92,7 @@ def detect_long(
     note: Note = unnoted,
     max_memory: int = MAX_MEMORY,
     section: float | None = None,
+    others: Mapping[str, PathLike] | None = None,
 ) -> list[Path]:
     """Detect on a stored run of any length.
 
@@ -100,6 +104,8 @@ def detect_long(
         :mod:`flgpr.execution.lane_run`.
     section : float, optional
         Longest section that is wanted, m; default as long as the memory allows; infinity for one piece or not at all.
+    others : mapping of str to path, optional
+        As for :func:`detect_run`.
 
     Returns
     -------
@@ -114,7 +120,7 @@ def detect_long(
     text = _text_of(recipe, run, model, max_memory)
     parsed = parse_recipe(text, str(recipe))
     area = area_of(open_run(run, max_memory), parsed, read_lane(lane) if lane is not None else None)
-    job = make_job(run, text, area, output, report, model, max_memory)
+    job = make_job(run, text, area, output, report, model, max_memory, others)
     with executor_for(workers, scheduler) as executor:
         return detect_lane(job, executor, track, note, section)
 
@@ -133,6 +139,7 @@ def detect_runs(
     note: Note = unnoted,
     max_memory: int = MAX_MEMORY,
     section: float | None = None,
+    others: Sequence[Mapping[str, PathLike]] | None = None,
 ) -> list[Path]:
     """Detect on many stored runs; goes on where it was stopped.
 
@@ -150,6 +157,8 @@ def detect_runs(
         As for :func:`detect_long`.
     lanes_at_once : int, optional
         How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
+    others : sequence of mapping of str to path, optional
+        Per run, the runs taken together with it.
 
     Returns
     -------
@@ -171,7 +180,7 @@ def detect_runs(
         )
     who = executor_for(workers, scheduler)
     folders = detect_survey(
-        runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note, section
+        runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note, section, others
     )
     return [home for folder in folders for home in homes_at(folder)]
 

@@ -1,41 +1,19 @@
-"""Training, the demonstration, and running a result again: files in, files out."""
+"""The demonstration, and running a result again: files in, files out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import (
-    CLASSIFIER_B,
-    Classifier,
-    check_free_model,
-    make_training_set,
-    save_classifier,
-    train,
-)
 from flgpr.chain.detect import detect
-from flgpr.chain.fitting import area_of
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.chain.sections import noted_section
-from flgpr.execution.checkpoint import finish
-from flgpr.execution.lane_run import features_of_lane
-from flgpr.execution.lane_work import make_job
-from flgpr.execution.survey import executor_for
-from flgpr.io import (
-    MAX_MEMORY,
-    open_run,
-    read_lane,
-    read_manifest,
-    read_table,
-    sample_lane,
-    sha256,
-)
+from flgpr.io import open_run, read_manifest, sample_lane
 from flgpr.results.description import describe_run
 from flgpr.results.result import Result, read_result, write_result
 from flgpr.scoring import Score
@@ -43,79 +21,6 @@ from flgpr.tasks.detection import detect_run
 from flgpr.tasks.scoring import score_result
 
 PathLike = str | Path
-
-
-def train_runs(
-    runs: Sequence[PathLike],
-    truths: Sequence[PathLike],
-    recipe: PathLike,
-    output: PathLike,
-    features: Sequence[str] = CLASSIFIER_B,
-    lanes: Sequence[PathLike] | None = None,
-    label_radius: float = 1.0,
-    track: Track = silent,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    max_memory: int = MAX_MEMORY,
-) -> Classifier:
-    """Train a classifier on stored runs and write it.
-
-    What is found in the runs is kept beside the output until the classifier is written (``OUTPUT-1.work`` and so on),
-    so that a training that was stopped goes on.
-
-    Parameters
-    ----------
-    runs : sequence of path
-        Run stores, one lane each.
-    truths : sequence of path
-        CSV of the targets of each run, in the same order. Truth is read here and in scoring, nowhere else.
-    recipe : str or path
-        Name of a packaged recipe with features, or a TOML file.
-    output : path
-        Folder to make.
-    features : sequence of str
-        Columns the classifier reads.
-    lanes : sequence of path, optional
-        TOML of each lane, in the same order, in place of the recipe's.
-    label_radius : float
-        Alarms this near to a target are its hits, m.
-    track, workers, scheduler, max_memory
-        As for ``detect_run``.
-
-    Returns
-    -------
-    Classifier
-        As written.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid; nothing is written then.
-    """
-    if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
-        raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
-    text = recipe_text(recipe)
-    parsed = parse_recipe(text, str(recipe))
-    if parsed.features is None:
-        raise ValueError(f"recipe must have the table features to train, got {recipe}")
-    tables = [read_table(truth, "truth") for truth in truths]
-    found, jobs = [], []
-    check_free_model(output).parent.mkdir(parents=True, exist_ok=True)
-    with executor_for(workers, scheduler) as executor:
-        for number, (run, targets) in enumerate(zip(runs, tables, strict=True)):
-            lane = read_lane(lanes[number]) if lanes is not None else None
-            area = area_of(open_run(run, max_memory), parsed, lane)
-            beside = Path(output).with_name(f"{Path(output).name}-{number + 1}")
-            jobs.append(make_job(run, text, area, beside, max_memory=max_memory))
-            alarms, table = features_of_lane(jobs[-1], executor, track)
-            found.append((f"{number + 1}:{Path(run).stem}", alarms, table, targets, area))
-    classifier = train(make_training_set(found, label_radius, features), features)
-    digests = [read_manifest(run)["sha256"] for run in runs]
-    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
-    save_classifier(classifier, output, notes)
-    for job in jobs:
-        finish(job.work)
-    return classifier
 
 
 def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
@@ -177,12 +82,14 @@ def replay(
     now = describe_run(dataset, run if run is not None else described["path"])
     if now["store_sha256"] != described["store_sha256"]:
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
-    classifier = old.classifier()
+    if "others" in described:
+        now["others"] = described["others"]
+    model, others = old.model(), _others(described.get("others", {}))
     told = old.manifest.get("section")
     lane, section = (old.lane, None) if told is None else noted_section(told)
-    detections = detect(dataset, old.recipe, lane, track, classifier, section)
+    detections = detect(dataset, old.recipe, lane, track, model, section, others)
     with TemporaryDirectory() as temporary:
-        home = write_result(Path(temporary) / "result", detections, old.recipe_text, old.lane, now, classifier, told)
+        home = write_result(Path(temporary) / "result", detections, old.recipe_text, old.lane, now, model, told)
         new = read_result(home)
     files, before = new.manifest["files"], old.manifest["files"]
     differ = sorted(name for name in before.keys() | files.keys() if before.get(name) != files.get(name))
@@ -195,6 +102,14 @@ def replay(
         "files": differ,
         "difference": difference,
     }
+
+
+def _others(told: dict[str, Any]) -> dict[str, xr.Dataset]:
+    """Open the runs that were taken together with a result's."""
+    for name, one in told.items():
+        if read_manifest(one["path"])["sha256"] != one["store_sha256"]:
+            raise ValueError(f"run {name} must be the one the result was made with, got another at {one['path']}")
+    return {name: open_run(one["path"]) for name, one in told.items()}
 
 
 def _difference(old: NDArray[np.float32], new: NDArray[np.float32]) -> float:

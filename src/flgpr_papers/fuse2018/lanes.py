@@ -12,10 +12,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track
-from flgpr.clutter import FrameStack, subregions
+from flgpr.clutter import FrameStack, standing_field, subregions, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run
-from flgpr.model import Grid, Sensor, check_run, complete_scans, load_sensor, vehicle_to_lane
+from flgpr.model import Grid, Sensor, check_run, check_shared_poses, complete_scans, load_sensor, vehicle_to_lane
 from flgpr.simulate import Scene, draw_world
 from flgpr_papers.fuse2018.recipe import FuseRecipe, Image
 from flgpr_papers.kit.cache import store_lane
@@ -24,7 +24,6 @@ BANDS = ("l", "x")
 ComplexArray = NDArray[np.complex64]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-_MOUNT = 1e-6  # m and rad; two bands on one vehicle are told apart by their height alone
 
 
 def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
@@ -116,42 +115,11 @@ def read_frames(name: str, runs: dict[str, xr.Dataset], truth: pd.DataFrame, obj
         if missing:
             raise ValueError(f"run {name} must have the polarizations {', '.join(wanted)}, {missing[0]} is missing")
         signal = np.asarray(run["signal"].sel(polarization=wanted).values[good], dtype=np.complex64)
-        data[band] = without_signature(signal)
+        data[band] = subtract_standing(signal, standing_field(signal))
         frequency[band] = np.asarray(run["frequency"].values, dtype=np.float64)
         tx[band], rx[band] = run["tx_position"].values, run["rx_position"].values
         pose[band] = np.asarray(run["pose"].values, dtype=np.float64)[good]
     return Frames(name, frequency, data, tx, rx, pose, truth, objects)
-
-
-def check_shared_poses(runs: dict[str, xr.Dataset]) -> None:
-    """Make sure that runs were taken together: one vehicle, each band at its own height."""
-    (first, one), *others = runs.items()
-    for name, other in others:
-        a, b = one["pose"].values, other["pose"].values
-        if a.shape != b.shape:
-            raise ValueError(f"runs must share their poses: {first} has {len(a)} scans, {name} has {len(b)}")
-        apart = np.abs(np.delete(a - b, 2, axis=1)).max()
-        height = np.ptp(a[:, 2] - b[:, 2])
-        # Runs without times have NaN there.
-        late = np.nan_to_num(np.abs(one["time"].values - other["time"].values)).max()
-        if not (max(apart, height) <= _MOUNT and late <= 1e-3):
-            raise ValueError(
-                f"runs must share their poses: {first} and {name} are up to {apart:.3g} m or rad apart, their heights "
-                f"by {height:.3g} m from scan to scan, their times by {late:.3g} s"
-            )
-
-
-def without_signature(signal: ComplexArray) -> ComplexArray:
-    """Take the self-signature off: the median over frames of every sample, fitted to every frame's gain.
-
-    The field without what stays in place on the vehicle.
-    """
-    median = np.empty(signal.shape[1:], np.complex64)
-    for p in range(signal.shape[1]):
-        median[p] = np.median(signal[:, p].real, axis=0) + 1j * np.median(signal[:, p].imag, axis=0)
-    power = np.sum(np.abs(median) ** 2, axis=(1, 2), dtype=np.float64)
-    gain = np.einsum("ipnk,pnk->ip", signal, median.conj()) / np.where(power > 0, power, 1.0)
-    return np.asarray(signal - gain[..., None, None] * median, dtype=np.complex64)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from flgpr.clutter import (
     Thresholds,
     averaged,
     averaged_frames,
+    equal_cost,
     iterate_frames,
     iterate_suppression,
     measured_coherence,
@@ -142,19 +143,6 @@ class Cleaned:
     course: Iterated
     images: dict[str, ComplexArray]
     rows: list[dict[str, Any]]
-
-
-def equal_cost(course: Iterated, mask: BoolArray, region: NDArray[np.int64]) -> int:
-    """Count the least-squares iterations that cost no more than an iterated suppression.
-
-    Counted are pixels: an iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches;
-    one of least squares images the mask and models it.
-    """
-    under = int(mask.sum())
-    if under == 0:
-        return 1
-    area = int(np.isin(region, np.unique(region[mask])).sum())
-    return max(1, course.asked * (2 * under + area) // (2 * under))
 
 
 def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: Sequence[str]) -> Cleaned:

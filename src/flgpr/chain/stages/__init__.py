@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -272,7 +271,6 @@ ScreenNamed = Annotated[Named, BeforeValidator(_named("screen"))]
 FeaturesNamed = Annotated[Named, BeforeValidator(_named("features"))]
 
 
-@cache
 def find_stage(kind: str, name: str) -> type[Stage]:
     """Find a stage by its kind and name.
 

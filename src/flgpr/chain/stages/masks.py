@@ -18,10 +18,10 @@ from flgpr.clutter import (
     ROADSIDE,
     FrameStack,
     Intersection,
-    Iterated,
     ThresholdCalibration,
     Thresholds,
     averaged,
+    equal_cost,
     iterate_suppression,
     mixed_mask,
     subregions,
@@ -95,19 +95,6 @@ class Aperture:
     def stack_on(self, points: FloatArray) -> FrameStack:
         """Make the operator of all scans on points of the latest scan's frame."""
         return FrameStack([make(points) for make in self.operators])
-
-
-def equal_cost(course: Iterated, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
-    """Count the least-squares iterations that cost no more than an iterated suppression, in pixels.
-
-    An iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches; one of least squares
-    images the mask and models it.
-    """
-    under = int(mask.sum())
-    if under == 0:
-        return 1
-    area = int(np.isin(region, np.unique(region[mask])).sum())
-    return max(1, course.asked * (2 * under + area) // (2 * under))
 
 
 class MaskedSuppression(ClutterStage):

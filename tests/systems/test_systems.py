@@ -1,0 +1,151 @@
+"""Every packaged system on simulated lanes of 60 m, by each verb."""
+
+import hashlib
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr import tasks
+from flgpr.chain.recipe import load_recipe, recipe_names
+from systems.lanes import SMALL
+
+SYSTEMS = sorted(SMALL)
+LIVE = {"wang2007"}
+MOST = 1e-5
+
+
+@pytest.fixture(scope="session", params=SYSTEMS)
+def system(request, lanes):
+    """A system, trained and run on the test lane."""
+    name = request.param
+    others = {"x": lanes / "train-x.zarr"} if name == "fuse2018" else {}
+    folder = lanes / name
+    folder.mkdir()
+    model = tasks.train_runs(
+        [lanes / "train.zarr"], [lanes / "train.csv"], lanes / f"{name}.toml", folder / "model",
+        lanes=[lanes / "lane.toml"], others=[others],
+    )  # fmt: skip
+    system = System(name, lanes, model)
+    system.detect("result")
+    return system
+
+
+class System:
+    def __init__(self, name, lanes, model):
+        self.name, self.lanes, self.model, self.folder = name, lanes, model, lanes / name
+
+    @property
+    def options(self):
+        others = {"x": self.lanes / "test-x.zarr"} if self.name == "fuse2018" else {}
+        return {"model": self.folder / "model", "others": others, "report": False}
+
+    def detect(self, output, **more):
+        where = self.lanes / "test.zarr", self.lanes / f"{self.name}.toml", self.folder / output
+        return tasks.detect_long(*where, self.lanes / "lane.toml", **{**self.options, **more})
+
+    def digests(self, output):
+        home = self.folder / output
+        return {
+            file.relative_to(home).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+            for file in sorted(home.rglob("*"))
+            if file.is_file() and file.name != "manifest.json"
+        }
+
+
+def test_these_are_the_packaged_systems():
+    assert set(recipe_names()) == {*SYSTEMS, "demo"}
+
+
+def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
+    recipe = load_recipe(system.lanes / f"{system.name}.toml")
+    assert list(system.model.stages) == recipe.learning()
+    result = tasks.read_result(system.folder / "result")
+    assert result.model().notes["recipe"] == system.name
+    _, scored = tasks.score_result(system.folder / "result", system.lanes / "test.csv", output=system.folder / "score")
+    outcome = scored[0].outcomes
+    shuffled = pd.read_csv(system.lanes / "test.csv")
+    shuffled["y"] = (shuffled["y"] + 17.0) % 60.0  # where there is no mine
+    shuffled.to_csv(system.folder / "moved.csv", index=False)
+    _, chance = tasks.score_result(
+        system.folder / "result", system.folder / "moved.csv", output=system.folder / "moved"
+    )
+    found, by_chance = (int(one["detected"].sum()) for one in (outcome, chance[0].outcomes))
+    assert found >= 7
+    assert found > by_chance
+
+
+def test_two_workers_give_the_same_bytes(system):
+    system.detect("workers", workers=2)
+    assert system.digests("workers") == system.digests("result")
+
+
+def test_sections_find_the_same_alarms(system):
+    homes = system.detect("sections", section=25.0)
+    assert len(homes) == 3
+    whole = pd.read_csv(system.folder / "result" / "alarms.csv")
+    parts = pd.read_csv(system.folder / "sections" / "alarms.csv")
+    pd.testing.assert_frame_equal(
+        parts.drop(columns="alarm_id").sort_values(["y", "x"], ignore_index=True),
+        whole.drop(columns="alarm_id").sort_values(["y", "x"], ignore_index=True),
+        rtol=MOST, atol=MOST,
+    )  # fmt: skip
+
+
+def test_a_detection_that_is_stopped_goes_on_with_the_same_bytes(system):
+    left = [5]
+
+    def note(report):
+        left[0] -= 1
+        if not left[0]:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        system.detect("stopped", note=note)
+    assert (system.folder / "stopped.work").is_dir()
+    system.detect("stopped")
+    assert system.digests("stopped") == system.digests("result")
+
+
+def test_replay_gives_the_same_bytes(system):
+    assert tasks.replay(system.folder / "result") == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+
+
+def test_the_viewer_explains_the_alarms(system):
+    shown = json.loads((system.folder / "result" / "view" / "index.json").read_text())
+    (main,) = shown["detections"]
+    total = np.sum([np.array(column) for column in main["contributions"].values()], axis=0)
+    np.testing.assert_allclose(total, main["alarms"]["confidence"], rtol=1e-4, atol=1e-4)
+    assert all(main["evidence"]["scans"])
+    channel = {(layer["polarization"], layer["subband"]) for layer in shown["layers"] if layer["detection"] == "main"}
+    assert tuple(shown["channel"]) in channel
+
+
+def test_live_runs_it_or_says_why_not(system):
+    recipe = load_recipe(system.lanes / f"{system.name}.toml")
+    assert (not recipe.waits()) == (system.name in LIVE)
+    if system.name in LIVE:
+        return
+    options = tasks.LiveOptions(recipe=system.lanes / f"{system.name}.toml", output=system.folder / "live",
+                                incoming=system.lanes)  # fmt: skip
+    with pytest.raises(ValueError, match=f"recipe '{system.name}' cannot run live: .*: ") as told:
+        tasks.LiveRun(options)
+    assert all(reason in str(told.value) for reason in recipe.waits())
+    assert not (system.folder / "live").exists()
+
+
+@pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007"}))
+def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
+    with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
+        tasks.detect_run(lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_second_band_is_given_in_training_and_detection_or_in_neither(lanes, system, tmp_path):
+    if system.name != "fuse2018":
+        pytest.skip("one band")
+    with pytest.raises(ValueError, match="model was trained with a second band"):
+        system.detect("alone", others={})
+    with pytest.raises(ValueError, match="runs must share their poses"):
+        system.detect("alone", others={"x": lanes / "train-x.zarr"})
