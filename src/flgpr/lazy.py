@@ -16,20 +16,7 @@ from typing import Any
 
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Make the lazy face of a package.
-
-    Parameters
-    ----------
-    package : str
-        ``__name__`` of the package.
-    file : str
-        Its ``__file__``; the stub lies beside it.
-
-    Returns
-    -------
-    __getattr__, __dir__, __all__
-        What the package has to define.
-    """
+    """Make a package's ``__getattr__``, ``__dir__`` and ``__all__``; its stub lies beside its ``__file__``."""
     source: dict[str, tuple[str, str]] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module != "typing":

@@ -23,19 +23,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Labelled alarms of one or several lanes.
-
-    Attributes
-    ----------
-    features : DataFrame
-        One row per alarm.
-    label : (alarm,) ndarray of int
-        1 for hits, 0 for false alarms.
-    weight : (alarm,) ndarray of int
-        How often each counts in training.
-    lane : (alarm,) ndarray of str
-        The lane it lies in.
-    """
+    """Labelled alarms: their features, label (1 hit, 0 false alarm), weight in training, and the lane each lies in."""
 
     features: pd.DataFrame
     label: NDArray[np.int64]
@@ -45,19 +33,7 @@ class TrainingSet:
 
 @dataclass(frozen=True)
 class Classifier:
-    """A normaliser and a discriminant for some features.
-
-    Attributes
-    ----------
-    features : tuple of str
-        Columns it reads, in order.
-    normalizer : HistogramNormalizer
-        Fitted.
-    discriminant : FisherDiscriminant
-        Fitted.
-    notes : dict
-        What it was trained on.
-    """
+    """A fitted normaliser and discriminant for some features, in order; ``notes`` say what it was trained on."""
 
     features: tuple[str, ...]
     normalizer: HistogramNormalizer
@@ -97,23 +73,7 @@ class Classifier:
         return cls(names, normalizer, discriminant, notes)
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
-        """Score alarms.
-
-        Parameters
-        ----------
-        features : DataFrame
-            Feature table that holds the columns in ``features``.
-
-        Returns
-        -------
-        (alarm,) ndarray
-            Higher is more like a mine; NaN where a feature is missing.
-
-        Raises
-        ------
-        ValueError
-            If a column is missing.
-        """
+        """Score alarms: higher is more like a mine; NaN where a feature is missing; all columns must be there."""
         values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
         if whole.any():
@@ -135,23 +95,9 @@ def label_lanes(
 ) -> pd.DataFrame:
     """Label the alarms of lanes with their truth (Wang et al. 2007, Sec. II-B).
 
-    Parameters
-    ----------
-    lanes : sequence of (name, alarms, truth, lane)
-        What was found in each lane and what is there.
-    label_radius : float
-        r_label, m.
-
-    Returns
-    -------
-    DataFrame
-        One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target`` (number of the
-        target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5 for hits on simulants).
-
-    Raises
-    ------
-    ValueError
-        If a truth table is not valid or there is no lane.
+    One row per alarm, lane after lane: ``lane``, ``label`` ("hit", "false", "neither"), ``target`` (number of the
+    target hit, counted through all lanes, or -1), ``distance`` (m) and ``beta`` (0.5 for hits on simulants).
+    ``label_radius`` is r_label, m.
     """
     if not lanes:
         raise ValueError("lanes must hold at least one lane, got none")
@@ -168,21 +114,9 @@ def label_lanes(
 
 
 def duplication(labels: pd.DataFrame, targets: int, label_radius: float = 1.0) -> NDArray[np.int64]:
-    """Weigh labelled alarms (Wang et al. 2007, Eq. 18 and 19), W0 being false alarms over targets.
+    """Weigh labelled alarms (alarm,) (Wang et al. 2007, Eq. 18 and 19), W0 being false alarms over targets.
 
-    Parameters
-    ----------
-    labels : DataFrame
-        Rows of :func:`label_lanes` that are trained on.
-    targets : int
-        Number of targets there, simulants included.
-    label_radius : float
-        r_label, m.
-
-    Returns
-    -------
-    (alarm,) ndarray of int
-        W.
+    ``labels`` are rows of :func:`label_lanes`; ``targets`` counts simulants, too; ``label_radius`` is r_label, m.
     """
     w0 = float((labels["label"] == "false").sum() / max(targets, 1))
     return hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
@@ -194,28 +128,12 @@ def make_training_set(
     columns: Sequence[str] | None = None,
     spent: Sequence[pd.DataFrame] = (),
 ) -> TrainingSet:
-    """Label and weigh the alarms of lanes.
+    """Label and weigh the alarms of lanes, each (name, alarms, features, truth, lane).
 
-    Parameters
-    ----------
-    lanes : sequence of (name, alarms, features, truth, lane)
-        What was found in each lane and what is there.
-    label_radius : float
-        r_label, m.
-    columns : sequence of str, optional
-        Features that must be known; alarms that lack one are left out. Default: all.
-    spent : sequence of DataFrame, optional
-        Rows of each lane's truth whose hits are left out, as they made templates or thresholds.
+    Those that are neither hit nor false are left out.
 
-    Returns
-    -------
-    TrainingSet
-        Hits and false alarms; alarms that are neither are left out.
-
-    Raises
-    ------
-    ValueError
-        If a truth table is not valid or there is no lane.
+    So are alarms that lack one of the ``columns`` (default all), and hits on the rows of each lane's truth that are
+    ``spent``, as they made templates or thresholds.
     """
     labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)
@@ -231,27 +149,7 @@ def make_training_set(
 
 
 def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplicate: bool = True) -> Classifier:
-    """Train a classifier.
-
-    Parameters
-    ----------
-    examples : TrainingSet
-        Labelled alarms.
-    features : sequence of str
-        Columns to use.
-    duplicate : bool
-        Whether hits count as often as their weight says.
-
-    Returns
-    -------
-    Classifier
-        The classifier.
-
-    Raises
-    ------
-    ValueError
-        If a column is missing or a class has no example.
-    """
+    """Train a classifier on some columns; without ``duplicate`` every hit counts once. Each class needs an example."""
     missing = [name for name in features if name not in examples.features.columns]
     if missing:
         raise ValueError(f"features must be columns of the feature table, got {', '.join(missing)}")

@@ -42,22 +42,9 @@ def find_estimator(name: str) -> Any:
 
 @dataclass(frozen=True)
 class TrainedEstimator:
-    """A fitted estimator and the features it reads.
+    """A fitted estimator, by its name in ``ALLOWED``, and the features it reads, columns in order.
 
-    Attributes
-    ----------
-    name : str
-        Its name in ``ALLOWED``.
-    features : tuple of str
-        Columns it reads, in order.
-    centre, scale : (feature,) ndarray
-        What is subtracted from the features, and what they are divided by.
-    estimator : object
-        The estimator.
-    file : (byte,) ndarray of uint8
-        The estimator as a file of skops.
-    notes : dict
-        What it was trained on.
+    ``centre`` is subtracted from the features, which are then divided by ``scale``.
     """
 
     name: str

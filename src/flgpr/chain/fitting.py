@@ -92,23 +92,9 @@ def _setup_of(run: xr.Dataset) -> _Setup:
 def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
     """Refuse a recipe that does not fit a run; warn where its image was meant for an array of another height.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    recipe : Recipe
-        The recipe.
-
-    Raises
-    ------
-    ValueError
-        If a polarization is missing, more than a tenth of a sub-band lies outside the run's band, or the image reaches
-        beyond the unambiguous path of the tones' steps. The message names every entry at fault and what to do.
-
-    Warns
-    -----
-    UserWarning
-        If the image begins less than 0.5 or more than 3.5 antenna heights ahead.
+    It must have the polarizations, no more than a tenth of a sub-band outside the run's band, and an image within
+    the unambiguous path of the tones' steps. The ValueError names every entry at fault and what to do. An image
+    that begins less than 0.5 or more than 3.5 antenna heights ahead is a UserWarning.
     """
     setup, image = _setup_of(run), recipe.image
     faults = _channel_faults(recipe, setup.polarizations, setup.tones)
@@ -129,48 +115,13 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
 
 
 def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
-    """Check that a recipe fits a run and choose the lane: the one given, the recipe's, or the ground the scans cover.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    recipe : Recipe
-        The recipe.
-    lane : Lane, optional
-        Lane in place of the recipe's.
-
-    Returns
-    -------
-    Lane
-        The lane.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run, see :func:`check_fit`.
-    """
+    """Check that a recipe fits a run, and choose the lane: that given, the recipe's, or the ground the scans cover."""
     check_fit(run, recipe)
     return lane if lane is not None else lane_of(run, recipe)
 
 
 def check_channels(recipe: Recipe, polarizations: Sequence[str], tones: FloatArray) -> None:
-    """Refuse a recipe that asks for polarizations or frequencies that are not measured; see :func:`check_fit`.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-    polarizations : sequence of str
-        Those of the run.
-    tones : (frequency,) ndarray
-        Those of the run, Hz.
-
-    Raises
-    ------
-    ValueError
-        Names every entry at fault and what to do.
-    """
+    """Refuse a recipe that asks for polarizations or tones (Hz) that are not measured; see :func:`check_fit`."""
     _raise(_channel_faults(recipe, polarizations, tones))
 
 
@@ -204,27 +155,7 @@ def _allow_features(polarizations: Sequence[str]) -> bool:
 
 
 def recipe_for(run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY) -> str:
-    """Make a recipe for a stored run, see :func:`fit_recipe`, and write it if asked.
-
-    Parameters
-    ----------
-    run : path
-        Run store.
-    output : path, optional
-        TOML file to write.
-    max_memory : int
-        Memory that reading the run may take, bytes.
-
-    Returns
-    -------
-    str
-        The recipe's text.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If the run is not valid or no recipe can be made for it, or the output exists; nothing is written then.
-    """
+    """Make a recipe for a stored run, see :func:`fit_recipe`; write it if asked, to a file that must not exist yet."""
     if output is not None and Path(output).exists():
         raise FileExistsError(f"output must not exist yet, got {output}")
     text = fit_recipe(open_run(run, max_memory))
@@ -237,23 +168,9 @@ def fit_recipe(run: xr.Dataset) -> str:
     """Make a recipe from what a run is: its band, polarizations, array and course.
 
     Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and a comment beside
-    every entry says how. The same run gives the same text.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-
-    Returns
-    -------
-    str
-        TOML; with the table features where the run has HH, VV and HV or VH, with a lane where it is shorter than its
-        images.
-
-    Raises
-    ------
-    ValueError
-        If the run has no complete scan, no height, or tones too few or too far apart to make an image.
+    every entry says how. The same run gives the same text: with the table features where the run has HH, VV and HV
+    or VH, with a lane where it is shorter than its images. A run without a complete scan or height, or with tones
+    too few or too far apart to make an image, is a ValueError.
 
     Examples
     --------

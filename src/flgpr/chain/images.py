@@ -19,23 +19,9 @@ from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
 class RunImages:
     """Images of a run, scan by scan, with its recipe's clutter stages in between.
 
-    Parameters
-    ----------
-    run, recipe, lane, model, known
-        As for :class:`flgpr.chain.lane_chain.LaneChain`.
-    others : mapping of str to xarray.Dataset
-        Runs taken together with it.
-
-    Attributes
-    ----------
-    imager : ScanImager
-        Of the polarizations that are imaged, on the recipe's grid.
-    grid : Grid
-        Its pixels as far ahead as counts.
-    plain : bool
-        Whether images are those of the run's own scans.
-    setup : Setup
-        What stages are told.
+    ``imager`` is of the polarizations that are imaged, on the recipe's grid, of which ``grid`` has the pixels as
+    far ahead as counts; ``plain`` says whether images are those of the run's own scans; ``setup`` is what stages
+    are told.
     """
 
     def __init__(

@@ -29,23 +29,7 @@ _PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
 
 
 def parse_size(text: str) -> int:
-    """Read a size in bytes.
-
-    Parameters
-    ----------
-    text : str
-        A number with a unit: "2GB" is 2·10⁹ bytes, "2GiB" is 2·2³⁰.
-
-    Returns
-    -------
-    int
-        Bytes.
-
-    Raises
-    ------
-    ValueError
-        If it is no size.
-    """
+    """Read a size in bytes: "2GB" is 2·10⁹, "2GiB" is 2·2³⁰."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-zA-Z]*)\s*", text)
     if not found or found[2].upper() not in _UNITS or float(found[1]) <= 0:
         raise ValueError(f"max-memory must be a size such as 2GB or 500MB, got {text!r}")
@@ -53,18 +37,7 @@ def parse_size(text: str) -> int:
 
 
 def sizes_of(run: xr.Dataset) -> dict[str, int]:
-    """Give the lengths of a run's dimensions.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-
-    Returns
-    -------
-    dict of str to int
-        By name.
-    """
+    """Give the lengths of a run's dimensions by name."""
     return {str(name): length for name, length in run.sizes.items()}
 
 
@@ -76,26 +49,11 @@ def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
 
 
 def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
-    """Estimate from above the memory of a process that works on a lane.
+    """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
 
     It does not grow with the number of scans, but for a self-signature by the median, which keeps all images; what
-    grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run.
-
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Lengths of the run's dimensions.
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The lane.
-    rows : int, optional
-        Rows of the lane's run-view that are worked on at a time; default all.
-
-    Returns
-    -------
-    float
-        Bytes. The factors were measured, see docs/robustness.md.
+    grows with the length of the lane are its run-views and alarms. Variants keep the images of a short run. The
+    factors were measured, see docs/robustness.md.
     """
     bands, view = len(recipe.image.subbands), recipe.run_view.grid(lane)
     channels = sizes["polarization"] * bands
@@ -113,28 +71,12 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
 def plan_sections(
     sizes: Mapping[str, int], recipe: Recipe, lane: Lane, limit: int = MAX_MEMORY, longest: float | None = None
 ) -> list[Section]:
-    """Cut a lane into as few sections as the memory allows, before anything is decoded.
+    """Cut a lane into as few sections as the memory (bytes) allows, before anything is decoded.
 
-    Parameters
-    ----------
-    sizes, recipe, lane
-        As for :func:`memory_needed`.
-    limit : int
-        Memory of a process, bytes.
-    longest : float, optional
-        Longest section that is wanted, m; infinity for the lane in one piece or not at all.
-
-    Returns
-    -------
-    list of Section
-        One for a lane that fits.
-
-    Raises
-    ------
-    ValueError
-        If the lane in one piece takes more, or the memory does not suffice for sections of ``SHORTEST`` metres (or of
-        the longest that is wanted), or the recipe's run-view reaches beyond the lane so that a section would have none
-        of it. The message tells what would do.
+    ``longest`` is the longest section that is wanted, m; infinity for the lane in one piece or not at all. A
+    ValueError tells what would do: if the lane in one piece takes more, or the memory does not suffice for sections
+    of ``SHORTEST`` metres (or of the longest that is wanted), or the recipe's run-view reaches beyond the lane so
+    that a section would have none of it.
     """
     if longest is not None and not longest > 0:
         raise ValueError(f"section must be a positive length in metres, got {longest}")

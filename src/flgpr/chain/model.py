@@ -24,17 +24,7 @@ Detector = Classifier | TrainedEstimator
 
 @dataclass(frozen=True)
 class Model:
-    """What was learnt.
-
-    Attributes
-    ----------
-    detector : Classifier or TrainedEstimator, optional
-        Scores the alarms.
-    stages : dict of str to dict of ndarray
-        What the stages have learnt, by the names of :meth:`flgpr.chain.recipe.Recipe.named`.
-    notes : dict
-        What it was trained on.
-    """
+    """What was learnt: the alarms' detector, arrays of the stages by their names in the recipe, and notes."""
 
     detector: Detector | None = None
     stages: dict[str, Arrays] = field(default_factory=dict)
@@ -49,24 +39,8 @@ def as_model(model: Model | Detector | None) -> Model:
 def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None) -> Path:
     """Write a model: ``model.json`` and one ``STAGE.NAME.npy`` per array; whole or not at all.
 
-    Parameters
-    ----------
-    model : Model or its detector
-        The model.
-    folder : str or Path
-        Folder to make or, if it holds a model, to replace.
-    notes : mapping, optional
-        More to remember, such as what it was trained on.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    FileExistsError
-        If something else lies there.
+    ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
+    added to its own.
     """
     model, folder = as_model(model), check_free_model(folder)
     partial = folder.with_name(f"{folder.name}.partial")
@@ -99,23 +73,7 @@ def check_free_model(folder: str | Path) -> Path:
 
 
 def load_model(folder: str | Path) -> Model:
-    """Read a model.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Folder of :func:`save_model`.
-
-    Returns
-    -------
-    Model
-        The model.
-
-    Raises
-    ------
-    ValueError
-        If it is no model, or a file is missing or altered.
-    """
+    """Read a model of :func:`save_model`; a ValueError if it is none, or a file is missing or altered."""
     folder = Path(folder)
     try:
         about = _about(folder)

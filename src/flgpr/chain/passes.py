@@ -84,35 +84,14 @@ def part_name(name: str, number: int) -> str:
 
 
 def blocks_of(scans: int) -> list[range]:
-    """Divide scans into blocks of at most ``BLOCK`` consecutive ones, as even as can be.
-
-    Parameters
-    ----------
-    scans : int
-        Number of scans.
-
-    Returns
-    -------
-    list of range
-        The blocks.
-    """
+    """Divide scans into blocks of at most ``BLOCK`` consecutive ones, as even as can be."""
     count = -(-scans // BLOCK)
     edges = [scans * k // count for k in range(count + 1)]
     return [range(begin, end) for begin, end in pairwise(edges)]
 
 
 class Chain:
-    """Passes over a run, and what is known of their results.
-
-    Parameters
-    ----------
-    passes : sequence of Pass
-        In their order.
-    scans : int
-        Number of complete scans.
-    known : mutable mapping of str to dict of ndarray
-        Results by pass, kept here and looked up here.
-    """
+    """Passes over so many complete scans, and what is ``known`` of their results, by pass."""
 
     def __init__(self, passes: Sequence[Pass], scans: int, known: MutableMapping[str, Any]) -> None:
         self.passes = {one.name: one for one in passes}

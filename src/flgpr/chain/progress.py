@@ -16,20 +16,5 @@ class Track(Protocol):
 
 
 def silent(items: Iterable[T], label: str, total: int) -> Iterable[T]:  # noqa: ARG001
-    """Pass items through and show nothing.
-
-    Parameters
-    ----------
-    items : iterable
-        The work.
-    label : str
-        What is being done.
-    total : int
-        Number of items.
-
-    Returns
-    -------
-    iterable
-        The items.
-    """
+    """Pass items through and show nothing."""
     return items

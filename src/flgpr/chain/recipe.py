@@ -347,23 +347,7 @@ def recipe_names() -> list[str]:
 
 
 def recipe_text(name: str | Path) -> str:
-    """Text of a recipe.
-
-    Parameters
-    ----------
-    name : str or Path
-        Name of a packaged recipe, or path of a TOML file.
-
-    Returns
-    -------
-    str
-        The TOML text.
-
-    Raises
-    ------
-    ValueError
-        If there is no such recipe or file.
-    """
+    """TOML text of a recipe: the name of a packaged one, or a file."""
     if str(name) in recipe_names():
         return (resources.files("flgpr.chain") / "recipes" / f"{name}.toml").read_text(encoding="utf-8")
     if Path(name).is_file():
@@ -398,18 +382,8 @@ def load_recipe(name: str | Path) -> Recipe:
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    recipe : Recipe
-        The recipe.
-
-    Returns
-    -------
-    Lane
-        Without a lane in the recipe: 3 m wide about the vehicle's mean course, from the image's nearest row at the
-        first scan to its nearest at the last, so that all of it was looked at from near.
+    That is 3 m wide about the vehicle's mean course, from the image's nearest row at the first scan to its nearest
+    at the last, so that all of it was looked at from near.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
@@ -419,25 +393,7 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:
-    """Validate the text of a recipe.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    source : str
-        What to call it in messages.
-
-    Returns
-    -------
-    Recipe
-        The recipe.
-
-    Raises
-    ------
-    ValueError
-        If the text is not TOML or breaks a rule; the message names every entry at fault.
-    """
+    """Validate the TOML text of a recipe; the ValueError names every entry at fault with its line."""
     try:
         return Recipe.model_validate(tomllib.loads(text))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -454,19 +410,9 @@ def _fault(text: str, fault: Any) -> str:
 
 
 def line_of(text: str, place: Sequence[str]) -> int | None:
-    """Find where an entry of a TOML text stands.
+    """Find the line, counted from 1, of an entry of a TOML text, given the names of its tables and its own.
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-    place : sequence of str
-        Names of the tables and of the entry.
-
-    Returns
-    -------
-    int or None
-        Line, counted from 1, of the entry or else of the innermost table that is there; None if none of them is.
+    Else that of the innermost table that is there; None if none of them is.
     """
     table: list[str] = []
     best: tuple[int, int | None] = (0, None)

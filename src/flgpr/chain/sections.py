@@ -22,14 +22,10 @@ from flgpr.screen import density_threshold
 
 @dataclass(frozen=True)
 class Section:
-    """Rows of a lane's run-view.
+    """Rows of a lane's run-view, from the first to the one before ``stop``.
 
-    Attributes
-    ----------
-    start, stop : int
-        The first row and the one after the last.
-    threshold : float, optional
-        Magnitude from which on local maxima are alarms; without it the density rule is applied to these rows alone.
+    ``threshold`` is the magnitude from which on local maxima are alarms; without it the density rule is applied to
+    these rows alone.
     """
 
     start: int
@@ -45,18 +41,6 @@ class Section:
 def divide(rows: int, longest: int) -> list[Section]:
     """Cut rows into the fewest sections of at most so many rows, as even as can be.
 
-    Parameters
-    ----------
-    rows : int
-        Number of rows of the lane's run-view.
-    longest : int
-        Most rows of a section, at least 1.
-
-    Returns
-    -------
-    list of Section
-        The sections in their order.
-
     Examples
     --------
     >>> [(section.start, section.stop) for section in divide(10, 4)]
@@ -69,15 +53,7 @@ def divide(rows: int, longest: int) -> list[Section]:
 def margin(recipe: Recipe) -> int:
     """Tell how many rows beyond its own a section must know to find its local maxima.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-
-    Returns
-    -------
-    int
-        Rows: twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border.
+    Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border.
     """
     reach = 2 * recipe.prescreen.radius
     if recipe.screen is not None:
@@ -86,48 +62,13 @@ def margin(recipe: Recipe) -> int:
 
 
 def kept_rows(recipe: Recipe, lane: Lane, section: Section) -> slice:
-    """Give a section's rows and those beyond them that it must know.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The whole lane.
-    section : Section
-        The section.
-
-    Returns
-    -------
-    slice
-        Rows of the lane's run-view.
-    """
+    """Give a section's rows of the lane's run-view and those beyond them that it must know."""
     more = margin(recipe)
     return slice(max(section.start - more, 0), min(section.stop + more, recipe.run_view.grid(lane).ny))
 
 
 def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
-    """Give the part of a lane that belongs to a section: parts of neighbours meet half a pixel before its first row.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The whole lane.
-    section : Section
-        The section.
-
-    Returns
-    -------
-    Lane
-        The part.
-
-    Raises
-    ------
-    ValueError
-        If the lane does not reach the section.
-    """
+    """Give the part of a lane that belongs to a section: parts of neighbours meet half a pixel before its first row."""
     grid = recipe.run_view.grid(lane)
     begin = lane.y_min if section.start == 0 else max(lane.y_min, grid.y_min + (section.start - 0.5) * grid.dy)
     end = lane.y_max if section.stop == grid.ny else min(lane.y_max, grid.y_min + (section.stop - 0.5) * grid.dy)
@@ -135,63 +76,20 @@ def section_lane(recipe: Recipe, lane: Lane, section: Section) -> Lane:
 
 
 def section_note(lane: Lane, section: Section) -> dict[str, Any]:
-    """Write down a section for a manifest.
-
-    Parameters
-    ----------
-    lane : Lane
-        The whole lane.
-    section : Section
-        The section, with its threshold.
-
-    Returns
-    -------
-    dict
-        ``lane``, ``rows`` and ``threshold``, as text that holds an infinite one too.
-    """
+    """Write down a section for a manifest; its threshold as text, which holds an infinite one too."""
     return {"lane": asdict(lane), "rows": [section.start, section.stop], "threshold": repr(section.threshold)}
 
 
 def noted_section(note: Mapping[str, Any]) -> tuple[Lane, Section]:
-    """Read what :func:`section_note` wrote.
-
-    Parameters
-    ----------
-    note : mapping
-        From a manifest.
-
-    Returns
-    -------
-    Lane, Section
-        The whole lane and the section.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        If it is none.
-    """
+    """Read the whole lane and the section that :func:`section_note` wrote."""
     start, stop = note["rows"]
     return Lane(**note["lane"]), Section(int(start), int(stop), float(note["threshold"]))
 
 
 def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) -> float:
-    """Apply the density rule to a lane.
+    """Apply the density rule to a lane: the magnitude from which on its local maxima (x, y in m) are alarms.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The whole lane.
-    maxima : DataFrame
-        x, y (m) and magnitude of its local maxima.
-    seen : int
-        Number of pixels of its run-view that were seen.
-
-    Returns
-    -------
-    float
-        Magnitude from which on they are alarms, see :func:`flgpr.screen.density_threshold`.
+    ``seen`` is the number of pixels of its run-view that were seen; see :func:`flgpr.screen.density_threshold`.
     """
     if recipe.screen is not None:
         return -math.inf  # a stage of its own has judged already
