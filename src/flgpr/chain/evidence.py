@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from flgpr.model import SPEED_OF_LIGHT, lane_to_scan, vehicle_to_scan
 from flgpr.screen import sample_scan
 
 MOST_SCANS = 4  # the nearest, where resolution is best
-MOST_ALARMS = 1000
+MOST_ALARMS, MOST_GATHERED = 1000, 4000  # alarms that are explained; of how many, the strongest, it is gathered
 _CUT = np.round(np.arange(-40, 41) * 0.05, 3)
 _TRACE = np.round(np.arange(-80, 81) * 0.025, 4)
 _FLOOR = 1e-6
@@ -65,18 +65,7 @@ class _Look:
 
 
 def decibels(magnitude: ArrayLike) -> NDArray[np.float16]:
-    """Take magnitudes to dB in half precision, good to 1/32 dB below 64 dB.
-
-    Parameters
-    ----------
-    magnitude : array_like
-        Magnitudes.
-
-    Returns
-    -------
-    ndarray of float16
-        ``20·log10``, not below -120 dB; NaN stays.
-    """
+    """Take magnitudes to dB in half precision, good to 1/32 dB below 64 dB; not below -120 dB; NaN stays."""
     return np.asarray(20 * np.log10(np.maximum(magnitude, _FLOOR)), dtype=np.float16)
 
 
@@ -116,16 +105,22 @@ def collect_evidence(
     return sums.result()
 
 
-class EvidenceSums:
-    """What explains alarms, gathered scan by scan.
+def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
+    """Bring evidence into the order of ranked alarms, given the rows that they had; the first ``MOST_ALARMS`` only."""
+    known, wanted = len(evidence.scans), rows[:MOST_ALARMS]
+    scans = [evidence.scans[row] if row < known else [] for row in wanted]
+    blocks = [evidence.blocks[row] if row < known else np.zeros((0, 0), np.float16) for row in wanted]
+    points = evidence.polarimetric.reindex(wanted).reset_index(drop=True)
+    return replace(evidence, scans=scans, blocks=blocks, polarimetric=points)
 
-    Parameters
-    ----------
-    alarms, patch, y_max, run, subband
-        As for :func:`collect_evidence`.
-    poses : mapping of int to (6,) ndarray, optional
-        Poses by scan of all images that will be taken in, here or by others, as far as they see the same alarms. With
-        them only the scans that will be kept are cut up.
+
+class EvidenceSums:
+    """What explains alarms, gathered scan by scan, from the ``MOST_SCANS`` nearest scans that see each.
+
+    Alarms (x, y in the lane frame, m) come the most mine-like first; ``y_max`` is the farthest distance ahead of
+    the array that counts, m. A-scans need the ``run``; ``subband`` is that of the polarimetric point, default the
+    first. ``poses`` are those (6,) of all scans that will be taken in, here or by others, as far as they see the
+    same alarms: with them only the scans that will be kept are cut up.
     """
 
     def __init__(
@@ -137,8 +132,8 @@ class EvidenceSums:
         subband: str | None = None,
         poses: Mapping[int, NDArray[np.float64]] | None = None,
     ) -> None:
-        self._points = np.zeros((min(len(alarms), MOST_ALARMS), 3))
-        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)[:MOST_ALARMS]
+        self._points = np.zeros((len(alarms), 3))
+        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
         self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._seen = np.zeros(len(self._points), bool)
@@ -148,13 +143,7 @@ class EvidenceSums:
         self._nearest: list[set[int]] | None = None
 
     def add(self, image: xr.DataArray) -> None:
-        """Take one scan in.
-
-        Parameters
-        ----------
-        image : xarray.DataArray
-            Cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
-        """
+        """Take in a cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``."""
         polarization, subband = ([str(label) for label in image[n].values] for n in ("polarization", "subband"))
         self._channels = (polarization, subband)
         scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
@@ -181,14 +170,7 @@ class EvidenceSums:
         return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in found]
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Give what was gathered, to be taken in by another.
-
-        Returns
-        -------
-        dict
-            ``alarm``, ``scan``, ``distance`` and ``values`` of every look that is kept; ``seen``, the alarms in sight
-            of any scan, and their ``coherency``; ``polarization`` and ``subband``.
-        """
+        """Give every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
         seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
@@ -205,13 +187,7 @@ class EvidenceSums:
         }
 
     def merge(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans for the same alarms.
-
-        Parameters
-        ----------
-        state : dict
-            From :meth:`state`.
-        """
+        """Take in what another gathered of other scans for the same alarms."""
         if state["polarization"].size:
             self._channels = ([str(n) for n in state["polarization"]], [str(n) for n in state["subband"]])
         rows = zip(state["alarm"], state["scan"], state["distance"], state["values"], strict=True)
@@ -221,13 +197,7 @@ class EvidenceSums:
         self._coherency[state["seen"]] += state["coherency"]
 
     def result(self) -> Evidence:
-        """Assemble the evidence.
-
-        Returns
-        -------
-        Evidence
-            As :func:`collect_evidence` returns it.
-        """
+        """Assemble the evidence."""
         return Evidence(
             *self._channels,
             self._patch,
@@ -277,19 +247,9 @@ def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
 
 
 def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Make the matrix that takes focused tones to range: ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one.
+    """Make the matrix (frequency, offset) that takes focused tones (Hz) to range offsets r (m).
 
-    Parameters
-    ----------
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    offsets : (offset,) ndarray
-        Range r, m.
-
-    Returns
-    -------
-    (frequency, offset) ndarray of complex128
-        The kernel.
+    ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one.
     """
     weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
     scale = weight / max(float(weight.sum()), np.finfo(float).tiny)
@@ -307,25 +267,9 @@ def focused_trace(
 ) -> NDArray[np.float64]:
     """A-scan of the whole array focused on one point: delays steered to it, then range along the focused beam.
 
-    ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann window w of mean one.
-
-    Parameters
-    ----------
-    signal : (polarization, pair, frequency) ndarray
-        Received field of one scan.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-    tx, rx : (pair, 3) ndarray
-        Antennas in the scan frame, m.
-    point : (3,) ndarray
-        The point in the scan frame, m.
-    kernel : (frequency, offset) ndarray
-        From :func:`range_kernel` for the ranges r about the point.
-
-    Returns
-    -------
-    (polarization, offset) ndarray
-        Magnitude, in the unit of the signal; a unit scatterer at the point alone gives 1 at r = 0.
+    ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann window w of mean one,
+    for a scan's signal b (polarization, pair, frequency) and the ranges of the ``kernel``; antennas (pair, 3) and
+    the point (3,) in the scan frame, m. A unit scatterer at the point alone gives the magnitude 1 at r = 0.
     """
     path = np.linalg.norm(tx - point, axis=-1) + np.linalg.norm(rx - point, axis=-1)
     steering = np.exp(2j * np.pi * path[:, None] * frequency / SPEED_OF_LIGHT)
@@ -351,17 +295,9 @@ def _coherency(image: xr.DataArray, places: NDArray[np.float64]) -> NDArray[np.c
 
 
 def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
-    """Entropy and mean alpha angle of coherency matrices (Cloude and Pottier 1997).
+    """Entropy and mean alpha angle of coherency matrices (alarm, 3, 3) (Cloude and Pottier 1997), in the Pauli basis.
 
-    Parameters
-    ----------
-    coherency : (alarm, 3, 3) ndarray
-        Coherency matrices in the Pauli basis.
-
-    Returns
-    -------
-    DataFrame
-        ``entropy`` (0 to 1, logarithm to base 3) and ``alpha`` (rad); NaN for a zero matrix.
+    ``entropy`` (0 to 1, logarithm to base 3) and ``alpha`` (rad); NaN for a zero matrix.
     """
     values, vectors = np.linalg.eigh(coherency)
     values = np.maximum(values, 0.0)

@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.evidence import Evidence, EvidenceSums
+from flgpr.chain.evidence import MOST_GATHERED, Evidence, EvidenceSums, in_order
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model
@@ -107,47 +107,20 @@ class Detection:
     before: xr.DataArray | None = None
 
 
-def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Drop alarms without a confidence, sort the rest, name them, and keep their features in step.
-
-    Parameters
-    ----------
-    alarms, features : DataFrame
-        Alarms with ``confidence`` and their features, with the same index.
-
-    Returns
-    -------
-    DataFrame, DataFrame
-        Alarm table with ``alarm_id``, the highest confidence first, and the features in the same order.
-    """
+def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
+    """Drop alarms without a confidence, sort and name the rest, and keep their features, of the same index, in step."""
     table = alarms[alarms["confidence"].notna()].sort_values("confidence", ascending=False, kind="stable")
-    features = features.loc[table.index].reset_index(drop=True)
+    features, rows = features.loc[table.index].reset_index(drop=True), table.index.to_numpy()
     table = table.reset_index(drop=True)
     table["alarm_id"] = [f"alarm-{i + 1}" for i in range(len(table))]
     known = [column.name for column in ALARM_COLUMNS if column.name in table.columns]
-    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features
+    return (table[known] if len(table) else empty_table(ALARM_COLUMNS)[known]), features, rows
 
 
 class CleanedRun:
-    """A run's cleaned images, made anew on every pass, as far ahead as counts.
+    """A run's cleaned images, made anew on every pass, as far ahead as counts, and their background.
 
-    Parameters
-    ----------
-    images : RunImages
-        The run's images.
-    background : mapping of str to ndarray
-        Result of the pass "gain".
-    whole : callable, optional
-        Gives whole images by place where they are known already.
-
-    Attributes
-    ----------
-    gains : (scan, polarization, subband) ndarray
-        Scan gains r_k.
-    whole_background, background : Background
-        Of whole images, and of the nearest rows that count.
-    grid : Grid
-        Pixels of those rows.
+    ``background`` is the result of the pass "gain"; ``whole`` gives whole images where they are known already.
     """
 
     def __init__(
@@ -179,15 +152,7 @@ class CleanedRun:
 
 
 class StageSums:
-    """Means over the scans of what a feature stage gives for alarms.
-
-    Parameters
-    ----------
-    stage : FeatureStage
-        The stage.
-    alarms : DataFrame
-        x, y (m) in the lane frame.
-    """
+    """Means over the scans of what a feature stage gives for alarms (x, y in the lane frame, m)."""
 
     def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
         self.stage = stage
@@ -258,7 +223,9 @@ class LaneChain(Chain):
         section: Section | None = None,
         others: Mapping[str, xr.Dataset] | None = None,
         truth: pd.DataFrame | None = None,
+        explains: bool = True,
     ) -> None:
+        self._explains = explains
         self.run, self.recipe, self.lane, self.model = run, recipe, lane, as_model(model)
         if self.model.detector is not None and recipe.features is None and not recipe.columns:
             raise ValueError("model needs a recipe with the table features, got one without")
@@ -303,8 +270,8 @@ class LaneChain(Chain):
         if suppresses:
             passes.append(Pass("roadside", "bright roadside", self._roadside, whole=True))
         for one in self.variations:
-            kinds = (self._signature, self._gain, self._view, self._features, self._evidence)
-            titles = ("self-signature", "gain background", "run-view", "features", "explaining alarms")
+            kinds = (self._signature, self._gain, self._view, self._features)
+            titles = ("self-signature", "gain background", "run-view", "features")
             for kind, title in zip(kinds, titles, strict=True):
                 name = one.of(kind.__name__.removeprefix("_"))
                 whole = kind in (self._signature, self._gain)
@@ -350,8 +317,11 @@ class LaneChain(Chain):
 
         Needs its pass "features". Those that have no confidence are left out.
         """
-        one = one or self.variations[0]
-        features, alarms = array_table(self.known[one.of("features")]), self.raised(one)
+        return self._ranked(one or self.variations[0])[:2]
+
+    def _ranked(self, one: Variation) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
+        """Give ranked alarms, their features, and their numbers among those that were raised."""
+        features, alarms = array_table(group_of(self.known[one.of("features")], "feature")), self.raised(one)
         more = alarms[[name for name in alarms.columns if name not in ("x", "y", "magnitude")]]
         features = pd.concat([features, more], axis=1)
         detector, read = self.model.detector, features.assign(magnitude=alarms["magnitude"])
@@ -360,12 +330,12 @@ class LaneChain(Chain):
         if one.name == MAIN and "share" in self.passes:
             total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
             features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
-        alarms, features = ranked(alarms, features)
+        alarms, features, numbers = ranked(alarms, features)
         if "roadside" in features:
             alarms = alarms.assign(roadside=features["roadside"])
         if self.recipe.features is None:
             features = features.assign(magnitude=alarms["magnitude"])
-        return alarms, features
+        return alarms, features, numbers
 
     @property
     def _single(self) -> str:
@@ -388,14 +358,15 @@ class LaneChain(Chain):
         screen, several = self.recipe.prescreen, []
         for one in self.variations:
             found, sums = self.detection(one), self._evidence_sums(one)
-            sums.merge(group_of(self.known[one.of("evidence")], "evidence"))
+            sums.merge(group_of(self.known[one.of("features")], "evidence"))
             features, detector = found.features, self.model.detector
             if detector is None or features is None:
                 shares = pd.DataFrame({self._single: found.alarms["confidence"].to_numpy()})
             else:
                 shares = detector.contributions(features)
-            before = self._own_view("evidence") if one.name == MAIN else None
-            channel, explained = (screen.polarization, screen.subband), sums.result()
+            before = self._before() if one.name == MAIN else None
+            explained = in_order(sums.result(), self._ranked(one)[2])
+            channel = screen.polarization, screen.subband
             several.append(replace(found, channel=channel, contributions=shares, evidence=explained, before=before))
         return several
 
@@ -551,15 +522,27 @@ class LaneChain(Chain):
 
     def _view(self, one: Variation, block: range | None) -> Accumulator:
         sums, cleaned = self._look_sums(block), self._cleaned_by(one)
+        before = self._view_sums(block) if self._explains and one.name == MAIN and not self.untrained else None
 
         def add(place: int) -> None:
+            image = cleaned.scan(place)
             if self.mapper is not None:
-                image = cleaned.coherent(place)
-                magnitude = self.mapper.map(image)[None, None]
+                coherent = cleaned.background.own_coherent(image.values, cleaned.gains[place])
+                magnitude = self.mapper.map(image.copy(data=coherent))[None, None]
             else:
-                image = cleaned.scan(place)
                 magnitude = cleaned.background.magnitude(image.values, cleaned.gains[place])
             sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
+            if before is not None:
+                before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
+
+        def state() -> Arrays:
+            groups = {"look": sums.state()}
+            return bundled(groups if before is None else groups | {"before": before.state()})
+
+        def merge(state: Mapping[str, NDArray[Any]]) -> None:
+            sums.merge(group_of(state, "look"))
+            if before is not None:
+                before.merge(group_of(state, "before"))
 
         def result() -> Arrays:
             values, looks = sums.result()
@@ -568,9 +551,10 @@ class LaneChain(Chain):
             chosen = select(view, screen.polarization, screen.subband)
             seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
             raised = {} if self.untrained else bundled({"maximum": table_arrays(self._raise(view, chosen))})
-            return {**self._cropped(values, looks), "seen": np.array(seen), **raised}
+            earlier = {} if before is None else bundled({"before": self._cropped(*before.result())})
+            return {**self._cropped(values, looks), "seen": np.array(seen), **raised, **earlier}
 
-        return Accumulator(add, lambda _: sums.state(), sums.merge, result)
+        return Accumulator(add, lambda _: state(), merge, result)
 
     def _raise(self, view: xr.DataArray, chosen: xr.DataArray) -> pd.DataFrame:
         """Give what may become alarms in the section's own rows, with the features that the run-view has of it."""
@@ -593,7 +577,9 @@ class LaneChain(Chain):
     def _features(self, one: Variation, block: range | None) -> Accumulator:
         cleaned, alarms = self._cleaned_by(one), self.raised(one)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
-        sums = self._feature_sums(alarms.iloc[near], cleaned.grid)
+        sums, evidence = self._feature_sums(alarms.iloc[near], cleaned.grid), None
+        if self._explains:
+            evidence = self._evidence_sums(one, None if block is None else self._poses_near(block))
         table, labels = self.recipe.contrast, [str(label) for label in self.imager.run["polarization"].values]
         channel = labels.index(table.polarization), list(self.recipe.image.subbands).index(table.subband)
 
@@ -610,43 +596,27 @@ class LaneChain(Chain):
                 else:
                     own = cleaned.background.own_coherent(values, gain) if name == PAPER else coherent
                     some.add(magnitude, own, pose)
+            if evidence is not None:
+                evidence.add(image.copy(data=cleaned.background.own_coherent(values, gain)))
 
         def state(_: bool) -> Arrays:
             """Rows are counted among all alarms."""
             states = {name: some.state() for name, some in sums.items()}
-            return bundled({name: some | {"row": near[some["row"]]} for name, some in states.items()})
+            states = {name: some | {"row": near[some["row"]]} for name, some in states.items()}
+            return bundled(states if evidence is None else states | {"evidence": evidence.state()})
 
         def merge(state: Mapping[str, NDArray[Any]]) -> None:
             for name, some in sums.items():
                 theirs = group_of(state, name)
                 some.merge(theirs | {"row": np.searchsorted(near, theirs["row"])})
-
-        return Accumulator(add, state, merge, lambda: table_arrays(self._feature_table(sums)))
-
-    def _evidence(self, one: Variation, block: range | None) -> Accumulator:
-        before, cleaned = (self._view_sums(block) if one.name == MAIN else None), self._cleaned_by(one)
-        sums = self._evidence_sums(one, None if block is None else self._poses_near(block))
-
-        def add(place: int) -> None:
-            image = cleaned.scan(place)
-            if before is not None:
-                before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
-            sums.add(image.copy(data=cleaned.background.own_coherent(image.values, cleaned.gains[place])))
-
-        def state() -> Arrays:
-            kept = {} if before is None else {"before": before.state()}
-            return bundled(kept | {"evidence": sums.state()})
-
-        def merge(state: Mapping[str, NDArray[Any]]) -> None:
-            sums.merge(group_of(state, "evidence"))
-            if before is not None:
-                before.merge(group_of(state, "before"))
+            if evidence is not None:
+                evidence.merge(group_of(state, "evidence"))
 
         def result() -> Arrays:
-            view = {} if before is None else self._cropped(*before.result())
-            return view | bundled({"evidence": sums.state()})
+            groups = {"feature": table_arrays(self._feature_table(sums))}
+            return bundled(groups if evidence is None else groups | {"evidence": evidence.state()})
 
-        return Accumulator(add, lambda _: state(), merge, result)
+        return Accumulator(add, state, merge, result)
 
     def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums | StageSums]:
         """Make the sums of the features, of their variants by prefix, and of the stages by name.
@@ -690,7 +660,7 @@ class LaneChain(Chain):
         return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
 
     def _evidence_sums(self, one: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
-        contrast, alarms = self.recipe.contrast, self.found(one)[0]
+        contrast, alarms = self.recipe.contrast, self.raised(one).iloc[:MOST_GATHERED]
         return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband, poses)
 
     def _poses_near(self, block: range) -> dict[int, FloatArray]:
@@ -730,14 +700,19 @@ class LaneChain(Chain):
         return {"view": values[..., self._own, :], "looks": looks[self._own]}
 
     def _own_view(self, name: str) -> xr.DataArray:
-        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows, name)
+        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows)
+
+    def _before(self) -> xr.DataArray:
+        """Second largest magnitude of the images before they were cleaned, for the viewer."""
+        arrays = group_of(self.known["view"], "before")
+        return self._as_view(arrays["view"], arrays["looks"], self.section.rows, plain=True)
 
     def _as_view(
-        self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, name: str = "view"
+        self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, plain: bool = False
     ) -> xr.DataArray:
         polarization = [str(label) for label in self.imager.run["polarization"].values]
         subband = list(self.recipe.image.subbands)
-        if not name.startswith("evidence"):
+        if not plain:
             subband = self.recipe.run_view.channels(subband)
             polarization = polarization if self.recipe.map is None else [self.recipe.map.stage]
         return view_array(values, looks, self.grid, {"polarization": polarization, "subband": subband}, rows)

@@ -54,48 +54,20 @@ Plan = dict[str, tuple[str, list[int]]]  # title and blocks of each pass
 
 
 def unnoted(report: Report) -> None:
-    """Take a report and do nothing.
-
-    Parameters
-    ----------
-    report : dict
-        The report.
-    """
+    """Take a report and do nothing."""
 
 
 def detect_lane(
     job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, longest: float | None = None
 ) -> list[Path]:
-    """Run a recipe on a stored lane, block by block, and write its result folder.
+    """Run a recipe on a stored lane, block by block; give its result folder, or those of its sections in their order.
 
-    The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same call
-    goes on there, and the result has the same bits. It is deleted when the result is written.
+    The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same
+    call goes on there, and the result has the same bits. It is deleted when the result is written.
 
-    A lane that would take more than the job's memory is taken in sections, one after the other. Together they hold the
-    alarms that the whole lane would.
-
-    Parameters
-    ----------
-    job : LaneJob
-        What to do.
-    executor : Executor
-        Who does it.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-    longest : float, optional
-        Longest section that is wanted, m; infinity for the lane in one piece or not at all.
-
-    Returns
-    -------
-    list of Path
-        The result folder, or those of the sections in their order.
-
-    Raises
-    ------
-    ValueError, FileExistsError
-        If the run does not fit the recipe, something else lies at the output, or another process works on it.
+    A lane that would take more than the job's memory, or is longer than ``longest`` (m; infinity for one piece or
+    not at all), is taken in sections, one after the other. Together they hold the alarms that the whole lane would.
+    ``note`` takes a report of every piece of work that was done.
     """
     folder = check_free(job.output)
     first = open_chain(job)  # refuses what does not fit before anything is written
@@ -119,38 +91,17 @@ def detect_lane(
 def passes_of_lane(
     job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, name: str = ""
 ) -> Iterator[LaneChain]:
-    """Do the passes of a stored training lane, but for what explains alarms, and keep the work folder, ``OUTPUT.work``.
+    """Do the passes of a stored training lane, but for what explains alarms; keep the work folder, ``OUTPUT.work``.
 
-    Nothing is written at the job's output.
-
-    Parameters
-    ----------
-    job : LaneJob
-        What to do; with a truth it ends where the first stage that has not learnt yet has its examples.
-    executor : Executor
-        Who does it.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-    name : str
-        What progress is called by.
-
-    Yields
-    ------
-    LaneChain
-        The chain with its results, as long as the context lasts.
-
-    Raises
-    ------
-    ValueError, FileExistsError
-        If the run does not fit the recipe, the lane takes more than the job's memory, or another process works on it.
+    Nothing is written at the job's output. With a truth it ends where the first stage that has not learnt yet has
+    its examples. The chain has its results as long as the context lasts. ``name`` is what progress is called by.
     """
+    job = replace(job, explains=False)
     chain = open_chain(job)
     plan_sections(sizes_of(chain.run), chain.recipe, chain.lane, job.max_memory, math.inf)
     with begin(job.work, job.identity()) as work:
         chain = open_chain(job, work)
-        plan = _planned(chain, lambda one: not one.name.startswith("evidence"))
+        plan = _planned(chain, lambda _: True)
         _Drive(executor, track, note).passes(job, work, plan, name)
         yield chain
 
@@ -295,22 +246,9 @@ def _check(folder: Path, name: str, digest: str) -> None:
 
 
 def homes_at(folder: str | Path) -> list[Path]:
-    """Tell which result folders a lane has.
+    """Tell which result folders a lane has: the folder itself, or those of its sections in their order.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Result folder, or folder of sections.
-
-    Returns
-    -------
-    list of Path
-        The result folder itself, or those of the sections in their order.
-
-    Raises
-    ------
-    ResultError
-        If the list of the sections, or what belongs to it, is missing or altered.
+    A list of sections that is altered, or misses what belongs to it, is a ResultError.
     """
     folder = Path(folder)
     if not (folder / SECTIONS).is_file():
@@ -319,18 +257,7 @@ def homes_at(folder: str | Path) -> list[Path]:
 
 
 def is_done(job: LaneJob) -> bool:
-    """Tell whether the result of a job is there and whole.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-
-    Returns
-    -------
-    bool
-        True if it was made of the same run with the same recipe, lane and classifier.
-    """
+    """Tell whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
     return not job.work.exists() and _is_whole(job)
 
 

@@ -42,30 +42,24 @@ class LaneJob:
 
     Attributes
     ----------
-    run : str
-        Run store.
-    recipe : str
-        Text of the recipe.
+    run, recipe : str
+        Run store; text of the recipe.
     lane : tuple of float
         x_min, x_max, y_min, y_max, m.
     model : str or None
         Folder of a trained model.
     output : str
         Result folder to make.
-    report : bool
-        Whether to draw the report.
     store_sha256, model_sha256 : str
-        Digests of the run's manifest and of the classifier, "" without one.
-    code : tuple of (str, str)
-        Versions of the program and of the libraries.
-    cpu : str
-        Processor of the machine that drives.
+        Digests of the run's manifest and of the model, "" without one.
+    code, cpu : tuple of (str, str), str
+        Versions of the program and of the libraries, and the processor of the machine that drives.
     max_memory : int
         Memory that reading the run may take, bytes.
-    section : Section, optional
-        The rows of the lane that are worked on; default all.
-    shared : str
-        Work folder that has the background, for a section; "" without one.
+    section, shared : Section, str
+        The rows of the lane that are worked on, default all, and the work folder that has their background.
+    others, truth : tuple of str
+        Name, store and digest of every run taken together with it; file and digest of a training lane's targets.
     """
 
     run: str
@@ -83,6 +77,7 @@ class LaneJob:
     shared: str = ""
     others: tuple[tuple[str, str, str], ...] = ()
     truth: tuple[str, str] = ("", "")
+    explains: bool = True
 
     @property
     def work(self) -> Path:
@@ -104,6 +99,7 @@ class LaneJob:
             "block": BLOCK,
             "others": {name: digest for name, _, digest in self.others},
             "truth": self.truth[1],
+            "explains": self.explains,
         }
 
 
@@ -118,35 +114,7 @@ def make_job(
     others: Mapping[str, str | Path] | None = None,
     truth: str | Path | None = None,
 ) -> LaneJob:
-    """Describe a detection.
-
-    Parameters
-    ----------
-    run : str or Path
-        Run store.
-    recipe : str
-        Text of the recipe.
-    lane : Lane
-        The lane.
-    output : str or Path
-        Result folder to make.
-    report : bool
-        Whether to draw the report.
-    model : str or Path, optional
-        Folder of a trained classifier.
-    max_memory : int
-        Memory that a process may take, bytes.
-
-    Returns
-    -------
-    LaneJob
-        The job.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the run or the model is not valid.
-    """
+    """Describe a detection; a run or model that is not valid is refused."""
     return LaneJob(
         str(Path(run).resolve()),
         recipe,
@@ -167,23 +135,7 @@ def make_job(
 
 
 def model_digest(model: str | Path) -> str:
-    """Digest of a trained classifier.
-
-    Parameters
-    ----------
-    model : str or Path
-        Its folder.
-
-    Returns
-    -------
-    str
-        SHA-256 of ``model.json``, which holds those of the other files.
-
-    Raises
-    ------
-    ValueError
-        If it is no classifier.
-    """
+    """SHA-256 of a valid model's ``model.json``, which holds those of its other files."""
     load_model(model)
     return sha256(read_limited(Path(model) / "model.json"))
 
@@ -202,27 +154,9 @@ def processor() -> str:
 
 
 def do_part(job: LaneJob, stage: str, number: int) -> Report:
-    """Do one block of a stage and leave it in the work folder.
+    """Do one block of a stage and leave it in the work folder; report what was done, where, and what it took.
 
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    stage : str
-        The stage.
-    number : int
-        Number of the block.
-
-    Returns
-    -------
-    dict
-        What was done, where, in which time (s, and of the processor), how many bytes were written, and the most memory
-        that the process has taken so far.
-
-    Raises
-    ------
-    ValueError
-        If this process cannot do it: other versions, or the run or the work folder is not there.
+    A process of other versions, or without the run or the work folder, refuses.
     """
     begun = _now()
     with _ONE_AT_A_TIME:
@@ -236,27 +170,7 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
 
 
 def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
-    """Fold the blocks of a stage and leave the stage's result in the work folder.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-    stage : str
-        The stage.
-    numbers : sequence of int
-        Numbers of its blocks, in their order.
-
-    Returns
-    -------
-    dict
-        As :func:`do_part` returns it, ``block`` being -1.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`do_part`, or if a part is damaged.
-    """
+    """Fold the blocks of a stage, in their order, and leave its result in the work folder; reported as block -1."""
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)
@@ -269,25 +183,7 @@ def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
 
 
 def do_finish(job: LaneJob) -> Report:
-    """Write the result folder from a work folder in which every stage is folded.
-
-    Parameters
-    ----------
-    job : LaneJob
-        The job.
-
-    Returns
-    -------
-    dict
-        As :func:`do_part` returns it, with the number of ``alarms``.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`do_part`.
-    FileExistsError
-        If something that is no result lies at the output.
-    """
+    """Write the result folder from a work folder in which every stage is folded; report the number of ``alarms``."""
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
@@ -341,6 +237,7 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
         job.section,
         others,
         read_table(job.truth[0], "truth") if job.truth[0] else None,
+        job.explains,
     )
 
 
