@@ -28,7 +28,7 @@ count = 2
 [rx]
 first = [-1.1, 0.0, 0.0]
 last = [1.1, 0.0, 0.0]
-count = 5
+count = 4
 
 [antenna]
 kind = "horn"
@@ -47,15 +47,15 @@ rocks = 0.02
 roadside = [2.0, 3.5]
 [[draws]]
 kind = "metal"
-depth = 0.0
-count = 10
+depth = -0.15
+count = 9
 [[draws]]
 kind = "metal"
-depth = 0.05
-count = 4
+depth = 0.0
+count = 5
 [track]
 start = -6.0
-step = [0.95, 1.05]
+step = [1.4, 1.6]
 wander = 0.05
 """
 # What stands in a packaged recipe, and what the small array takes in its place.
@@ -76,6 +76,7 @@ SMALL = {
         ("band = [0.3e9, 3.0e9]", "band = [0.6e9, 1.7e9]"),
         ("x = [-3.0, 3.0]\nspacing = 0.05\ny_max = 22.0", "x = [-2.4, 2.4]\nspacing = 0.1\ny_max = 8.5"),
         ("ranges = [10.0, 15.0, 20.0]\nwithin = 2.5", "ranges = [4.5, 6.0, 7.5]\nwithin = 0.75"),
+        ('rule = "and-or"', 'rule = "or"'),
         ("share = 0.1  ", "share = 0.3  "),
         ("share = 0.1\n", "share = 0.3\n"),
         ('subband = "10 m"', 'subband = "4.5 m"'),
@@ -85,10 +86,10 @@ SMALL = {
     "fuse2018": [
         ("x = [-10.0, 10.0] ", "x = [-3.6, 3.6] "),
         ("y = [5.0, 15.0] ", "y = [3.5, 8.0] "),
-        ("spacing = 0.05\nframes = 5 ", "spacing = 0.1\nframes = 3 "),
+        ("spacing = 0.05\nframes = 5 ", "spacing = 0.1\nframes = 2 "),
         ("L = [0.75e9, 3.2e9]", "L = [0.6e9, 1.7e9]"),
         ("edges = [5.0, 7.5, 10.0, 12.5, 15.0]", "edges = [3.5, 5.0, 8.0]"),
-        ("frames = 5\n", "frames = 3\n"),
+        ("frames = 5\n", "frames = 2\n"),
         ("roadside = [4.0, 10.0]", "roadside = [1.9, 3.6]"),
         ("iterations = 7", "iterations = 2"),
         ("combination = 6", "combination = 1"),
