@@ -1,6 +1,4 @@
-"""Likelihood maps against the score of every pixel's chip, and detectors on disk."""
-
-import json
+"""Likelihood maps against the score of every pixel's chip."""
 
 import numpy as np
 import pytest
@@ -11,9 +9,7 @@ from flgpr.detect import (
     NeymanPearsonDetector,
     PolarimetricWhiteningFilter,
     deflection_form,
-    load_detector,
 )
-from flgpr.detect.chip_detector import _digest, _sealed
 from reference.cosgrove2004 import circular, likelihood_map
 
 
@@ -84,21 +80,6 @@ def test_several_forms_score_by_the_largest(rng):
     assert np.array_equal(detector.likelihood(image), np.max(each, axis=0), equal_nan=True)
 
 
-def test_saved_detector_comes_back_bit_for_bit(rng, tmp_path):
-    detector = chip_detector(rng, 2)
-    path = detector.save(tmp_path / "model")
-    image = draw(rng, 2, 12, 5)
-    back = load_detector(path)
-    assert (back.channels, back.shape, back.spacing, back.notes) == (
-        detector.channels, detector.shape, detector.spacing, detector.notes,
-    )  # fmt: skip
-    assert np.array_equal(back.likelihood(image), detector.likelihood(image), equal_nan=True)
-    chip_detector(rng).save(path)
-    assert len(load_detector(path).forms) == 1
-    assert sorted(entry.suffix for entry in path.iterdir()) == [".json"] + [".npy"] * 4
-    assert [entry.name for entry in tmp_path.iterdir()] == ["model"]
-
-
 def test_detector_refuses_other_images(rng):
     detector, image = chip_detector(rng), draw(rng, 2, 12, 5)
     with pytest.raises(ValueError, match="channels"):
@@ -108,52 +89,6 @@ def test_detector_refuses_other_images(rng):
     detector.likelihood(image, channels=("HH", "VV"), spacing=(0.02, 0.1))
     with pytest.raises(ValueError, match="16 features"):
         ChipDetector(detector.forms, ("HH", "VV"), (8, 1), (0.02, 0.05))
-
-
-def vouch(path):
-    """Give a detector's folder a description that vouches for its files."""
-    told = json.loads((path / "model.json").read_text())
-    del told["sha256"]
-    told["files"] = {name: _digest((path / name).read_bytes()) for name in told["files"]}
-    (path / "model.json").write_bytes(_sealed(told))
-
-
-def test_broken_files_are_refused(rng, tmp_path):
-    path = chip_detector(rng).save(tmp_path / "model")
-    whole = (path / "form0-linear.npy").read_bytes()
-    np.save(path / "form0-linear.npy", np.zeros(5))
-    with pytest.raises(ValueError, match="differs"):
-        load_detector(path)
-    vouch(path)
-    with pytest.raises(ValueError, match="do not fit"):
-        load_detector(path)
-    (path / "form0-linear.npy").write_bytes(whole)
-    vouch(path)
-    load_detector(path)
-    told = json.loads((path / "model.json").read_text())
-    (path / "model.json").write_text(json.dumps({**told, "notes": {"lane": "another"}}))
-    with pytest.raises(ValueError, match="differs"):
-        load_detector(path)
-    (path / "model.json").write_text(json.dumps({**told, "version": 99}))
-    with pytest.raises(ValueError, match="version 2"):
-        load_detector(path)
-    (path / "model.json").write_text("{")
-    with pytest.raises(ValueError, match="JSON"):
-        load_detector(path)
-    with pytest.raises(FileNotFoundError):
-        load_detector(tmp_path / "none")
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "work.txt").write_text("keep me")
-    with pytest.raises(FileExistsError):
-        chip_detector(rng).save(tmp_path / "other")
-
-
-def test_saved_arrays_that_are_objects_are_not_loaded(rng, tmp_path):
-    path = chip_detector(rng).save(tmp_path / "model")
-    np.save(path / "form0-linear.npy", np.array([{}], dtype=object), allow_pickle=True)
-    vouch(path)
-    with pytest.raises(ValueError, match="allow_pickle"):
-        load_detector(path)
 
 
 def test_clutter_gives_a_false_alarm_rate_that_theory_tells(rng):

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from flgpr.chain.model import load_model
 from flgpr.clutter import ClutterWhitener
-from flgpr.detect import load_detector
 from flgpr.scoring import pd_at
 from flgpr_papers.cosgrove2004 import study as cosgrove2004
 from flgpr_papers.cosgrove2004.detect import (
@@ -223,8 +223,9 @@ def test_quick_study_writes_its_page_and_goes_on_where_it_stopped(recipe, tmp_pa
     assert {one["group"] for one in summary["findings"]} == {"open", "roadside"}
     for number in range(1, 8):
         assert list(tmp_path.glob(f"figure-{number}*.png"))
-    model = load_detector(tmp_path / "models" / "sand-open")
-    assert (model.channels, model.shape) == (("HH", "VV"), (28, 1))
+    model = load_model(tmp_path / "models" / "sand-open")
+    assert model.stages["map.deflection"]["linear-0"].shape == (2 * 28,)  # as the recipe cosgrove2004 takes it
+    assert model.notes["detector"].startswith("DeflectionDetector")
     before, pictures = (tmp_path / "pd.csv").read_bytes(), {p.stem: p.read_bytes() for p in tmp_path.glob("*.png")}
     monkeypatch.setattr(cosgrove2004, "run_seed", lambda *_: pytest.fail("ran a seed again"))
     monkeypatch.setattr(cosgrove2004, "_figures", lambda *_: pictures)

@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_flips import small_classifier, small_detector
+from test_flips import learnt_stage, small_classifier
 
 from damage import CASES, FUZZ, damaged, refusal
 from flgpr.chain.model import load_model, save_model
 from flgpr.chain.recipe import load_recipe, recipe_text
-from flgpr.detect.chip_detector import load_detector
 from flgpr.execution.checkpoint import ArrayFile, write_arrays
 from flgpr.io import RunWriter, open_run, read_lane, read_table, sample_lane, save_run, seal, sha256, unseal
 from flgpr.io.files import canonical_json
@@ -79,11 +78,11 @@ def folders(tmp_path_factory):
         "store": Folder(save_run(run, home / "a.zarr"), lambda path: open_run(path, 10**7).load()),
         "result": Folder(small_result(home / "result", small_classifier()), read_result),
         "model": Folder(save_model(small_classifier(), home / "model"), load_model),
-        "chip detector": Folder(small_detector(home / "detector"), load_detector),
+        "learnt stage": Folder(learnt_stage(home / "stage"), load_model),
     }
 
 
-@pytest.mark.parametrize("kind", ["store", "result", "model", "chip detector"])
+@pytest.mark.parametrize("kind", ["store", "result", "model", "learnt stage"])
 @FUZZ
 @given(data=st.data())
 def test_damage_is_always_noticed(folders, kind, data):

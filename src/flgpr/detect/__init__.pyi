@@ -1,4 +1,4 @@
-from flgpr.detect.chip_detector import ChipDetector, load_detector
+from flgpr.detect.chip_detector import ChipDetector
 from flgpr.detect.deflection import DeflectionDetector, deflection_form
 from flgpr.detect.fisher import FisherDiscriminant
 from flgpr.detect.linear_quadratic import LinearQuadraticForm
@@ -28,7 +28,6 @@ __all__ = [
     "forward_search",
     "hit_weights",
     "leave_one_out",
-    "load_detector",
     "magnitude_form",
     "make_fold",
     "neyman_pearson_form",

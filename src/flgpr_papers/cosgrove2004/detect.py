@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,8 @@ class Training:
         Whitener with sample moments.
     clutter_energy : float
         Mean energy of the whitened clutter samples.
+    clutter : (n_samples, n_features) ndarray of complex
+        Clutter cuts as imaged.
     """
 
     whitener: ClutterWhitener
@@ -54,6 +57,7 @@ class Training:
     pixels: ComplexArray
     unshrunk: ClutterWhitener
     clutter_energy: float
+    clutter: NDArray[Any]
 
 
 @dataclass
@@ -97,7 +101,7 @@ def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     whitener, unshrunk = (ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample"))
     energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))
     white, placed = (whitener.transform(np.concatenate(parts)) for parts in (cuts, surveyed))
-    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128), unshrunk, energy)
+    return Training(whitener, white, placed, np.concatenate(pixels).astype(np.complex128), unshrunk, energy, samples)
 
 
 def target_cut(recipe: StudyRecipe, look: Look) -> NDArray[np.complex64]:

@@ -16,7 +16,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from flgpr.chain.model import Model, save_model
 from flgpr.chain.progress import Track, silent
+from flgpr.chain.stages.forms import learnt_of
 from flgpr.io import write_whole
 from flgpr_papers.cosgrove2004 import figures
 from flgpr_papers.cosgrove2004.detect import (
@@ -107,7 +109,9 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
             if site == "sand":
                 taught[world] = training.white
             if models is not None:
-                made[f"rank {recipe.detector.rank}"].save(models / f"{site}-{world}")
+                detector = made[f"rank {recipe.detector.rank}"]
+                learnt = learnt_of(detector.forms, training.clutter)
+                save_model(Model(stages={"map.deflection": learnt}), models / f"{site}-{world}", detector.notes)
             cases[world][site] = {
                 "site": site,
                 "seed": seed,

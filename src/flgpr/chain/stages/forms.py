@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -50,6 +50,14 @@ class CutSettings(Table):
         if self.moments not in ESTIMATORS:
             raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
         return self
+
+
+def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Arrays:
+    """Give what a map by forms has learnt: the forms, and mean and deviation of their largest on clutter samples."""
+    value = np.max([form(clutter) for form in forms], axis=0)
+    learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
+    learnt["constant"] = np.array([form.constant for form in forms])
+    return learnt | {"clutter": np.array([value.mean(), value.std()])}
 
 
 class FormMap(MapStage):
@@ -107,11 +115,7 @@ class FormMap(MapStage):
             raise ValueError(f"truth must hold mines that at least two scans see whole, got {len(target)} looks")
         forms = cls.trained(settings, target, clutter, pixel)
         samples = pixel if forms[0].linear.size == len(settings.polarizations) else clutter
-        value = np.max([form(samples) for form in forms], axis=0)
-        learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
-        learnt["constant"] = np.array([form.constant for form in forms])
-        learnt["clutter"] = np.array([value.mean(), value.std()])
-        return learnt, {"looks_at_mines": len(target), "clutter_samples": len(clutter)}
+        return learnt_of(forms, samples), {"looks_at_mines": len(target), "clutter_samples": len(clutter)}
 
     @classmethod
     def trained(
