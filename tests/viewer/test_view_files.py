@@ -10,7 +10,6 @@ import xarray as xr
 from flgpr.chain.evidence import (
     MOST_SCANS,
     EvidenceSums,
-    collect_evidence,
     decibels,
     entropy_alpha_points,
     focused_trace,
@@ -108,8 +107,15 @@ def approach():
     return images, pd.DataFrame({"x": [0.0, 1.0, 50.0], "y": [12.0, 3.5, 12.0]}), PatchShape(5, 0.1, (1, 1), (3, 3))
 
 
+def gathered(images, *arguments):
+    sums = EvidenceSums(*arguments)
+    for image in images:
+        sums.add(image)
+    return sums.result()
+
+
 def test_only_the_nearest_scans_are_kept(approach):
-    found = collect_evidence(*approach, 20.0)
+    found = gathered(*approach, 20.0)
     assert [[look["scan"] for look in scans] for scans in found.scans] == [[7, 6, 5, 4], [1, 0], []]
     assert len(found.scans[0]) == MOST_SCANS
     assert [block.shape for block in found.blocks] == [(4, 25 + 81), (2, 25 + 81), (0, 0)]
@@ -129,7 +135,7 @@ def polarized(image):
 def test_with_poses_known_only_what_will_be_kept_is_cut_up(approach):
     images, alarms, patch = approach
     images = [polarized(image) for image in images]
-    expected = collect_evidence(images, alarms, patch, 20.0)
+    expected = gathered(images, alarms, patch, 20.0)
     poses = {image.attrs["scan"]: np.asarray(image.attrs["pose"]) for image in images}
     together = EvidenceSums(alarms, patch, 20.0)
     kept = []
@@ -271,6 +277,6 @@ def test_the_signal_is_read_once_per_scan_and_not_altered():
         )
     ]
     alarms = pd.DataFrame({"x": [0.0], "y": [3.0]})
-    found = collect_evidence(images, alarms, PatchShape(3, 0.1, (1, 1), (1, 1)), 5.0, run)
+    found = gathered(images, alarms, PatchShape(3, 0.1, (1, 1), (1, 1)), 5.0, run)
     assert found.blocks[0].shape == (1, 9 + 81 + 4 * len(found.trace))
     np.testing.assert_array_equal(run["signal"].values, before)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -67,42 +67,6 @@ class _Look:
 def decibels(magnitude: ArrayLike) -> NDArray[np.float16]:
     """Take magnitudes to dB in half precision, good to 1/32 dB below 64 dB; not below -120 dB; NaN stays."""
     return np.asarray(20 * np.log10(np.maximum(magnitude, _FLOOR)), dtype=np.float16)
-
-
-def collect_evidence(
-    images: Iterable[xr.DataArray],
-    alarms: pd.DataFrame,
-    patch: PatchShape,
-    y_max: float,
-    run: xr.Dataset | None = None,
-    subband: str | None = None,
-) -> Evidence:
-    """Gather what explains alarms, in one pass over the images.
-
-    Parameters
-    ----------
-    images : iterable of xarray.DataArray
-        Cleaned scan images (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
-    alarms : DataFrame
-        x, y in the lane frame (m), the most mine-like first.
-    patch : PatchShape
-        Patch to cut out.
-    y_max : float
-        Farthest distance ahead of the array that counts, m.
-    run : xarray.Dataset, optional
-        The run, for A-scans.
-    subband : str, optional
-        Sub-band of the polarimetric point; default the first.
-
-    Returns
-    -------
-    Evidence
-        For the first ``MOST_ALARMS`` alarms, from the ``MOST_SCANS`` nearest scans that see each.
-    """
-    sums = EvidenceSums(alarms, patch, y_max, run, subband)
-    for image in images:
-        sums.add(image)
-    return sums.result()
 
 
 def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:

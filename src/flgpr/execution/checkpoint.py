@@ -161,10 +161,6 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         self.path(name).unlink()
         self._latest = None
 
-    def part(self, stage: str, number: int) -> str:
-        """Name of a block's part of a stage."""
-        return f"{stage}-{number:06d}"
-
     def drop_parts(self, stage: str) -> None:
         """Delete the parts of a stage that is folded."""
         for path in self.folder.glob(f"{stage}-*{SUFFIX}"):
