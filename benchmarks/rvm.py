@@ -87,7 +87,7 @@ def evidence(X: NDArray[Any], y: NDArray[Any], gamma: float, machine: Any) -> fl
     good = alpha > 0
     t = y.astype(float)
     rows = np.ascontiguousarray(K[good])
-    return float(relevance.laplace(rows, t, 0.0, alpha[good], weights[good])[4])
+    return float(relevance.laplace(rows, t, 0.0, alpha[good], weights[good]).evidence)
 
 
 def errors(fit: Callable[..., Any], X: NDArray[Any], y: NDArray[Any], gamma: float) -> NDArray[np.bool_]:

@@ -101,23 +101,24 @@ def _ascend(
     else:
         empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
         fits += [relevance.ascend(*fixed, *empty, first, tol, max_iter) for first in _first(len(rows), n_starts - 1)]
-    iterations = sum(fit[5] for fit in fits)
+    iterations = sum(fit.iterations for fit in fits)
     fits.sort(key=lambda fit: -relevance.penalised(fit, rate))
     # Starts often end in the same model; to improve it twice would be in vain.
-    different = list({tuple(np.sort(fit[0])): fit for fit in reversed(fits)}.values())[::-1][: max(1, n_starts // 3)]
+    models = {tuple(np.sort(fit.active)): fit for fit in reversed(fits)}
+    different = list(models.values())[::-1][: max(1, n_starts // 3)]
     improved = [relevance.exchange(*fixed, fit, tol, max_iter) for fit in different]
-    iterations += sum(new[5] - old[5] for new, old in zip(improved, different, strict=True))
+    iterations += sum(new.iterations - old.iterations for new, old in zip(improved, different, strict=True))
     best = _complete(fixed, max(improved, key=lambda fit: relevance.penalised(fit, rate)), tol, max_iter)
-    return _sorted(*best[:5], iterations, best[6], rate)
+    return _sorted(best, iterations, rate)
 
 
-def _complete(fixed: tuple[Any, ...], fit: Any, tol: float, max_iter: int) -> Any:
+def _complete(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:
     """Let in what gains by double precision and was not seen in single precision, which ranks the functions."""
     rows, _, t, offset, every, rate = fixed
     for _ in range(LATE):
-        active, alpha, mean = fit[:3]
+        active, alpha, mean = fit.active, fit.alpha, fit.mean
         posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
-        gain, s, q = relevance.entries(rows, every, active, posterior[1:4], rate)
+        gain, s, q = relevance.entries(rows, every, active, posterior, rate)
         new = int(gain.argmax())
         if gain[new] <= tol:
             break
@@ -146,8 +147,8 @@ def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: flo
     iteration = 0
     while iteration < max_iter:
         iteration += 1
-        mean, covariance, *_ = relevance.laplace(rows[active], t, offset, alpha, mean)
-        determined = np.maximum(1 - alpha * np.diag(covariance), 1e-12)
+        posterior = relevance.laplace(rows[active], t, offset, alpha, mean)
+        mean, determined = posterior.mean, np.maximum(1 - alpha * np.diag(posterior.covariance), 1e-12)
         power = np.maximum(mean**2, 1e-300)
         new = (determined + np.sqrt(determined**2 + 4 * power * rate)) / (2 * power)
         kept = new < PRUNE
@@ -159,15 +160,12 @@ def _prune(rows: FloatArray, t: FloatArray, offset: float, rate: float, tol: flo
     fit = relevance.ascend(
         rows, relevance.single(rows), t, offset, closed, rate, active, alpha, mean, closed, tol, max_iter
     )  # fmt: skip
-    return _sorted(*fit[:5], iteration + fit[5], fit[6], rate)
+    return _sorted(fit, iteration + fit.iterations, rate)
 
 
-def _sorted(
-    active: NDArray[np.int64], alpha: FloatArray, mean: FloatArray, covariance: FloatArray, *rest: Any
-) -> SparseFit:
-    order = np.argsort(active)
-    evidence, iterations, converged, rate = rest
+def _sorted(fit: relevance.Ascent, iterations: int, rate: float) -> SparseFit:
+    order = np.argsort(fit.active)
     return SparseFit(
-        active[order], alpha[order], mean[order], covariance[np.ix_(order, order)],
-        float(evidence), int(iterations), bool(converged), float(rate),
+        fit.active[order], fit.alpha[order], fit.mean[order], fit.covariance[np.ix_(order, order)],
+        float(fit.evidence), int(iterations), bool(fit.converged), float(rate),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +18,29 @@ _LOGIT = np.log(0.95 / 0.05)  # log odds that the first function is fitted to
 _STILL = 1e-3  # change of log α that is no action any more
 _CONFIRM = 3  # candidates looked at in double precision
 _RISE = 1e-3  # smallest rise of the log evidence that makes an exchange
+
+
+class Posterior(NamedTuple):
+    """Laplace's approximation: mode (k,), covariance (k, k), residual t - y, curvature y(1 - y), log evidence."""
+
+    mean: Any
+    covariance: Any
+    residual: Any
+    curvature: Any
+    evidence: float
+    converged: bool
+
+
+class Ascent(NamedTuple):
+    """Where an ascent ended: active indices (k,), precisions (k,), mode, covariance, log evidence, iterations."""
+
+    active: Any
+    alpha: Any
+    mean: Any
+    covariance: Any
+    evidence: float
+    iterations: int
+    converged: bool
 
 
 @njit(cache=True)
@@ -43,7 +66,6 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
     """Newton's method with line search to the mode of the weights (Tipping 2001, Sec. 3).
 
     ``rows`` (k, N) basis functions, ``target`` (N,) in {0, 1}, ``alpha`` (k,) precisions, ``mean`` (k,) start.
-    Returns mode, covariance (k, k), residual t - y, curvature y(1 - y), log evidence, whether it converged.
     """
     k, n = rows.shape
     residual, curvature = np.empty(n), np.empty(n)
@@ -78,7 +100,7 @@ def laplace(rows: Any, target: Any, offset: float, alpha: Any, mean: Any) -> Any
     covariance = np.linalg.inv(hessian)
     logdet = 2 * np.log(np.diag(np.linalg.cholesky(hessian))).sum() if k else 0.0
     evidence = value + 0.5 * np.log(alpha).sum() - 0.5 * logdet
-    return mean, covariance, residual, curvature, evidence, found
+    return Posterior(mean, covariance, residual, curvature, evidence, found)
 
 
 @njit(cache=True)
@@ -126,7 +148,7 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 
     At the mode Q = φᵀ(t - y): the term of the model vanishes with the gradient (Tipping & Faul 2003, Eq. 24).
     """
-    covariance, residual, curvature = posterior
+    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
     s = (rows * rows) @ curvature
     if active.size:
         cross = (rows[active] * curvature) @ rows.T
@@ -138,7 +160,7 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
 @njit(cache=True)
 def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
     """Gain of all basis functions as :func:`entries` has it, in single precision."""
-    covariance, residual, curvature = posterior
+    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
     k = active.size
     factors = np.empty((k + 1, residual.size), np.float32)
     for j in range(k):
@@ -153,7 +175,7 @@ def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float)
 @njit(cache=True)
 def entry(rows: Any, one: int, active: Any, posterior: Any, rate: float) -> Any:
     """Gain, S and Q of one basis function, in double precision."""
-    covariance, residual, curvature = posterior
+    covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
     weighted = rows[one] * curvature
     cross = rows[active] @ weighted
     s = (rows[one] * weighted).sum() - (cross * (covariance @ cross)).sum()
@@ -229,12 +251,12 @@ def _step(
             trial = alpha * (np.minimum(goal, 1e3 * alpha) / alpha) ** part
             chosen, begin = active, mean
         posterior = laplace(rows[chosen], target, offset, trial, begin)
-        value = posterior[4] - 0.5 * rate * (1 / trial).sum()
+        value = posterior.evidence - 0.5 * rate * (1 / trial).sum()
         if value >= floor:
             return chosen, trial, posterior, value, True
         part *= 0.5
     posterior = laplace(rows[active], target, offset, alpha, mean)
-    return active, alpha.copy(), posterior, posterior[4] - 0.5 * rate * (1 / alpha).sum(), False
+    return active, alpha.copy(), posterior, posterior.evidence - 0.5 * rate * (1 / alpha).sum(), False
 
 
 @njit(cache=True)
@@ -245,12 +267,11 @@ def ascend(
     """Raise the evidence until no basis function gains by entering, changing or leaving (Tipping & Faul 2003).
 
     ``rows`` (M, N) all basis functions, ``coarse`` as :func:`single` makes it, ``allowed`` (M,) which may enter;
-    ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,) which may enter first. Returns active
-    indices, precisions, mode, covariance, log evidence, iterations, whether it converged.
+    ``start``, ``alpha`` and ``mean`` (k,) the model to begin with; ``first`` (M,) which may enter first.
     """
     active, alpha = start.copy(), alpha.copy()
     posterior = laplace(rows[active], target, offset, alpha, mean)
-    value = posterior[4] - 0.5 * rate * (1 / alpha).sum()
+    value = posterior.evidence - 0.5 * rate * (1 / alpha).sum()
     peak = value
     permitted, entries = first, np.zeros(rows.shape[0], np.int64)
     converged = False
@@ -258,14 +279,14 @@ def ascend(
     while iteration < max_iter:
         iteration += 1
         open_to = permitted & (entries < _ENTRIES)
-        entering, gain, s, q = candidates(rows, coarse, open_to, active, posterior[1:4], rate, tolerance)
+        entering, gain, s, q = candidates(rows, coarse, open_to, active, posterior, rate, tolerance)
         permitted = allowed
         growing = gain > tolerance
         if growing:
             entries[entering] += 1
             grown, more = np.append(active, entering), np.append(alpha, 1 / best_variance(s, q, rate))
-            trial = laplace(rows[grown], target, offset, more, np.append(posterior[0], 0.0))
-            reached = trial[4] - 0.5 * rate * (1 / more).sum()
+            trial = laplace(rows[grown], target, offset, more, np.append(posterior.mean, 0.0))
+            reached = trial.evidence - 0.5 * rate * (1 / more).sum()
             if reached < peak - _DROP:
                 entries[entering] = _ENTRIES
                 continue
@@ -273,8 +294,8 @@ def ascend(
         change, before = 0.0, value
         for _ in range(_HOLD if growing else _SETTLE):
             peak = max(peak, value)
-            goal, mean = alpha.copy(), posterior[0].copy()
-            change = _sweep(goal, mean, posterior[1].copy(), rate)
+            goal, mean = alpha.copy(), posterior.mean.copy()
+            change = _sweep(goal, mean, posterior.covariance.copy(), rate)
             active, alpha, posterior, value, moved = _step(
                 rows, target, offset, rate, active, alpha, goal, mean, peak - _DROP
             )
@@ -284,10 +305,10 @@ def ascend(
                 break
         # Where two functions are almost alike their precisions creep along a ridge without end and without gain.
         flat = abs(value - before) < 1e-2 * tolerance
-        if not growing and (change < tolerance or flat) and posterior[5] and iteration > 1:
+        if not growing and (change < tolerance or flat) and posterior.converged and iteration > 1:
             converged = True
             break
-    return active, alpha, posterior[0], posterior[1], posterior[4], iteration, converged
+    return Ascent(active, alpha, posterior.mean, posterior.covariance, posterior.evidence, iteration, converged)
 
 
 @njit(cache=True)
@@ -305,7 +326,7 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
     active, alpha, mean = np.full(1, first), np.full(1, 1 / max(weight * weight, 1e-6)), np.full(1, weight)
     for _ in range(max_iter):
         posterior = laplace(rows[active], target, offset, alpha, mean)
-        mean, covariance = posterior[0], posterior[1]
+        mean, covariance = posterior.mean, posterior.covariance
         own = np.diag(covariance)
         s, q = 1 / own - alpha, mean / own
         best, most, leave, goal = -1, 0.0, False, 0.0
@@ -327,7 +348,7 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
             kept = np.arange(active.size) != best
             active, alpha, mean = active[kept], alpha[kept], mean[kept]
             continue
-        entering, _, s_new, q_new = candidates(rows, coarse, allowed, active, posterior[1:4], rate, most)
+        entering, _, s_new, q_new = candidates(rows, coarse, allowed, active, posterior, rate, most)
         if entering >= 0:
             active, alpha = np.append(active, entering), np.append(alpha, 1 / best_variance(s_new, q_new, rate))
             mean = np.append(mean, 0.0)
@@ -348,28 +369,30 @@ def exchange(
     The first to enter must be another one. ``fit`` is what :func:`ascend` returns, and so is the result, whose evidence
     (less the prior's penalty) is no lower.
     """
-    best = fit
+    # One layout, whatever Python handed over: a matrix of one element has both.
+    covariance = np.asfortranarray(fit.covariance)
+    best = Ascent(fit.active, fit.alpha, fit.mean, covariance, fit.evidence, fit.iterations, fit.converged)
     tried, place = 0, 0
-    iterations = fit[5]
-    while tried < best[0].size:
-        place = place % best[0].size
-        kept = np.ones(best[0].size, np.bool_)
+    iterations = fit.iterations
+    while tried < best.active.size:
+        place = place % best.active.size
+        kept = np.ones(best.active.size, np.bool_)
         kept[place] = False
         first = allowed.copy()
-        first[best[0][place]] = False
+        first[best.active[place]] = False
         trial = ascend(
             rows, coarse, target, offset, allowed, rate,
-            best[0][kept], best[1][kept], best[2][kept], first, tolerance, max_iter,
+            best.active[kept], best.alpha[kept], best.mean[kept], first, tolerance, max_iter,
         )  # fmt: skip
-        iterations += trial[5]
-        if trial[6] and penalised(trial, rate) > penalised(best, rate) + _RISE:
+        iterations += trial.iterations
+        if trial.converged and penalised(trial, rate) > penalised(best, rate) + _RISE:
             best, tried = trial, 0
         else:
             tried, place = tried + 1, place + 1
-    return best[0], best[1], best[2], best[3], best[4], iterations, best[6]
+    return Ascent(best.active, best.alpha, best.mean, best.covariance, best.evidence, iterations, best.converged)
 
 
 @njit(cache=True)
 def penalised(fit: Any, rate: float) -> float:
     """Log evidence with the log prior of the variances, up to a constant."""
-    return fit[4] - 0.5 * rate * (1 / fit[1]).sum()
+    return fit.evidence - 0.5 * rate * (1 / fit.alpha).sum()
