@@ -143,3 +143,28 @@ def test_two_packages_are_verbs(monkeypatch):
     assert asked == [(("run.zarr", "demo", "out"), {"report": False}), (("scene",), {"seed": 3})]
     assert flgpr.detect.FisherDiscriminant.__module__ == "flgpr.detect.fisher"
     assert flgpr.simulate.Scene is flgpr.Scene
+
+
+MOST_PARAMETERS = 12
+MANY = {  # names that are public, one parameter for each thing a user may set
+    "flgpr/imaging/operator.py:ImagingOperator.__init__",
+    "flgpr/detect/one_class.py:OneClassRelevanceVectorMachine.__init__",  # scikit-learn wants them one by one
+    "flgpr/scoring/lane_roc.py:roc",
+}
+
+
+def test_no_function_takes_more_parameters_than_a_reader_can_hold():
+    """Commands have one for each option, and what numba compiles takes bare arrays and numbers."""
+    found = set()
+    for path in [*ROOT.rglob("*.py"), *PAPERS.rglob("*.py")]:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+        owners = {one: f"{owner.name}." for owner in classes for one in owner.body}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                compiled = any("jit" in ast.unparse(one) for one in node.decorator_list)
+                named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                count = len([one for one in named if one.arg not in ("self", "cls")])
+                if count > MOST_PARAMETERS and not compiled and path.parent.name != "cli":
+                    found.add(f"{path.relative_to(ROOT.parent)}:{owners.get(node, '')}{node.name}")
+    assert found == MANY

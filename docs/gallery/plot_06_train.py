@@ -15,6 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from flgpr import tasks
+from flgpr.chain.model import load_model
 from flgpr.io import read_lane, read_table
 from flgpr.scoring import label_alarms, match, pd_mean, roc
 
@@ -60,10 +61,10 @@ classifier = tasks.train_runs(
 print(*sorted(path.name for path in (home / "model").iterdir()), sep="\n")
 
 # %%
-# A model is JSON and arrays, each with its SHA-256: nothing in it is executed when it is loaded.
+# A model is words in JSON and arrays, each with its SHA-256: nothing in it is executed when it is loaded.
 
-told = json.loads((home / "model" / "model.json").read_text())
-print(json.dumps(told, indent=1)[:900])
+model = load_model(home / "model")
+print(json.dumps(model.notes, indent=1)[:900])
 
 # %%
 # Detection with the model, on the lane it has not seen. The truth file is not among what it takes.

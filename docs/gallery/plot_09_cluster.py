@@ -81,8 +81,8 @@ shared = tasks.detect_runs(
     home / "cluster",
     areas,
     report=False,
-    scheduler=address,
     lanes_at_once=2,
+    how=tasks.How(scheduler=address),
 )
 for helper in reversed(helpers):
     helper.terminate()

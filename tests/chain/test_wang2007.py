@@ -17,7 +17,7 @@ from flgpr.chain.recipe import lane_of, parse_recipe, recipe_text
 from flgpr.clutter import gain_background, remove_background, self_signature
 from flgpr.features import FEATURES, local_contrast
 from flgpr.imaging import ScanImager
-from flgpr.io import save_run, write_table
+from flgpr.io import Bundle, save_run, write_table
 from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
 from flgpr_papers.wang2007.examples import save_examples
@@ -101,7 +101,7 @@ def test_train_and_detect_with_a_model_that_never_sees_truth(tmp_path, run, trut
         columns,
         [lane],
     )
-    assert sorted(p.suffix for p in (tmp_path / "model").iterdir()) == [".json", ".npy", ".npy", ".npy", ".npy"]
+    assert [path.name for path in (tmp_path / "model").iterdir()] == ["model.bundle"]
     assert not list(tmp_path.glob("*.work"))
     elsewhere = tmp_path / "field"
     elsewhere.mkdir()
@@ -136,10 +136,12 @@ def test_a_model_read_back_scores_alike_and_tells_when_it_was_altered(tmp_path, 
     again = load_model(folder)
     np.testing.assert_array_equal(again.detector.confidence(found.features), model.confidence(found.features))
     assert again.notes["site"] == "yard"
-    np.save(folder / "detector.direction.npy", np.array([9.0, 9.0]))
+    data = bytearray((folder / "model.bundle").read_bytes())
+    data[-100] ^= 1
+    (folder / "model.bundle").write_bytes(data)
     with pytest.raises(ValueError, match="differs"):
         load_model(folder)
-    (folder / "detector.direction.npy").unlink()
+    (folder / "model.bundle").unlink()
     with pytest.raises(ValueError, match="missing"):
         load_model(folder)
     with pytest.raises(ValueError, match="missing: P_alpha_F1"):
@@ -219,11 +221,11 @@ def test_examples_show_the_targets_where_they_are(tmp_path, run, recipe, truth, 
     cleaned = cleaned_run(run, recipe)
     away = found.alarms.iloc[[0]].assign(x=0.0, y=2.3, confidence=0.1)
     alarms = pd.concat([found.alarms, away], ignore_index=True)
-    save_examples(tmp_path / "examples.npz", cleaned, run, recipe, truth, alarms)
-    with np.load(tmp_path / "examples.npz", allow_pickle=False) as arrays:
-        assert arrays["patches_metal"].shape[1:] == (3, 2, 25, 25)
-        patches = arrays["patches_metal"][:, 0, 0]  # the nearest may reach over the image's border
-        centre = patches[1:, 10:15, 10:15].max(axis=(-2, -1))
-        assert np.median(centre / np.nanmedian(patches[1:], axis=(-2, -1))) > 2
-        assert arrays["series"].shape[0] == 5
-        assert (np.diff(arrays["distances_metal"]) > 0).all()
+    save_examples(tmp_path / "examples.bundle", cleaned, run, recipe, truth, alarms)
+    arrays = Bundle(tmp_path / "examples.bundle")
+    assert arrays["patches_metal"].shape[1:] == (3, 2, 25, 25)
+    patches = arrays["patches_metal"][:, 0, 0]  # the nearest may reach over the image's border
+    centre = patches[1:, 10:15, 10:15].max(axis=(-2, -1))
+    assert np.median(centre / np.nanmedian(patches[1:], axis=(-2, -1))) > 2
+    assert arrays["series"].shape[0] == 5
+    assert (np.diff(arrays["distances_metal"]) > 0).all()

@@ -219,19 +219,10 @@ def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, 
     with pytest.raises(SnapshotError, match="another run"):
         restore_snapshot(read_snapshot(path), start(run, recipe), intake, "other")
     data = path.read_bytes()
-    refused = 0
-    for at in np.linspace(200, len(data) - 1, 60).astype(int):
+    for at in np.linspace(0, len(data) - 1, 60).astype(int):
         path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
-        try:
-            words, arrays = read_snapshot(path)
-        except SnapshotError:
-            refused += 1
-        else:  # bytes of the archive that nobody reads, such as a member's date
-            clean = take_snapshot(detector, intake, set(), "mark")
-            assert words == clean[0]
-            for name, value in clean[1].items():
-                np.testing.assert_array_equal(arrays[name], value)
-    assert refused > 50
+        with pytest.raises(SnapshotError, match="--fresh"):
+            read_snapshot(path)
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(SnapshotError, match="--fresh"):
         read_snapshot(path)

@@ -438,4 +438,4 @@ def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path)
     assert "12 frames that came" in err
     assert [json.loads(line)["event"] for line in out.splitlines()] == ["alarm"] * len(out.splitlines())
     assert (tmp_path / "out" / "alarms.csv").is_file()
-    assert (tmp_path / "out" / "snapshot.npz").is_file()
+    assert (tmp_path / "out" / "snapshot.bundle").is_file()

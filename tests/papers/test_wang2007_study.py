@@ -11,6 +11,7 @@ from flgpr.chain.classifier import CLASSIFIER_A
 from flgpr.chain.progress import silent
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.io import write_bundle
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.simulate import Simulator, draw_world
@@ -130,11 +131,11 @@ def fake_examples(path):
     arrays |= {"series": rng.random((5, 39, 25)), "series_place": np.zeros((5, 2))}
     arrays |= {"signature": rng.random((39, 25)), "gain": rng.random((39, 25))}
     path.parent.mkdir(parents=True)
-    np.savez(path, **arrays)
+    write_bundle(path, arrays)
 
 
 def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool):
-    fake_examples(tmp_path / "results" / "examples.npz")
+    fake_examples(tmp_path / "results" / "examples.bundle")
     blind = [fake_lane("b1", 5)]
     recipe = load_recipe("wang2007")
     page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent)

@@ -21,8 +21,8 @@ class Sharpness(FeatureStage):
         super().__init__(settings, setup, learnt)
         self.columns = tuple(f"sharp_{label}" for label in setup.imager.run["polarization"].values)
 
-    def of_image(self, image, places):
+    def of_image(self, image, points):
         angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-        ring = places[:, None] + self.settings.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        centre, around = sample_scan(image, places)[:, 0], sample_scan(image, ring)[:, 0].mean(axis=-1)
+        ring = points[:, None] + self.settings.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        centre, around = sample_scan(image, points)[:, 0], sample_scan(image, ring)[:, 0].mean(axis=-1)
         return dict(zip(self.columns, 20 * np.log10(centre / around), strict=True))

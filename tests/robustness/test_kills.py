@@ -15,7 +15,7 @@ import pytest
 
 from flgpr import tasks
 from flgpr.execution import checkpoint
-from flgpr.execution.lane_run import homes_at
+from flgpr.execution.lane_run import results_at
 from flgpr.io import open_run
 from flgpr.results.result import ResultError, read_result
 from robust import content, digests
@@ -107,7 +107,7 @@ def test_kills_of_a_detection(lane, tmp_path):
 def test_kills_of_a_detection_in_sections(lane, tmp_path):
     def state(folder):
         found = {name: digest for name, digest in digests(folder).items() if "manifest" not in name}
-        return {**found, **{home.name: content(home) for home in homes_at(folder)}}
+        return {**found, **{home.name: content(home) for home in results_at(folder)}}
 
     def check():
         """What is there is whole or absent."""

@@ -20,8 +20,8 @@ from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.cli import app
 from flgpr.execution import lane_run
 from flgpr.execution.checkpoint import finish
-from flgpr.execution.lane_run import detect_lane, homes_at
-from flgpr.execution.survey import executor_for
+from flgpr.execution.executors import Here
+from flgpr.execution.lane_run import detect_lane, results_at
 from flgpr.model import Lane
 from flgpr.results.result import ResultError, join_sections, read_result
 from flgpr.tasks.scoring import score_alarms
@@ -39,7 +39,7 @@ def folder(lane, tmp_path_factory):
 
 
 def results(folder):
-    return [read_result(home) for home in homes_at(folder)]
+    return [read_result(home) for home in results_at(folder)]
 
 
 def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
@@ -54,11 +54,11 @@ def test_sections_hold_the_run_view_of_the_whole_lane(lane, folder):
 
 def test_sections_are_joined_for_the_report_and_thinned_if_they_are_long(lane, folder):
     whole = lane.result
-    joined = join_sections(folder, homes_at(folder))
+    joined = join_sections(folder, results_at(folder))
     assert joined.lane == whole.lane
     assert joined.recipe_text == whole.recipe_text
     xr.testing.assert_identical(joined.detections[0].view, whole.detections[0].view)
-    few, full = join_sections(folder, homes_at(folder), most=24).detections[0].view, whole.detections[0].view
+    few, full = join_sections(folder, results_at(folder), most=24).detections[0].view, whole.detections[0].view
     assert few.sizes["y"] <= 24 < full.sizes["y"]
     np.testing.assert_array_equal(few.max("y"), full.max("y"))
     np.testing.assert_array_equal(few["looks"].max("y"), full["looks"].max("y"))
@@ -93,9 +93,9 @@ def test_the_parts_of_the_lane_meet_and_hold_their_alarms(lane, folder):
 
 def test_sections_do_not_depend_on_who_works(lane, folder, tmp_path):
     other = tmp_path / "result"
-    tasks.detect_long(*lane.arguments, other, lane.area, report=False, section=2.0, workers=2)
+    tasks.detect_long(*lane.arguments, other, lane.area, report=False, section=2.0, how=tasks.How(workers=2))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
-    for one, two in zip(homes_at(folder), homes_at(other), strict=True):
+    for one, two in zip(results_at(folder), results_at(other), strict=True):
         assert content(one) == content(two)
     assert digests(folder)["alarms.csv"] == digests(other)["alarms.csv"]
 
@@ -113,13 +113,13 @@ def test_sections_go_on_where_they_were_stopped(lane, folder, pieces, tmp_path):
         if len(done) == pieces:
             raise _Stop
 
-    with executor_for() as executor:
+    with Here() as executor:
         with pytest.raises(_Stop):
             detect_lane(job, executor, note=note, longest=2.0)
         assert not (tmp_path / "result").exists()
         homes = detect_lane(job, executor, note=note, longest=2.0)
     assert len(done) == len(set(done))
-    for one, two in zip(homes_at(folder), homes, strict=True):
+    for one, two in zip(results_at(folder), homes, strict=True):
         assert content(one) == content(two)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
@@ -132,12 +132,12 @@ def test_a_stop_after_the_last_step_costs_nothing(lane, tmp_path, monkeypatch):
             raise _Stop
         finish(folder)
 
-    with executor_for() as executor:
+    with Here() as executor:
         monkeypatch.setattr(lane_run, "finish", stop)
         with pytest.raises(_Stop):
             detect_lane(job, executor, longest=4.0)
         monkeypatch.undo()
-        assert detect_lane(job, executor, note=done.append, longest=4.0) == homes_at(tmp_path / "result")
+        assert detect_lane(job, executor, note=done.append, longest=4.0) == results_at(tmp_path / "result")
     assert not done
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
 
@@ -149,7 +149,7 @@ def test_another_division_begins_anew(lane, tmp_path):
         if report["stage"] == "finish":
             raise _Stop
 
-    with executor_for() as executor:
+    with Here() as executor:
         with pytest.raises(_Stop):
             detect_lane(job, executor, note=stop, longest=2.0)
         detect_lane(job, executor, longest=4.0)
@@ -167,23 +167,23 @@ def test_another_division_begins_anew(lane, tmp_path):
 def test_the_viewer_shows_a_section_and_names_them(folder):
     with pytest.raises(ValueError, match=r"one of the sections of this lane \(section-01, .*section-04\)"):
         open_source(folder)
-    assert open_source(homes_at(folder)[1]).folder == (folder / "section-02").resolve()
+    assert open_source(results_at(folder)[1]).folder == (folder / "section-02").resolve()
 
 
 def test_a_section_is_replayed(folder):
-    assert tasks.replay(homes_at(folder)[1]) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
+    assert tasks.replay(results_at(folder)[1]) == {"identical": True, "agrees": True, "files": [], "difference": 0.0}
 
 
 def test_one_piece_takes_the_place_of_sections_and_the_other_way_round(lane, tmp_path):
     for section in (4.0, None, 4.0):
         tasks.detect_long(*lane.arguments, tmp_path / "result", lane.area, report=False, section=section)
-    assert len(homes_at(tmp_path / "result")) == 2
+    assert len(results_at(tmp_path / "result")) == 2
     assert not (tmp_path / "result" / "manifest.json").exists()
 
 
 def test_a_survey_with_sections_leaves_out_what_is_done(lane, tmp_path):
     done = []
-    options = {"lanes": [lane.area], "report": False, "section": 4.0, "note": done.append}
+    options = {"lanes": [lane.area], "report": False, "section": 4.0, "how": tasks.How(note=done.append)}
     first = tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", **options)
     assert [home.name for home in first] == ["section-01", "section-02"]
     row = json.loads((tmp_path / "out" / "survey.json").read_text())[0]
@@ -202,11 +202,11 @@ def test_an_altered_folder_of_sections_is_refused(folder, name, tmp_path):
     data[len(data) // 2] ^= 1
     (tmp_path / "copy" / name).write_bytes(data)
     with pytest.raises(ResultError):
-        homes_at(tmp_path / "copy")
+        results_at(tmp_path / "copy")
     (tmp_path / "copy" / name).unlink()
     if name != "sections.json":
         with pytest.raises(ResultError, match="missing"):
-            homes_at(tmp_path / "copy")
+            results_at(tmp_path / "copy")
 
 
 def test_the_command_line_takes_and_scores_sections(lane, tmp_path):

@@ -147,7 +147,7 @@ def test_a_run_too_long_for_a_recipe_that_keeps_images_is_refused(tmp_path):
     with pytest.raises(ValueError, match="max-memory"):
         tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "result", max_memory=10**8)
     with pytest.raises(ValueError, match="max-memory"):
-        tasks.detect_runs([sample_lane() / "run.zarr"], "demo", tmp_path / "several", max_memory=10**8)
+        tasks.detect_runs([sample_lane() / "run.zarr"], "demo", tmp_path / "several", how=tasks.How(max_memory=10**8))
     assert list(tmp_path.iterdir()) == []
 
 

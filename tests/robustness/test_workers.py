@@ -14,9 +14,8 @@ from flgpr import tasks
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.execution import checkpoint
 from flgpr.execution.checkpoint import WorkError, begin
-from flgpr.execution.executors import LostWorkersError, Processes
+from flgpr.execution.executors import Here, LostWorkersError, Processes
 from flgpr.execution.lane_run import detect_lane, passes_of_lane
-from flgpr.execution.survey import executor_for
 from flgpr.imaging import ScanImager
 from flgpr.io import sample_lane, save_run
 from robust import content, digests, small_job
@@ -134,7 +133,7 @@ def test_a_survey_is_one_command_and_goes_on_where_it_stopped(lane, tmp_path):
     save_run(run.isel(scan=slice(0, 30)), tmp_path / "b.zarr")
     done = []
     where = [tmp_path / "a.zarr", tmp_path / "b.zarr"], lane.recipe, tmp_path / "out"
-    options = {"lanes": [lane.area, lane.area], "report": False, "workers": 2, "note": done.append}
+    options = {"lanes": [lane.area, lane.area], "report": False, "how": tasks.How(workers=2, note=done.append)}
     first = tasks.detect_runs(*where, **options)
     assert content(first[0]) == lane.content
     assert {report["lane"] for report in done} == {"a", "b"}
@@ -258,7 +257,7 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, stop, tmp_path, mo
 
     monkeypatch.setattr(ScanImager, "image", counted)
     job = small_job(lane, tmp_path / "result")
-    with executor_for() as executor:
+    with Here() as executor:
         with pytest.raises(KeyboardInterrupt):
             detect_lane(job, executor)
         detect_lane(job, executor)

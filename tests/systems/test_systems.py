@@ -89,7 +89,7 @@ def test_two_workers_that_are_stopped_and_one_that_goes_on_give_the_same_bytes(s
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        system.detect("shared", note=note, workers=2)
+        system.detect("shared", how=tasks.How(note=note, workers=2))
     assert (system.folder / "shared.work").is_dir()
     system.detect("shared")
     assert system.digests("shared") == system.digests("result")

@@ -126,12 +126,12 @@ class EvidenceSums:
 
     def _nearest_scans(self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]) -> list[set[int]]:
         """Find the scans of every alarm that will be kept; all images have the pixels of this one."""
-        found: list[list[tuple[float, int]]] = [[] for _ in self._points]
+        seeing: list[list[tuple[float, int]]] = [[] for _ in self._points]
         for scan, pose in poses.items():
             local = lane_to_scan(self._points, pose)
             for number in _in_sight(image, local, self._y_max):
-                found[number].append((_distance(local[number]), scan))
-        return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in found]
+                seeing[number].append((_distance(local[number]), scan))
+        return [{scan for _, scan in sorted(some)[:MOST_SCANS]} for some in seeing]
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Give every look that is kept, and the coherency of the alarms in sight, to be taken in by another."""
@@ -180,8 +180,8 @@ class EvidenceSums:
         self._looks[number] = sorted(some, key=lambda one: (one.distance, one.scan))[:MOST_SCANS]
 
 
-def _distance(place: NDArray[np.float64]) -> float:
-    return float(np.hypot(place[0], place[1]))
+def _distance(point: NDArray[np.float64]) -> float:
+    return float(np.hypot(point[0], point[1]))
 
 
 def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> NDArray[np.intp]:
@@ -191,14 +191,14 @@ def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> 
 
 
 def _explain(
-    image: xr.DataArray, place: NDArray[np.float64], patch: PatchShape, tracer: Tracer | None
+    image: xr.DataArray, point: NDArray[np.float64], patch: PatchShape, tracer: Tracer | None
 ) -> NDArray[np.float16]:
-    around = place[:2] + patch.offsets()
-    away = place[:2] / max(float(np.hypot(*place[:2])), np.finfo(float).tiny)
-    along = place[:2] + _CUT[:, None] * away
-    parts = [decibels(sample_scan(image, points)).ravel() for points in (around, along)]
+    around = point[:2] + patch.offsets()
+    away = point[:2] / max(float(np.hypot(*point[:2])), np.finfo(float).tiny)
+    along = point[:2] + _CUT[:, None] * away
+    parts = [decibels(sample_scan(image, where)).ravel() for where in (around, along)]
     if tracer is not None:
-        parts.append(decibels(tracer(place)).ravel())
+        parts.append(decibels(tracer(point)).ravel())
     return np.concatenate(parts)
 
 
@@ -207,7 +207,7 @@ def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
     frequency = np.asarray(run["frequency"].values)
     tx, rx = (vehicle_to_scan(run[name].values, pose) for name in ("tx_position", "rx_position"))
     kernel = range_kernel(frequency, _TRACE)
-    return lambda place: focused_trace(signal, frequency, tx, rx, place, kernel)
+    return lambda point: focused_trace(signal, frequency, tx, rx, point, kernel)
 
 
 def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -241,20 +241,20 @@ def focused_trace(
     return np.asarray(np.abs(np.einsum("zf,fr->zr", beam, kernel)))  # too small for the threads of a matrix product
 
 
-def _coherency(image: xr.DataArray, places: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Sum k·k^H over 5 x 5 pixels about each place, k the Pauli vector; zero where a polarization is missing."""
     labels = [str(label) for label in image["polarization"].values]
     cross = [label for label in ("HV", "VH") if label in labels]
     if not ({"HH", "VV"} <= set(labels) and cross):
-        return np.zeros((len(places), 3, 3), np.complex128)
+        return np.zeros((len(points), 3, 3), np.complex128)
     x, y = image["x"].values, image["y"].values
     offset = np.arange(-2.0, 3.0)
-    row = ((places[:, 1] - y[0]) / (y[1] - y[0]))[:, None, None] + offset[:, None]
-    column = ((places[:, 0] - x[0]) / (x[1] - x[0]))[:, None, None] + offset
+    row = ((points[:, 1] - y[0]) / (y[1] - y[0]))[:, None, None] + offset[:, None]
+    column = ((points[:, 0] - x[0]) / (x[1] - x[0]))[:, None, None] + offset
     pixels = np.broadcast_arrays(row, column)
     hh, vv = (bilinear(image.values[labels.index(name)], *pixels) for name in ("HH", "VV"))
     hv = np.mean([bilinear(image.values[labels.index(name)], *pixels) for name in cross], axis=0)
-    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(places), 3, -1)) / np.sqrt(2)
+    vector = np.nan_to_num(np.stack([hh + vv, hh - vv, 2 * hv], axis=1).reshape(len(points), 3, -1)) / np.sqrt(2)
     return np.asarray(vector @ vector.conj().swapaxes(1, 2), dtype=np.complex128)
 
 

@@ -44,41 +44,41 @@ class RunImages:
         rows = min(every.ny, int(np.ceil((reach - every.y_min) / every.dy)) + 1)
         self.grid = Grid(every.x_min, every.y_min, every.nx, rows, every.dx, every.dy)
         self.setup = Setup(
-            run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(one) for one in wanted],
+            run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
             self.frames, known,
         )  # fmt: skip
         self.stages: dict[str, ClutterStage] = {}
         before = self._raw
-        for name, one in recipe.named().items():
-            if issubclass(one.of, ClutterStage):
-                stage = one.of(one.settings, self.setup, model.stages.get(name))
+        for name, named in recipe.named().items():
+            if issubclass(named.of, ClutterStage):
+                stage = named.of(named.settings, self.setup, model.stages.get(name))
                 stage.before = before
                 self.stages[name], before = stage, stage.data
-                if one.of.learns and name not in model.stages:
+                if named.of.learns and name not in model.stages:
                     break  # what comes after it works on what it will leave
         self.plain = not self.stages and self.frames == 1
         self._data = before
 
     def passes(self) -> list[Pass]:
         """List the passes that the clutter stages need beforehand."""
-        return [one for stage in self.stages.values() for one in stage.passes()]
+        return [each for stage in self.stages.values() for each in stage.passes()]
 
-    def image(self, place: int, data: ComplexArray | None = None) -> xr.DataArray:
-        """Whole image of the scan at a place among the complete ones; ``data`` stands in for a plain scan's own."""
-        scan = int(self.imager.scans[place])
+    def image(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
+        """Whole image of the scan at an index among the complete ones; ``data`` stands in for a plain scan's own."""
+        scan = int(self.imager.scans[index])
         if self.plain:
             return self.imager.image(scan, data)
-        frames = self._data(place, self.frames)[:, self.setup.imaged]
+        frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
             return self.imager.image(scan, frames[0])
-        points = scan_to_lane(self.imager.grid.points(), self.setup.pose(place))
+        points = scan_to_lane(self.imager.grid.points(), self.setup.pose(index))
         total = self.imager.operator(scan).adjoint(frames[-1])
-        for back, one in enumerate(frames[-2::-1], 1):
-            earlier = int(self.imager.scans[place - back])
-            where = lane_to_scan(points, self.setup.pose(place - back))
-            total += self.imager.operator_on(earlier, where, self.imager.subbands).adjoint(one)
+        for back, frame in enumerate(frames[-2::-1], 1):
+            earlier = int(self.imager.scans[index - back])
+            where = lane_to_scan(points, self.setup.pose(index - back))
+            total += self.imager.operator_on(earlier, where, self.imager.subbands).adjoint(frame)
         return self.imager.labelled(scan, np.asarray(total / np.float32(len(frames)), np.complex64))
 
-    def _raw(self, place: int, count: int) -> ComplexArray:
-        scans = self.setup.imager.scans[max(place - count + 1, 0) : place + 1]
+    def _raw(self, index: int, count: int) -> ComplexArray:
+        scans = self.setup.imager.scans[max(index - count + 1, 0) : index + 1]
         return np.stack([self.setup.imager.signal(int(scan)) for scan in scans])

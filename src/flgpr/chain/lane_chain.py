@@ -139,16 +139,16 @@ class CleanedRun:
     def __len__(self) -> int:
         return len(self.imager)
 
-    def scan(self, place: int) -> xr.DataArray:
-        """Image of the scan at a place among the complete ones, with its ``pose`` and number."""
+    def scan(self, index: int) -> xr.DataArray:
+        """Image of the scan at an index among the complete ones, with its ``pose`` and number."""
         if self._whole is not None:
-            return self._whole(place).isel(y=slice(self.grid.ny))
-        return self.imager.image(int(self.imager.scans[place]))
+            return self._whole(index).isel(y=slice(self.grid.ny))
+        return self.imager.image(int(self.imager.scans[index]))
 
-    def coherent(self, place: int) -> xr.DataArray:
-        """Give the cleaned image of the scan at a place, in units of its background, with its phase."""
-        image = self.scan(place)
-        return image.copy(data=self.background.own_coherent(image.values, self.gains[place]))
+    def coherent(self, index: int) -> xr.DataArray:
+        """Give the cleaned image of the scan at an index, in units of its background, with its phase."""
+        image = self.scan(index)
+        return image.copy(data=self.background.own_coherent(image.values, self.gains[index]))
 
 
 class StageSums:
@@ -163,8 +163,8 @@ class StageSums:
 
     def add(self, image: xr.DataArray) -> None:
         """Take in one cleaned image."""
-        found = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
-        values = np.stack([np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1)
+        columns = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
+        values = np.stack([np.asarray(columns[name], dtype=np.float64) for name in self.stage.columns], axis=1)
         self._total += np.nan_to_num(values)
         self._count += np.isfinite(values)
 
@@ -240,13 +240,13 @@ class LaneChain(Chain):
         self.images = RunImages(run, recipe, lane, self.model, known, others or {})
         self.imager, self.setup = self.images.imager, self.images.setup
         made = {
-            name: one.of(one.settings, self.setup, self.model.stages.get(name))
-            for name, one in names.items()
+            name: stage.of(stage.settings, self.setup, self.model.stages.get(name))
+            for name, stage in names.items()
             if not name.startswith("clutter.")
         }
-        self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
-        self._screener = next((one for one in made.values() if isinstance(one, ScreenStage)), None)
-        self._columns = {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
+        self.mapper = next((stage for stage in made.values() if isinstance(stage, MapStage)), None)
+        self._screener = next((stage for stage in made.values() if isinstance(stage, ScreenStage)), None)
+        self._columns = {name: stage for name, stage in made.items() if isinstance(stage, FeatureStage)}
         self.variations = variations_of(recipe)
         super().__init__(self._passes(made, truth), len(self.imager), known)
         self.grid = self.setup.view
@@ -266,18 +266,16 @@ class LaneChain(Chain):
         if learner in self.images.stages:
             stage = self.images.stages[learner]
             return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", lambda _: stage.examples(targets))]
-        suppresses = any(one.suppressed for one in self.variations)
+        suppresses = any(variation.suppressed for variation in self.variations)
         if suppresses:
             passes.append(Pass("roadside", "bright roadside", self._roadside, whole=True))
-        for one in self.variations:
+        for variation in self.variations:
             kinds = (self._signature, self._gain, self._view, self._features)
             titles = ("self-signature", "gain background", "run-view", "features")
             for kind, title in zip(kinds, titles, strict=True):
-                name = one.of(kind.__name__.removeprefix("_"))
-                whole = kind in (self._signature, self._gain)
-                passes.append(
-                    Pass(name, f"{one.name}: {title}" if one.name != MAIN else title, partial(kind, one), whole)
-                )
+                name = variation.of(kind.__name__.removeprefix("_"))
+                label = title if variation.name == MAIN else f"{variation.name}: {title}"
+                passes.append(Pass(name, label, partial(kind, variation), kind in (self._signature, self._gain)))
                 if name == "gain" and self.mapper is not None and made.get(learner) is self.mapper:
                     examples = partial(self._map_examples, self.mapper, targets)
                     return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", examples)]
@@ -298,36 +296,37 @@ class LaneChain(Chain):
         """The run's cleaned images; needs the pass "gain"."""
         return self._cleaned_by(self.variations[0])
 
-    def _cleaned_by(self, one: Variation) -> CleanedRun:
-        if one.name not in self._cleaned:
-            whole = None if len(self.variations) == 1 else partial(self._image, suppressed=one.suppressed)
-            self._cleaned[one.name] = CleanedRun(self.images, self.known[one.of("gain")], whole)
-        return self._cleaned[one.name]
+    def _cleaned_by(self, variation: Variation) -> CleanedRun:
+        if variation.name not in self._cleaned:
+            whole = None if len(self.variations) == 1 else partial(self._image, suppressed=variation.suppressed)
+            self._cleaned[variation.name] = CleanedRun(self.images, self.known[variation.of("gain")], whole)
+        return self._cleaned[variation.name]
 
-    def raised(self, one: Variation | None = None) -> pd.DataFrame:
+    def raised(self, variation: Variation | None = None) -> pd.DataFrame:
         """Give the prescreener's alarms of a variation, by default the recipe's own; needs its pass "view"."""
-        known = self.known[(one or self.variations[0]).of("view")]
+        known = self.known[(variation or self.variations[0]).of("view")]
         table, threshold = array_table(group_of(known, "maximum")), self.section.threshold
         if threshold is None:
             threshold = lane_threshold(self.recipe, self.lane, table, int(known["seen"]))
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
-    def found(self, one: Variation | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    def ranked_alarms(self, variation: Variation | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Give ranked alarms and their features of a variation, by default the recipe's own.
 
         Needs its pass "features". Those that have no confidence are left out.
         """
-        return self._ranked(one or self.variations[0])[:2]
+        return self._ranked(variation or self.variations[0])[:2]
 
-    def _ranked(self, one: Variation) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
+    def _ranked(self, variation: Variation) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
         """Give ranked alarms, their features, and their numbers among those that were raised."""
-        features, alarms = array_table(group_of(self.known[one.of("features")], "feature")), self.raised(one)
+        features = array_table(group_of(self.known[variation.of("features")], "feature"))
+        alarms = self.raised(variation)
         more = alarms[[name for name in alarms.columns if name not in ("x", "y", "magnitude")]]
         features = pd.concat([features, more], axis=1)
         detector, read = self.model.detector, features.assign(magnitude=alarms["magnitude"])
         alarms["confidence"] = read[self._single] if detector is None else detector.confidence(read)
         alarms["scans"] = features["scans"]
-        if one.name == MAIN and "share" in self.passes:
+        if variation.name == MAIN and "share" in self.passes:
             total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
             features = features.assign(roadside=np.sqrt(modelled / np.maximum(total, np.finfo(float).tiny)))
         alarms, features, numbers = ranked(alarms, features)
@@ -345,37 +344,36 @@ class LaneChain(Chain):
             return self.recipe.confidence
         return f"C_{table.polarization}_{table.subband}"
 
-    def detection(self, one: Variation | None = None) -> Detection:
+    def detection(self, variation: Variation | None = None) -> Detection:
         """Give alarms, features and run-view of a variation, by default the recipe's own; needs its pass "features"."""
-        one = one or self.variations[0]
-        alarms, features = self.found(one)
-        return Detection(
-            one.name, one.title, alarms, self._own_view(one.of("view")), self._notes(one), features=features
-        )
+        variation = variation or self.variations[0]
+        alarms, features = self.ranked_alarms(variation)
+        view, notes = self._own_view(variation.of("view")), self._notes(variation)
+        return Detection(variation.name, variation.title, alarms, view, notes, features=features)
 
     def detections(self) -> list[Detection]:
         """Give what every variation found, the recipe's own first, and what explains it; needs all passes."""
         screen, several = self.recipe.prescreen, []
-        for one in self.variations:
-            found, sums = self.detection(one), self._evidence_sums(one)
-            sums.merge(group_of(self.known[one.of("features")], "evidence"))
-            features, detector = found.features, self.model.detector
+        for variation in self.variations:
+            detection, sums = self.detection(variation), self._evidence_sums(variation)
+            sums.merge(group_of(self.known[variation.of("features")], "evidence"))
+            features, detector = detection.features, self.model.detector
             if detector is None or features is None:
-                shares = pd.DataFrame({self._single: found.alarms["confidence"].to_numpy()})
+                shares = pd.DataFrame({self._single: detection.alarms["confidence"].to_numpy()})
             else:
                 shares = detector.contributions(features)
-            before = self._before() if one.name == MAIN else None
-            explained = in_order(sums.result(), self._ranked(one)[2])
+            before = self._before() if variation.name == MAIN else None
+            explained = in_order(sums.result(), self._ranked(variation)[2])
             channel = screen.polarization, screen.subband
-            several.append(replace(found, channel=channel, contributions=shares, evidence=explained, before=before))
+            several.append(replace(detection, channel=channel, contributions=shares, evidence=explained, before=before))
         return several
 
-    def _notes(self, one: Variation) -> dict[str, Any]:
+    def _notes(self, variation: Variation) -> dict[str, Any]:
         notes: dict[str, Any] = {}
         detector = self.model.detector
         if self.recipe.features is not None or detector is not None:
             notes["confidence"] = self._single if detector is None else " + ".join(detector.features)
-        if "share" in self.passes and (one.name == MAIN or one.suppressed):
+        if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
             points, peaks = self.known["roadside"]["points"], self.known["share"]["peaks"]
             notes["mask_pixels"] = len(points)
             if len(points):
@@ -383,14 +381,14 @@ class LaneChain(Chain):
                 notes["mask_peak_reduced_by_db"] = round(20 * float(np.log10(peaks[0] / peaks[1])), 1)
         return notes
 
-    def _image(self, place: int, suppressed: bool) -> xr.DataArray:
-        """Whole image of the scan at a place among the complete ones, without the roadside if wanted."""
-        if (place, suppressed) in self._images:
-            return self._images[place, suppressed]
-        scan = int(self.imager.scans[place])
-        image = self.images.image(place, self._without_roadside(scan) if suppressed else None)
+    def _image(self, index: int, suppressed: bool) -> xr.DataArray:
+        """Whole image of the scan at an index among the complete ones, without the roadside if wanted."""
+        if (index, suppressed) in self._images:
+            return self._images[index, suppressed]
+        scan = int(self.imager.scans[index])
+        image = self.images.image(index, self._without_roadside(scan) if suppressed else None)
         if self._remembers:
-            self._images[place, suppressed] = image
+            self._images[index, suppressed] = image
         return image
 
     def _without_roadside(self, scan: int) -> NDArray[np.complex64] | None:
@@ -412,16 +410,16 @@ class LaneChain(Chain):
     def _roadside(self, block: range | None) -> Accumulator:  # noqa: ARG002
         """Find the ground beside the lane that outshines everything in it."""
         table, image, lane = self._suppression, self.imager.grid, self.lane
-        place = self.run["pose"].values[self.imager.scans]
-        x = image.x_min + place[:, 0].min(), image.x[-1] + place[:, 0].max()
-        far = min(lane.y_max, image.y[-1] + place[:, 1].max())
+        poses = self.run["pose"].values[self.imager.scans]
+        x = image.x_min + poses[:, 0].min(), image.x[-1] + poses[:, 0].max()
+        far = min(lane.y_max, image.y[-1] + poses[:, 1].max())
         grid = Grid.spanning(x, (lane.y_min, far), table.spacing)
         sums = RunViewSums(grid, np.inf)
 
-        def add(place: int) -> None:
-            one = self._image(place, suppressed=False)
-            power = np.mean(np.abs(one.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True)
-            sums.add(np.sqrt(power), self.imager.grid, np.asarray(one.attrs["pose"]))
+        def add(index: int) -> None:
+            whole = self._image(index, suppressed=False)
+            power = np.mean(np.abs(whole.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True)
+            sums.add(np.sqrt(power), self.imager.grid, np.asarray(whole.attrs["pose"]))
 
         def result() -> Arrays:
             inside = lane.contains(*np.meshgrid(grid.x, grid.y))
@@ -439,16 +437,16 @@ class LaneChain(Chain):
         sums = {name: np.zeros(len(alarms)) for name in ("total", "modelled")}
         peaks = np.zeros(2)
 
-        def add(place: int) -> None:
-            both = [self._image(place, suppressed) for suppressed in (False, True)]
+        def add(index: int) -> None:
+            both = [self._image(index, suppressed) for suppressed in (False, True)]
             pose = np.asarray(both[0].attrs["pose"])
             grid, local = self.imager.grid, lane_to_scan(centres, pose)
             where = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
-            before, after = (bilinear(one.sel(channel).values, *where) for one in both)
+            before, after = (bilinear(image.sel(channel).values, *where) for image in both)
             sums["total"] += np.nan_to_num(np.abs(before) ** 2)
             sums["modelled"] += np.nan_to_num(np.abs(before - after) ** 2)
-            for k, one in enumerate(both if len(points) else ()):
-                values = sample_scan(one.sel(subband=self._suppression.subband), lane_to_scan(points, pose))
+            for k, image in enumerate(both if len(points) else ()):
+                values = sample_scan(image.sel(subband=self._suppression.subband), lane_to_scan(points, pose))
                 peaks[k] = max(peaks[k], float(np.nanmax(values, initial=0.0)))
 
         def merge(state: Mapping[str, NDArray[Any]]) -> None:
@@ -461,10 +459,10 @@ class LaneChain(Chain):
 
         return Accumulator(add, lambda _: state(), merge, state)
 
-    def _signature(self, one: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
-        tool = self._estimator(one)
+    def _signature(self, variation: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
+        tool = self._estimator(variation)
         return Accumulator(
-            lambda place: tool.add_signature(self._image(place, one.suppressed).values),
+            lambda index: tool.add_signature(self._image(index, variation.suppressed).values),
             tool.first_sums,
             tool.take_first,
             tool.first_result,
@@ -473,28 +471,29 @@ class LaneChain(Chain):
     def _map_examples(self, mapper: MapStage, truth: pd.DataFrame, block: range | None) -> Accumulator:  # noqa: ARG002
         return mapper.examples(truth, self.cleaned.coherent)
 
-    def _gain(self, one: Variation, block: range | None) -> Accumulator:
-        tool, first, how = self._estimator(one), self.known[one.of("signature")], self.recipe.background.gain
+    def _gain(self, variation: Variation, block: range | None) -> Accumulator:
+        tool, first = self._estimator(variation), self.known[variation.of("signature")]
+        how = self.recipe.background.gain
         if how == "none":
             return Accumulator(lambda _: None, lambda _: {}, lambda _: None, lambda: self._level(first, np.ones(1)))
         if how == "rows":
-            return self._rows_gain(one, first)
+            return self._rows_gain(variation, first)
         tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
         return Accumulator(
-            lambda place: tool.add_gain(self._image(place, one.suppressed).values),
+            lambda index: tool.add_gain(self._image(index, variation.suppressed).values),
             lambda _: tool.second_sums(),
             tool.take_second,
             lambda: {"gains": first["gains"]} | vars(tool.result()),
         )
 
-    def _rows_gain(self, one: Variation, first: Mapping[str, NDArray[Any]]) -> Accumulator:
+    def _rows_gain(self, variation: Variation, first: Mapping[str, NDArray[Any]]) -> Accumulator:
         """Take the median magnitude of every row near the middle, mean over the scans."""
         within = self.recipe.background.within or np.inf
         near = np.abs(self.imager.grid.x) <= within
         sums = {"total": np.zeros((*first["signature"].shape[:3], 1)), "count": np.zeros(1)}
 
-        def add(place: int) -> None:
-            image = self._image(place, one.suppressed).values / first["gains"][place][..., None, None]
+        def add(index: int) -> None:
+            image = self._image(index, variation.suppressed).values / first["gains"][index][..., None, None]
             level = np.abs(image - first["signature"])[..., near]
             sums["total"] += np.median(level, axis=-1, keepdims=True)
             sums["count"] += 1
@@ -516,21 +515,21 @@ class LaneChain(Chain):
         background = Background(first["signature"], gain, first["shared"], shared)
         return {"gains": first["gains"]} | vars(background)
 
-    def _estimator(self, one: Variation) -> BackgroundEstimator:
+    def _estimator(self, variation: Variation) -> BackgroundEstimator:
         table = self.recipe.background
-        return BackgroundEstimator(*table.windows(*self.recipe.image.steps), table.median_step, one.signature)
+        return BackgroundEstimator(*table.windows(*self.recipe.image.steps), table.median_step, variation.signature)
 
-    def _view(self, one: Variation, block: range | None) -> Accumulator:
-        sums, cleaned = self._look_sums(block), self._cleaned_by(one)
-        before = self._view_sums(block) if self._explains and one.name == MAIN and not self.untrained else None
+    def _view(self, variation: Variation, block: range | None) -> Accumulator:
+        sums, cleaned = self._look_sums(block), self._cleaned_by(variation)
+        before = self._view_sums(block) if self._explains and variation.name == MAIN and not self.untrained else None
 
-        def add(place: int) -> None:
-            image = cleaned.scan(place)
+        def add(index: int) -> None:
+            image = cleaned.scan(index)
             if self.mapper is not None:
-                coherent = cleaned.background.own_coherent(image.values, cleaned.gains[place])
+                coherent = cleaned.background.own_coherent(image.values, cleaned.gains[index])
                 magnitude = self.mapper.map(image.copy(data=coherent))[None, None]
             else:
-                magnitude = cleaned.background.magnitude(image.values, cleaned.gains[place])
+                magnitude = cleaned.background.magnitude(image.values, cleaned.gains[index])
             sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
             if before is not None:
                 before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
@@ -558,13 +557,13 @@ class LaneChain(Chain):
 
     def _raise(self, view: xr.DataArray, chosen: xr.DataArray) -> pd.DataFrame:
         """Give what may become alarms in the section's own rows, with the features that the run-view has of it."""
-        found = (
+        maxima = (
             local_maxima(chosen, self.recipe.prescreen.radius)
             if self._screener is None
             else self._screener.alarms(view).select_dtypes("number")
         )
         y, half = self.grid.y[self.section.rows], self.grid.dy / 2  # what lies between two rows belongs to the nearer
-        own = found[(found["y"] >= y[0] - half) & (found["y"] < y[-1] + half)].reset_index(drop=True)
+        own = maxima[(maxima["y"] >= y[0] - half) & (maxima["y"] < y[-1] + half)].reset_index(drop=True)
         for stage in self._columns.values():
             own = own.assign(**stage.of_view(view, own[["x", "y"]].to_numpy(dtype=np.float64)))
         return own
@@ -574,17 +573,17 @@ class LaneChain(Chain):
         """Run-view of the whole lane, for stages that learn from it; needs the pass "view"."""
         return self._own_view("view")
 
-    def _features(self, one: Variation, block: range | None) -> Accumulator:
-        cleaned, alarms = self._cleaned_by(one), self.raised(one)
+    def _features(self, variation: Variation, block: range | None) -> Accumulator:
+        cleaned, alarms = self._cleaned_by(variation), self.raised(variation)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
         sums, evidence = self._feature_sums(alarms.iloc[near], cleaned.grid), None
         if self._explains:
-            evidence = self._evidence_sums(one, None if block is None else self._poses_near(block))
+            evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
         table, labels = self.recipe.contrast, [str(label) for label in self.imager.run["polarization"].values]
         channel = labels.index(table.polarization), list(self.recipe.image.subbands).index(table.subband)
 
-        def add(place: int) -> None:
-            image, gain = cleaned.scan(place), cleaned.gains[place]
+        def add(index: int) -> None:
+            image, gain = cleaned.scan(index), cleaned.gains[index]
             values, pose = image.values, np.asarray(image.attrs["pose"])
             magnitude = cleaned.background.magnitude(values, gain)
             coherent = cleaned.background.coherent(values, gain) if self.recipe.features is not None else values
@@ -625,7 +624,7 @@ class LaneChain(Chain):
         """
         recipe, table = self.recipe, self.recipe.features
         stages: dict[str, FeatureSums | ContrastSums | StageSums] = {
-            name: StageSums(one, alarms) for name, one in self._columns.items() if one.columns
+            name: StageSums(stage, alarms) for name, stage in self._columns.items() if stage.columns
         }
         if table is None:
             return {"": ContrastSums(alarms, grid, recipe.run_view.y_max, recipe.contrast.patch()), **stages}
@@ -635,14 +634,14 @@ class LaneChain(Chain):
         if table.variants:
             settings |= {SWAPPED: main.swapped()}
             settings |= {PAPER: FeatureSettings(main.patch, main.inner, main.y_max, "linear")}
-        return {name: FeatureSums(alarms, *channels, grid, one) for name, one in settings.items()} | stages
+        return {name: FeatureSums(alarms, *channels, grid, own) for name, own in settings.items()} | stages
 
     def _feature_table(self, sums: Mapping[str, FeatureSums | ContrastSums | StageSums]) -> pd.DataFrame:
         """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
         tables = []
-        for name, one in sums.items():
-            columns = one.table()
-            if isinstance(one, StageSums):
+        for name, some in sums.items():
+            columns = some.table()
+            if isinstance(some, StageSums):
                 tables.append(columns)
                 continue
             if name == PAPER:
@@ -659,8 +658,8 @@ class LaneChain(Chain):
         farthest, y = np.hypot(max(abs(x_min), abs(x_max)), y_max), alarms["y"].to_numpy(dtype=np.float64)
         return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
 
-    def _evidence_sums(self, one: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
-        contrast, alarms = self.recipe.contrast, self.raised(one).iloc[:MOST_GATHERED]
+    def _evidence_sums(self, variation: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
+        contrast, alarms = self.recipe.contrast, self.raised(variation).iloc[:MOST_GATHERED]
         return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband, poses)
 
     def _poses_near(self, block: range) -> dict[int, FloatArray]:

@@ -30,10 +30,10 @@ _PER_ALARM = 4000.0  # features and their sums, bytes per alarm and sub-band
 
 def parse_size(text: str) -> int:
     """Read a size in bytes: "2GB" is 2·10⁹, "2GiB" is 2·2³⁰."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-zA-Z]*)\s*", text)
-    if not found or found[2].upper() not in _UNITS or float(found[1]) <= 0:
+    size = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([a-zA-Z]*)\s*", text)
+    if not size or size[2].upper() not in _UNITS or float(size[1]) <= 0:
         raise ValueError(f"max-memory must be a size such as 2GB or 500MB, got {text!r}")
-    return int(float(found[1]) * _UNITS[found[2].upper()])
+    return int(float(size[1]) * _UNITS[size[2].upper()])
 
 
 def sizes_of(run: xr.Dataset) -> dict[str, int]:

@@ -5,20 +5,19 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.classifier import Classifier
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.passes import Arrays
-from flgpr.io import check_free_folder, inside, read_limited, replace_folder, seal, sha256, unseal, write_whole
+from flgpr.io import Bundle, check_free_folder, read_limited, replace_folder, write_bundle
 
 FORMAT, VERSION = "flgpr-model", 1
+MODEL_FILE = "model.bundle"
 Detector = Classifier | TrainedEstimator
 
 
@@ -37,7 +36,7 @@ def as_model(model: Model | Detector | None) -> Model:
 
 
 def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None) -> Path:
-    """Write a model: ``model.json`` and one ``STAGE.NAME.npy`` per array; whole or not at all.
+    """Write a model, a folder with one bundle of arrays and words; whole or not at all.
 
     ``folder`` is made or, if it holds a model, replaced; anything else there is a FileExistsError. ``notes`` are
     added to its own.
@@ -47,12 +46,9 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
+    own: dict[str, Any] = {}
     if model.detector is not None:
-        groups["detector"] = model.detector.arrays()
-    content = {f"{stage}.{name}.npy": _npy(array) for stage, group in groups.items() for name, array in group.items()}
-    for name, data in content.items():
-        write_whole(partial / name, data)
-    own = {} if model.detector is None else model.detector.notes
+        groups["detector"], own = model.detector.arrays(), model.detector.notes
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -60,64 +56,40 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
         "detector": None if model.detector is None else model.detector.about(),
         "stages": list(model.stages),
         "notes": {**model.notes, **own, **(notes or {})},
-        "files": {name: sha256(data) for name, data in content.items()},
     }
-    write_whole(partial / "model.json", seal(about))
+    arrays = {f"{stage}.{name}": array for stage, group in groups.items() for name, array in group.items()}
+    write_bundle(partial / MODEL_FILE, arrays, about, lasting=True)
     replace_folder(partial, folder)
     return folder
 
 
 def check_free_model(folder: str | Path) -> Path:
     """Make sure that a model may be written at a place: nothing, or another model, lies there."""
-    return check_free_folder(folder, ("model.json",), "model")
+    return check_free_folder(folder, (MODEL_FILE,), "model")
 
 
 def load_model(folder: str | Path) -> Model:
     """Read a model of :func:`save_model`; a ValueError if it is none, or a file is missing or altered."""
-    folder = Path(folder)
+    path = Path(folder) / MODEL_FILE
     try:
-        about = _about(folder)
-        arrays = {name: _checked(inside(folder, name), digest) for name, digest in about["files"].items()}
+        read_limited(path)  # of a size that may be read
+        bundle = Bundle(path)
+        about = bundle.about
+        if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
         groups: dict[str, Arrays] = {str(name): {} for name in [*about["stages"], "detector"]}
-        for name, array in arrays.items():
-            stage, _, which = name.removesuffix(".npy").rpartition(".")
+        for name, array in bundle.items():
+            stage, _, which = name.rpartition(".")
             groups[stage][which] = array
         own, notes = groups.pop("detector"), dict(about["notes"])
         detector: Detector | None = None
         if about["detector"] is not None:
             kind = Classifier if about["detector"]["estimator"] == "fisher" else TrainedEstimator
             detector = kind.restored(about["detector"], own, notes)
-    except FileNotFoundError as error:
-        raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
+    except FileNotFoundError:
+        raise ValueError(f"model {folder}: not a whole model: {path} is missing") from None
     except ValueError as error:
-        raise ValueError(f"model {folder}: {str(error).removeprefix(f'model {folder}: ')}") from None
+        raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over
         raise ValueError(f"model {folder}: it cannot be read ({error!r})") from None
     return Model(detector, groups, notes)
-
-
-def _about(folder: Path) -> dict[str, Any]:
-    data = read_limited(folder / "model.json")
-    try:
-        about = unseal(data)
-        if (about["format"], about["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        return about
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"model {folder}: model.json is altered: {error}") from None
-
-
-def _npy(array: NDArray[Any]) -> bytes:
-    buffer = BytesIO()
-    np.save(buffer, array, allow_pickle=False)
-    return buffer.getvalue()
-
-
-def _checked(path: Path, digest: str) -> NDArray[Any]:
-    data = path.read_bytes()
-    if sha256(data) != digest:
-        raise ValueError(f"model {path.parent}: {path.name} differs from what was written")
-    try:
-        return np.asarray(np.load(BytesIO(data), allow_pickle=False))
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise ValueError(f"{path.name} cannot be read ({error!r})") from None

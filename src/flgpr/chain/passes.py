@@ -30,7 +30,7 @@ class Accumulator:
     Attributes
     ----------
     add : callable
-        Takes in one scan, by its place among the complete ones.
+        Takes in one scan, by its index among the complete ones.
     state : callable
         Gives everything gathered so far; told True exactly, to go on with the same bits, else as the result needs it.
     merge : callable
@@ -110,8 +110,8 @@ class Chain:
         """Work on one block of a pass and give what was gathered of it."""
         block = self.blocks[number]
         gathered = self.passes[name].start(block)
-        for place in going(block, gathered):
-            gathered.add(place)
+        for index in going(block, gathered):
+            gathered.add(index)
         return gathered.state(False)
 
     def fold(self, name: str, parts: Iterable[Arrays]) -> Arrays:

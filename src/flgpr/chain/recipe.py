@@ -309,9 +309,9 @@ class Recipe(Table):
                 raise ValueError(f"{name}.subband must be one of image.subbands ({known}), got {subband!r}")
         views = self.run_view.channels(list(self.image.subbands))
         if self.prescreen.subband not in views:
-            place = "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
+            where = "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
             raise ValueError(
-                f"prescreen.subband must be one of {place} ({', '.join(views)}), got {self.prescreen.subband!r}"
+                f"prescreen.subband must be one of {where} ({', '.join(views)}), got {self.prescreen.subband!r}"
             )
         if self.map is not None and self.prescreen.polarization != self.map.stage:
             raise ValueError(
@@ -404,12 +404,12 @@ def parse_recipe(text: str, source: str = "recipe") -> Recipe:
 
 
 def _fault(text: str, fault: Any) -> str:
-    place = [part for part in fault["loc"] if isinstance(part, str)]
-    line = line_of(text, place)
+    names = [part for part in fault["loc"] if isinstance(part, str)]
+    line = line_of(text, names)
     return f"{f'line {line}: ' if line else ''}{describe_fault(fault, Recipe, 'recipe')}"
 
 
-def line_of(text: str, place: Sequence[str]) -> int | None:
+def line_of(text: str, names: Sequence[str]) -> int | None:
     """Find the line, counted from 1, of an entry of a TOML text, given the names of its tables and its own.
 
     Else that of the innermost table that is there; None if none of them is.
@@ -426,7 +426,7 @@ def line_of(text: str, place: Sequence[str]) -> int | None:
             here = [*table, *_names(entry.group(1))]
         else:
             continue
-        if list(place[: len(here)]) == here and len(here) > best[0]:
+        if list(names[: len(here)]) == here and len(here) > best[0]:
             best = len(here), number
     return best[1]
 

@@ -95,17 +95,15 @@ def detect(
     if recipe is None and not (quiet or as_json):
         typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
     with plain_errors(), progress(quiet or as_json) as track:
-        options: dict[str, Any] = {"model": model, "workers": workers, "scheduler": scheduler}
-        options |= {"max_memory": tasks.parse_size(max_memory), "section": section}
-        others = _others(beside, len(runs))
+        how, others = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track), _others(beside, len(runs))
         if len(runs) > 1:
-            more: dict[str, Any] = {"lanes_at_once": lanes_at_once, "others": others}
-            folders = tasks.detect_runs(runs, recipe, output, lane, track, **more, **options)
+            options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how}
+            folders = tasks.detect_runs(runs, recipe, output, lane, model, section, others, **options)
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
             where = lane[0] if lane else None
-            folders = tasks.detect_long(runs[0], recipe, output, where, track, others=others[0], **options)
+            folders = tasks.detect_long(runs[0], recipe, output, where, model, section, others[0], how=how)
         summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
         typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))

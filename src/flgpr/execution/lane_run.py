@@ -10,7 +10,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import pandas as pd
 
 from flgpr.chain.lane_chain import LaneChain, array_table
 from flgpr.chain.memory import plan_sections, sizes_of
+from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.passes import Pass, group_of, part_name
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe
@@ -133,78 +134,71 @@ class _Drive:
 
 def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
-    home = Path(job.output).with_name(Path(job.output).name + ".sections")
+    gathering = Path(job.output).with_name(Path(job.output).name + ".sections")
     width = max(2, len(str(len(sections))))
     names = [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
-    told = {"rows": [[section.start, section.stop] for section in sections]}
+    cut = {"rows": [[section.start, section.stop] for section in sections]}
     folders = [Path(job.output) / name for name in names]
-    with begin(job.work, job.identity() | told) as shared:
-        if "threshold" in shared and not home.exists() and _is_whole(job) and homes_at(job.output) == folders:
+    with begin(job.work, job.identity() | cut) as shared:
+        if "threshold" in shared and not gathering.exists() and _is_whole(job) and results_at(job.output) == folders:
             finish(job.work)  # it was stopped after its last step but this
             return folders
-        _prepare(home, names if len(shared) else ())
+        _prepare(gathering, names if len(shared) else ())
         drive.passes(job, shared, plan(lambda one: one.whole))
-        jobs = [
-            replace(job, output=str(home / name), section=section, shared=str(job.work))
+        parts = {
+            name: replace(job, output=str(gathering / name), section=section, shared=str(job.work))
             for name, section in zip(names, sections, strict=True)
-        ]
+        }
         if "threshold" not in shared:
-            for name, one in zip(names, jobs, strict=True):
-                with _work_of(one) as work:
-                    drive.passes(one, work, plan(lambda p: p.name == "view", one.section), f"{name}: ")
-            shared["threshold"] = {"threshold": np.array(_threshold(job, jobs))}
+            for name, part in parts.items():
+                with begin(part.work, part.identity()) as work:
+                    drive.passes(part, work, plan(lambda p: p.name == "view", part.section), f"{name}: ")
+            shared["threshold"] = {"threshold": np.array(_threshold(job, list(parts.values())))}
         threshold = float(shared["threshold"]["threshold"])
-        jobs = [
-            replace(one, section=replace(section, threshold=threshold))
-            for one, section in zip(jobs, sections, strict=True)
-        ]
-        for name, one in zip(names, jobs, strict=True):
-            if not is_done(one):
-                with _work_of(one) as work:
-                    drive.passes(one, work, plan(lambda p: not p.whole, one.section), f"{name}: ")
-                    drive.finish(one, f"{name}: ")
-                    finish(one.work)
-        _bring_together(job, home, names)
+        for (name, part), section in zip(parts.items(), sections, strict=True):
+            part = replace(part, section=replace(section, threshold=threshold))
+            if not is_done(part):
+                with begin(part.work, part.identity()) as work:
+                    drive.passes(part, work, plan(lambda p: not p.whole, part.section), f"{name}: ")
+                    drive.finish(part, f"{name}: ")
+                    finish(part.work)
+        _bring_together(job, gathering, names)
         finish(job.work)
     return folders
 
 
-def _work_of(job: LaneJob) -> AbstractContextManager[Checkpoint]:
-    return begin(job.work, job.identity())
-
-
-def _prepare(home: Path, names: Sequence[str]) -> None:
+def _prepare(gathering: Path, names: Sequence[str]) -> None:
     """Make the folder that the sections gather in, without what is left of another job."""
-    home.mkdir(exist_ok=True)
-    for path in home.iterdir():
+    gathering.mkdir(exist_ok=True)
+    for path in gathering.iterdir():
         if path.name.partition(".")[0] not in names:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _threshold(job: LaneJob, jobs: Sequence[LaneJob]) -> float:
-    found = [Checkpoint(one.work)["view"] for one in jobs]
-    maxima = pd.concat([array_table(group_of(one, "maximum")) for one in found], ignore_index=True)
-    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in found))
+def _threshold(job: LaneJob, parts: Sequence[LaneJob]) -> float:
+    views = [Checkpoint(part.work)["view"] for part in parts]
+    maxima = pd.concat([array_table(group_of(view, "maximum")) for view in views], ignore_index=True)
+    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(view["seen"]) for view in views))
 
 
-def _bring_together(job: LaneJob, home: Path, names: Sequence[str]) -> None:
-    tables = [read_table(home / name / "alarms.csv", "alarms") for name in names]
+def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:
+    tables = [read_table(gathering / name / "alarms.csv", "alarms") for name in names]
     for name, table in zip(names, tables, strict=True):
         table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
     filled = [table for table in tables if len(table)] or tables[:1]
     alarms = pd.concat(filled, ignore_index=True).sort_values("confidence", ascending=False, kind="stable")
-    write_table(alarms, home / "alarms.csv")
-    write_whole(home / "lane.toml", lane_text(Lane(*job.lane)))
+    write_table(alarms, gathering / "alarms.csv")
+    write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
     files = ["alarms.csv", "lane.toml", *(f"{name}/manifest.json" for name in names)]
     content = {
         "format": FORMAT,
         "version": VERSION,
         "identity": _lasting(job),
         "sections": list(names),
-        "files": {file: _digest(home / file) for file in files},
+        "files": {file: _digest(gathering / file) for file in files},
     }
-    write_whole(home / SECTIONS, seal(content))
-    replace_folder(home, Path(job.output))
+    write_whole(gathering / SECTIONS, seal(content))
+    replace_folder(gathering, Path(job.output))
 
 
 def _digest(path: Path) -> str:
@@ -238,14 +232,14 @@ def _listed(folder: Path) -> dict[str, Any]:
 def _check(folder: Path, name: str, digest: str) -> None:
     path = inside(folder, name)
     try:
-        found = _digest(path)
+        actual = _digest(path)
     except (KeyError, TypeError, ValueError, RecursionError):
-        found = ""
-    if found != digest:
+        actual = ""
+    if actual != digest:
         raise ResultError(f"{folder}: {name} differs from what was written")
 
 
-def homes_at(folder: str | Path) -> list[Path]:
+def results_at(folder: str | Path) -> list[Path]:
     """Tell which result folders a lane has: the folder itself, or those of its sections in their order.
 
     A list of sections that is altered, or misses what belongs to it, is a ResultError.
@@ -280,7 +274,7 @@ def _is_whole(job: LaneJob) -> bool:
         and _digests(manifest["run"].get("others", {})) == job.identity()["others"]
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and manifest.get("section", {}).get("rows") == section
-        and manifest["files"].get(f"{MODEL}/model.json", "") == job.model_sha256
+        and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
         and ("report.html" in manifest["added"] or not job.report)
     )
 

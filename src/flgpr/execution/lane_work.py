@@ -20,13 +20,13 @@ import llvmlite.binding  # type: ignore[import-untyped]
 
 import flgpr
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import load_model
+from flgpr.chain.model import MODEL_FILE, load_model
 from flgpr.chain.passes import BLOCK, Arrays, part_name
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
-from flgpr.execution.checkpoint import ArrayFile, Checkpoint, Kept
+from flgpr.execution.checkpoint import Checkpoint, Kept
 from flgpr.execution.executors import Report
-from flgpr.io import MAX_MEMORY, open_run, read_limited, read_manifest, read_table, sha256
+from flgpr.io import MAX_MEMORY, Bundle, open_run, read_limited, read_manifest, read_table, sha256
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
@@ -135,9 +135,9 @@ def make_job(
 
 
 def model_digest(model: str | Path) -> str:
-    """SHA-256 of a valid model's ``model.json``, which holds those of its other files."""
+    """SHA-256 of the file of a valid model."""
     load_model(model)
-    return sha256(read_limited(Path(model) / "model.json"))
+    return sha256(read_limited(Path(model) / MODEL_FILE))
 
 
 @lru_cache
@@ -201,7 +201,7 @@ def do_finish(job: LaneJob) -> Report:
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
     for number in numbers:
-        yield dict(ArrayFile(work.path(part_name(stage, number))))
+        yield dict(Bundle(work.path(part_name(stage, number))))
 
 
 def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:

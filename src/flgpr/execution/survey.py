@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
-from flgpr.execution.lane_run import Note, detect_lane, homes_at, is_done, unnoted
+from flgpr.execution.lane_run import Note, detect_lane, is_done, results_at, unnoted
 from flgpr.execution.lane_work import make_job
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.results.result import check_free, read_result
@@ -23,13 +24,40 @@ from flgpr.results.result import check_free, read_result
 PathLike = str | Path
 
 
-def executor_for(workers: int | None = None, scheduler: str | None = None) -> Executor:
-    """Choose who does the work: this process with all its threads, so many processes, or a Dask cluster."""
-    if scheduler is not None and workers is not None:
-        raise ValueError(f"workers and scheduler exclude each other, got {workers} and {scheduler}")
-    if scheduler is not None:
-        return Cluster(scheduler)
-    return Here() if workers is None else Processes(workers)
+@dataclass(frozen=True)
+class How:
+    """Who works on lanes, and how; the results are the same, bit for bit.
+
+    Attributes
+    ----------
+    workers : int, optional
+        Number of processes; default this one with all its threads.
+    scheduler : str, optional
+        Address of a Dask scheduler in place of workers.
+    max_memory : int
+        Memory that each process may take, bytes.
+    track : Track
+        Shows progress.
+    note : callable
+        Takes a report of every piece of work that was done.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    max_memory: int = MAX_MEMORY
+    track: Track = silent
+    note: Note = unnoted
+
+    def executor(self) -> Executor:
+        """Choose who does the work."""
+        if self.scheduler is not None and self.workers is not None:
+            raise ValueError(f"workers and scheduler exclude each other, got {self.workers} and {self.scheduler}")
+        if self.scheduler is not None:
+            return Cluster(self.scheduler)
+        return Here() if self.workers is None else Processes(self.workers)
+
+
+PLAINLY = How()
 
 
 def detect_survey(
@@ -38,27 +66,23 @@ def detect_survey(
     output: PathLike,
     lanes: Sequence[PathLike] | None = None,
     model: PathLike | None = None,
-    report: bool = True,
-    executor: Executor | None = None,
-    at_once: int | None = None,
-    max_memory: int = MAX_MEMORY,
-    track: Track = silent,
-    note: Note = unnoted,
     section: float | None = None,
     others: Sequence[Mapping[str, PathLike]] | None = None,
+    report: bool = True,
+    at_once: int | None = None,
+    how: How = PLAINLY,
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
     Lanes whose result is there already are left out, so that a survey that was stopped goes on; results of lanes that
     were done stay, whatever fails. ``output`` takes one result folder per lane, named like its run, and
     ``survey.json``, which lists them; ``lanes`` are TOML files in the runs' order. By default two lanes are worked on
-    at once where others do the work, so that none of them waits for the last block of a stage. ``max_memory`` is bytes
-    for each process, ``section`` the longest section that is wanted of a lane in m, infinity for lanes in one piece or
-    not at all.
+    at once where others do the work, so that none of them waits for the last block of a stage. ``section`` is the
+    longest section that is wanted of a lane in m, infinity for lanes in one piece or not at all.
     """
-    recipe, home, who = parse_recipe(recipe_text), Path(output), executor or Here()
-    at_once = at_once or (2 if who.parallel else 1)
-    if at_once > 1 and not who.parallel:
+    recipe, survey, executor = parse_recipe(recipe_text), Path(output), how.executor()
+    at_once = at_once or (2 if executor.parallel else 1)
+    if at_once > 1 and not executor.parallel:
         raise ValueError(f"lanes at once needs workers or a scheduler to be more than 1, got {at_once}")
     names = lane_names(runs)
     if lanes is not None and len(lanes) != len(runs):
@@ -67,18 +91,19 @@ def detect_survey(
     for number, (run, name) in enumerate(zip(runs, names, strict=True)):
         lane = None if lanes is None else read_lane(lanes[number])
         beside = None if others is None else others[number]
-        dataset = open_run(run, max_memory)
+        dataset = open_run(run, how.max_memory)
         area = area_of(dataset, recipe, lane)
-        jobs.append(make_job(run, recipe_text, area, home / name, report, model, max_memory, beside))
-        check_free(home / name)
-        plan_sections(sizes_of(dataset), recipe, area, max_memory, section)  # refuses beforehand
-    home.mkdir(parents=True, exist_ok=True)
+        jobs.append(make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside))
+        check_free(survey / name)
+        plan_sections(sizes_of(dataset), recipe, area, how.max_memory, section)  # refuses beforehand
+    survey.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
     with ExitStack() as stack:
-        stack.enter_context(who)
+        stack.enter_context(executor)
         pool = stack.enter_context(ThreadPoolExecutor(at_once))
         futures = [
-            pool.submit(detect_lane, job, who, _named(track, Path(job.output).name), note, section) for job in left
+            pool.submit(detect_lane, job, executor, _named(how.track, Path(job.output).name), how.note, section)
+            for job in left
         ]
         try:
             for future in futures:
@@ -87,7 +112,7 @@ def detect_survey(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     folders = [Path(job.output) for job in jobs]
-    write_whole(home / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
+    write_whole(survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
     return folders
 
 
@@ -104,8 +129,8 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
     rows = []
     for run, folder in zip(runs, folders, strict=True):
         alarms, area = 0, 0.0
-        homes = homes_at(folder)
-        for result in map(read_result, homes):
+        results = results_at(folder)
+        for result in map(read_result, results):
             alarms, area = alarms + len(result.detections[0].alarms), area + result.lane.area
         described = result.manifest["run"]
         rows.append(
@@ -116,7 +141,7 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
                 "masked_scans": len(described["masked_scans"]),
                 "area_m2": round(area, 3),
                 "alarms": alarms,
-                "sections": len(homes),
+                "sections": len(results),
             }
         )
     return rows

@@ -1,5 +1,6 @@
 from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
 from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.bundle import Bundle, BundleError, write_bundle
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.explain import Explanation, explain_file, propose_mapping
@@ -42,6 +43,8 @@ __all__ = [
     "Anchor",
     "ArrayFile",
     "ArrayInfo",
+    "Bundle",
+    "BundleError",
     "Explanation",
     "FullwaveLane",
     "GprmaxOutput",
@@ -90,6 +93,7 @@ __all__ = [
     "seal",
     "sha256",
     "unseal",
+    "write_bundle",
     "write_cphd",
     "write_description",
     "write_earth_csv",

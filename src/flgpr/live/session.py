@@ -14,7 +14,7 @@ import numpy as np
 
 import flgpr
 from flgpr.chain.classifier import Classifier
-from flgpr.chain.model import load_model
+from flgpr.chain.model import MODEL_FILE, load_model
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.io import (
     RunDescription,
@@ -109,7 +109,7 @@ class LiveRun:
         self._classifier: Classifier | None = detector
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
-        model = "" if options.model is None else sha256((Path(options.model) / "model.json").read_bytes())
+        model = "" if options.model is None else sha256((Path(options.model) / MODEL_FILE).read_bytes())
         lane = None if self._lane is None else asdict(self._lane)
         own = {"recipe": sha256(text.encode()), "model": model, "lane": lane, "flgpr": flgpr.__version__}
         self._own: dict[str, Any] = own | {"settings": asdict(options.settings)}
@@ -323,8 +323,9 @@ def _percentiles(latency: list[float]) -> dict[str, float]:
 
 
 def _check_output(folder: Path) -> None:
-    own = {EVENT_FILE, SNAPSHOT_FILE, SNAPSHOT_FILE + ".partial", "alarms.csv", "live.json"}
-    if folder.is_file() or (folder.is_dir() and any(entry.name not in own for entry in folder.iterdir())):
+    own = {EVENT_FILE, "alarms.csv", "live.json"}
+    names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
+    if folder.is_file() or any(name not in own and not name.startswith(SNAPSHOT_FILE) for name in names):
         raise FileExistsError(
             f"output must be a new folder or one of a live run, got {folder}, which holds other files"
         )

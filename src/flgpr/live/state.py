@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import threading
 from dataclasses import asdict
 from pathlib import Path
@@ -12,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io import canonical_json, sha256
+from flgpr.io import Bundle, BundleError, write_bundle
 from flgpr.live.detector import CleanedScan, LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
-SNAPSHOT_FILE = "snapshot.npz"
+SNAPSHOT_FILE = "snapshot.bundle"
 FORMAT, VERSION = "flgpr-live-snapshot", 1
 _SCALARS = ("closed", "seen_area", "named")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
@@ -55,37 +53,19 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
 def write_snapshot(path: Path, snapshot: Snapshot) -> None:
     """Write a snapshot beside its place and rename it when it is whole."""
     words, arrays = snapshot
-    text = canonical_json(words | {"arrays": sorted(arrays)})
-    body = {"words": np.frombuffer(text, np.uint8), "digest": np.frombuffer(sha256(text).encode(), np.uint8)}
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez(file, **(body | arrays))  # type: ignore[arg-type]
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    write_bundle(path, arrays, words, lasting=True)
 
 
 def read_snapshot(path: Path) -> Snapshot | None:
     """Read a snapshot; None if there is none."""
     try:
-        with (
-            path.open("rb") as handle,
-            np.load(handle, allow_pickle=False) as file,
-        ):  # every member's checksum is looked at
-            arrays = {name: file[name] for name in file.files}
-        text = arrays.pop("words").tobytes()
-        if sha256(text).encode() != arrays.pop("digest").tobytes():
-            raise SnapshotError(f"{path}: differs from what was written")
-        words = json.loads(text)
-        if words.pop("arrays") != sorted(arrays):
-            raise SnapshotError(f"{path}: differs from what was written")
+        bundle = Bundle(path)
+        words, arrays = bundle.about, dict(bundle)
     except FileNotFoundError:
         return None
-    except SnapshotError:
-        raise
-    except Exception as error:  # the parser raises whatever it stumbles over
-        raise SnapshotError(f"{path}: cannot be read ({error}); --fresh begins anew") from None
-    if (words["format"], words["version"]) != (FORMAT, VERSION):
+    except BundleError as error:
+        raise SnapshotError(f"{error}; --fresh begins anew") from None
+    if (words.get("format"), words.get("version")) != (FORMAT, VERSION):
         raise SnapshotError(f"{path}: format must be {FORMAT} version {VERSION}; --fresh begins anew")
     return words, arrays
 

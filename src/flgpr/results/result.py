@@ -17,7 +17,7 @@ import xarray as xr
 
 import flgpr
 from flgpr.chain.lane_chain import MAIN, Detection
-from flgpr.chain.model import Detector, Model, as_model, load_model, save_model
+from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.io import (
     canonical_json,
@@ -62,7 +62,7 @@ class Result:
 
     def model(self) -> Model | None:
         """Load the model that it was made with; None if there was none."""
-        return load_model(self.folder / MODEL) if f"{MODEL}/model.json" in self.manifest["files"] else None
+        return load_model(self.folder / MODEL) if f"{MODEL}/{MODEL_FILE}" in self.manifest["files"] else None
 
 
 def write_result(

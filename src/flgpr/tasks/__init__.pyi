@@ -2,6 +2,7 @@ from flgpr.chain.fitting import recipe_for
 from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
 from flgpr.design.array import Question
+from flgpr.execution.survey import How
 from flgpr.io.explain import explain_file
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
@@ -48,6 +49,7 @@ __all__ = [
     "COUNTS",
     "SECTIONS",
     "ClockSearch",
+    "How",
     "LiveOptions",
     "LiveReport",
     "LiveRun",

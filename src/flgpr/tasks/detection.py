@@ -9,9 +9,9 @@ from pathlib import Path
 from flgpr.chain.fitting import area_of, recipe_for
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe, recipe_text
-from flgpr.execution.lane_run import Note, detect_lane, homes_at, unnoted
+from flgpr.execution.lane_run import Note, detect_lane, results_at, unnoted
 from flgpr.execution.lane_work import make_job
-from flgpr.execution.survey import detect_survey, executor_for, lane_names
+from flgpr.execution.survey import PLAINLY, How, detect_survey, lane_names
 from flgpr.io import MAX_MEMORY, open_run, read_lane
 from flgpr.results.result import Result, read_result
 
@@ -75,8 +75,8 @@ def detect_run(
     ValueError, FileNotFoundError, FileExistsError
         If an input is not valid or the output would overwrite something else; nothing is written then.
     """
-    options = (track, report, model, workers, scheduler, note, max_memory)
-    return read_result(detect_long(run, recipe, output, lane, *options, section=math.inf, others=others)[0])
+    how = How(workers, scheduler, max_memory, track, note)
+    return read_result(detect_long(run, recipe, output, lane, model, math.inf, others, report, how)[0])
 
 
 def detect_long(
@@ -84,28 +84,24 @@ def detect_long(
     recipe: PathLike | None,
     output: PathLike,
     lane: PathLike | None = None,
-    track: Track = silent,
-    report: bool = True,
     model: PathLike | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    note: Note = unnoted,
-    max_memory: int = MAX_MEMORY,
     section: float | None = None,
     others: Mapping[str, PathLike] | None = None,
+    report: bool = True,
+    how: How = PLAINLY,
 ) -> list[Path]:
     """Detect on a stored run of any length.
 
     Parameters
     ----------
-    run, recipe, output, lane, track, report, model, workers, scheduler, note, max_memory
+    run, recipe, output, lane, model, others, report
         As for :func:`detect_run`. A lane that would take more memory is taken in sections, unless the recipe has
         variants: ``output`` then holds a result folder per section and a table of all alarms, see
         :mod:`flgpr.execution.lane_run`.
     section : float, optional
         Longest section that is wanted, m; default as long as the memory allows; infinity for one piece or not at all.
-    others : mapping of str to path, optional
-        As for :func:`detect_run`.
+    how : How
+        Who does it, with what memory, and who is told.
 
     Returns
     -------
@@ -117,12 +113,12 @@ def detect_long(
     ValueError, FileNotFoundError, FileExistsError
         If an input is not valid or the output would overwrite something else; nothing is written then.
     """
-    text = _text_of(recipe, run, model, max_memory)
+    text = _text_of(recipe, run, model, how.max_memory)
     parsed = parse_recipe(text, str(recipe))
-    area = area_of(open_run(run, max_memory), parsed, read_lane(lane) if lane is not None else None)
-    job = make_job(run, text, area, output, report, model, max_memory, others)
-    with executor_for(workers, scheduler) as executor:
-        return detect_lane(job, executor, track, note, section)
+    area = area_of(open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None)
+    job = make_job(run, text, area, output, report, model, how.max_memory, others)
+    with how.executor() as executor:
+        return detect_lane(job, executor, how.track, how.note, section)
 
 
 def detect_runs(
@@ -130,16 +126,12 @@ def detect_runs(
     recipe: PathLike | None,
     output: PathLike,
     lanes: Sequence[PathLike] | None = None,
-    track: Track = silent,
-    report: bool = True,
     model: PathLike | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    lanes_at_once: int | None = None,
-    note: Note = unnoted,
-    max_memory: int = MAX_MEMORY,
     section: float | None = None,
     others: Sequence[Mapping[str, PathLike]] | None = None,
+    report: bool = True,
+    lanes_at_once: int | None = None,
+    how: How = PLAINLY,
 ) -> list[Path]:
     """Detect on many stored runs; goes on where it was stopped.
 
@@ -153,12 +145,12 @@ def detect_runs(
         Folder that takes a result folder per run, named like it, and ``survey.json``.
     lanes : sequence of path, optional
         TOML of each lane, in the same order, in place of the recipe's.
-    track, report, model, workers, scheduler, note, max_memory, section
+    model, section, report, how
         As for :func:`detect_long`.
-    lanes_at_once : int, optional
-        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
     others : sequence of mapping of str to path, optional
         Per run, the runs taken together with it.
+    lanes_at_once : int, optional
+        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
 
     Returns
     -------
@@ -173,16 +165,13 @@ def detect_runs(
     if not runs:
         raise ValueError("runs must hold at least one run, got none")
     lane_names(runs)  # refuses runs of one name
-    text = _text_of(recipe, runs[0], model, max_memory)
+    text = _text_of(recipe, runs[0], model, how.max_memory)
     if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
         raise ValueError(
             f"lanes must be given or a recipe: {runs[0]} is so short that the recipe made for it has its lane"
         )
-    who = executor_for(workers, scheduler)
-    folders = detect_survey(
-        runs, text, output, lanes, model, report, who, lanes_at_once, max_memory, track, note, section, others
-    )
-    return [home for folder in folders for home in homes_at(folder)]
+    folders = detect_survey(runs, text, output, lanes, model, section, others, report, lanes_at_once, how)
+    return [result for folder in folders for result in results_at(folder)]
 
 
 def _text_of(recipe: PathLike | None, run: PathLike, model: PathLike | None, max_memory: int) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.lane_run import homes_at
+from flgpr.execution.lane_run import results_at
 from flgpr.io import read_table, write_table, write_whole
 from flgpr.model import Lane
 from flgpr.report import score_files
@@ -110,7 +110,7 @@ def score_result(
     ValueError, FileNotFoundError
         If an input is not valid or altered, or the recipe is not registered; nothing is written then.
     """
-    home, homes = Path(folder), homes_at(folder)
+    home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
     result = read_result(home) if whole else join_sections(home, homes)
     to = Path(output) if output is not None else score_home(home)

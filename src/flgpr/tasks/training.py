@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import pandas as pd
 from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
+from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import Model, check_free_model, save_model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import DetectorTable, Recipe, parse_recipe, recipe_text
@@ -22,7 +23,7 @@ from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import LaneJob, make_job
-from flgpr.execution.survey import executor_for
+from flgpr.execution.survey import How
 from flgpr.io import MAX_MEMORY, open_run, read_lane, read_manifest, read_table, sha256
 from flgpr.model import Lane
 
@@ -93,8 +94,11 @@ def train_runs(
     for number, run in enumerate(runs):
         given = read_lane(lanes[number]) if lanes is not None else None
         areas.append(area_of(open_run(run, max_memory), parsed, given))
-    with executor_for(workers, scheduler) as executor:
-        course = _Course(parsed, text, runs, truths, tables, areas, Path(output), executor, track, max_memory, others)
+    beside = others or [{}] * len(runs)
+    lanes_of = [_Lane(*one) for one in zip(runs, truths, tables, areas, beside, strict=True)]
+    how = How(workers, scheduler, max_memory, track)
+    with how.executor() as executor:
+        course = _Course(parsed, text, lanes_of, Path(output), executor, how)
         course.learn_stages()
         if judges:
             course.train_detector(features, label_radius)
@@ -105,26 +109,25 @@ def train_runs(
     return course.model
 
 
+@dataclass(frozen=True)
+class _Lane:
+    """A training lane: its run, the file of its targets and what stands in it, its borders, the runs beside it."""
+
+    run: PathLike
+    truth: PathLike
+    targets: pd.DataFrame
+    area: Lane
+    others: Mapping[str, PathLike]
+
+
 class _Course:
     """A training: its lanes, and what has been learnt so far."""
 
     def __init__(
-        self,
-        recipe: Recipe,
-        text: str,
-        runs: Sequence[PathLike],
-        truths: Sequence[PathLike],
-        tables: Sequence[pd.DataFrame],
-        areas: Sequence[Lane],
-        output: Path,
-        executor: Executor,
-        track: Track,
-        max_memory: int,
-        others: Sequence[Mapping[str, PathLike]] | None,
+        self, recipe: Recipe, text: str, lanes: Sequence[_Lane], output: Path, executor: Executor, how: How
     ) -> None:
         self.recipe, self.text, self.output, self.model = recipe, text, output, Model()
-        self.lanes = list(zip(runs, truths, tables, areas, others or [{}] * len(runs), strict=True))
-        self._executor, self._track, self._max_memory = executor, track, max_memory
+        self.lanes, self._executor, self._how = lanes, executor, how
         self._views: list[TrainingView] = []
         self._jobs: list[LaneJob] = []
         self._step = 0
@@ -141,8 +144,8 @@ class _Course:
             of, settings = named[name].of, named[name].settings
             if of.kind in ("screen", "features"):
                 self._views = self._views or [
-                    TrainingView(chain.training_view, table, area)
-                    for chain, (_, _, table, area, _) in self._chains(truth=True)
+                    TrainingView(chain.training_view, lane.targets, lane.area)
+                    for chain, lane in self._chains(truth=True)
                 ]
                 examples: list[Any] = self._views
             else:
@@ -151,19 +154,19 @@ class _Course:
                 arrays, notes = of.fit(settings, examples)
             except ValueError as error:
                 raise ValueError(f"{name} cannot be trained: {error}") from None
-            told = self.model.notes | {name: notes}
-            self.model = replace(self.model, stages=self.model.stages | {name: arrays}, notes=told)
+            self.model = replace(
+                self.model, stages=self.model.stages | {name: arrays}, notes=self.model.notes | {name: notes}
+            )
 
     def train_detector(self, features: Sequence[str], label_radius: float) -> None:
         """Train the detector on the alarms of all lanes."""
-        found = [
-            (f"{number}:{Path(lane[0]).stem}", *chain.found(), lane[2], lane[3])
+        alarms = [
+            (f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area)
             for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
         ]
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        wanted = _matching(list(features) or list(table.features), list(found[0][2].columns))
-        spent = self._spent()
-        examples = make_training_set(found, label_radius, wanted, spent)
+        wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
+        examples = make_training_set(alarms, label_radius, wanted, self._spent())
         if table.estimator == "fisher":
             self.model = replace(self.model, detector=train(examples, wanted))
         else:
@@ -171,27 +174,25 @@ class _Course:
 
     def _spent(self) -> list[pd.DataFrame]:
         parts = [
-            one.of.spent(one.settings, self._views)
-            for name, one in self.recipe.named().items()
+            stage.of.spent(stage.settings, self._views)
+            for name, stage in self.recipe.named().items()
             if name in self.recipe.learning()
         ]
         parts = [part for part in parts if part]
         return [pd.concat(rows) for rows in zip(*parts, strict=True)]
 
-    def _chains(self, truth: bool) -> Any:
+    def _chains(self, truth: bool) -> Iterator[tuple[LaneChain, _Lane]]:
         """Go through the lanes as far as the model allows, and yield each one's chain and lane."""
         self._step += 1
-        model = None
-        if self.model.stages:
-            model = save_model(self.model, self._learnt)
+        model = save_model(self.model, self._learnt) if self.model.stages else None
         for number, lane in enumerate(self.lanes, 1):
-            run, targets, _, area, others = lane
             beside = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             job = make_job(
-                run, self.text, area, beside, False, model, self._max_memory, others, targets if truth else None
-            )
+                lane.run, self.text, lane.area, beside, False, model, self._how.max_memory, lane.others,
+                lane.truth if truth else None,
+            )  # fmt: skip
             self._jobs.append(job)
-            with passes_of_lane(job, self._executor, self._track, name=f"{Path(run).stem}: ") as chain:
+            with passes_of_lane(job, self._executor, self._how.track, name=f"{Path(lane.run).stem}: ") as chain:
                 yield chain, lane
 
     def clear(self) -> None:
@@ -202,8 +203,8 @@ class _Course:
 
 
 def _matching(wanted: list[str], columns: list[str]) -> list[str]:
-    found = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
+    matching = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
     missing = [pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)]
-    if missing or not found:
+    if missing or not matching:
         raise ValueError(f"features must be columns of the feature table, got {', '.join(missing) or 'none'}")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(matching))

@@ -160,7 +160,7 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
             "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
             "imaging": imaging, "length": settings.length,
         }  # fmt: skip
-        path = folder / f"{site}-{name}-{key_of(content)}.npz"
+        path = folder / f"{site}-{name}-{key_of(content)}.bundle"
         passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
     return passes
 
@@ -217,7 +217,7 @@ def _one_pass(
     else:
         stops = track(range(len(simulator.reported_pose())), f"{site} {direction}", len(simulator.reported_pose()))
         image = lane_images(settings, simulator, sensor, grid, stops)
-        write_arrays(path, {"image": image}, compress=False)
+        write_arrays(path, {"image": image})
     objects = simulator.objects
     fiducials = objects[objects["kind"] == "fiducial"].reset_index(drop=True)
     return Pass(site, direction, image, grid, simulator.truth.reset_index(drop=True), fiducials, path.stem)

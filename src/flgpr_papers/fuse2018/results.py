@@ -101,7 +101,7 @@ def write_records(path: Path, frames: Frames, records: LaneRecords, recipe: Fuse
     looks = np.zeros(1) if records.looks is None else records.looks
     with np.errstate(invalid="ignore"):
         maps = {name: (total / looks[:, None]).astype(np.float32) for name, total in records.maps.items()}
-    write_arrays(path.with_suffix(".npz"), maps)
+    write_arrays(path.with_suffix(".bundle"), maps)
     used = sorted({row["frame"] for row in records.courses})
     spacing = recipe.image.spacing
     pose = frames.pose["l"]
@@ -120,7 +120,7 @@ def read_records(path: Path, frames: Frames) -> LaneResult:
     origins = np.full((len(frames), 2), np.nan)
     for k, place in held["origins"].items():
         origins[int(k)] = place
-    maps = read_arrays(path.with_suffix(".npz"))
+    maps = read_arrays(path.with_suffix(".bundle"))
     return LaneResult(frames.name, frames.truth, frames.objects, len(held["origins"]), origins, **tables, maps=maps)
 
 

@@ -63,7 +63,7 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = loose_result(folder, recipe, LANES[0], quick, calibration, track)
     poses = pose_study(recipe, draws=8 if quick else 60)
-    example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.npz")
+    example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.bundle")
     fullwave = fullwave_study(quick)
     found = all_findings(lanes, loose, recipe)
     write_findings(folder, found, quick)
@@ -78,7 +78,7 @@ def lane_result(
 ) -> LaneResult:
     """Simulate and clean a lane, or take what is there."""
     key = result_key(recipe, quick, calibration)
-    path, shown = folder / "results" / f"{name}-{key}.json", folder / "results" / f"example-{key}.npz"
+    path, shown = folder / "results" / f"{name}-{key}.json", folder / "results" / f"example-{key}.bundle"
     frames = simulate_lane(folder / "lanes", recipe, name, quick, track)
 
     def keep(cleaned: Cleaned) -> None:

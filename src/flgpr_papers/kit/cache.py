@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track
-from flgpr.io import canonical_json, read_manifest, sha256, write_whole
+from flgpr.io import Bundle, canonical_json, read_manifest, sha256, write_bundle, write_whole
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Sensor, draw_world
 from flgpr.tasks.simulation import simulate_to_store
@@ -35,17 +33,15 @@ def kept(path: Path, make: Callable[[], Any]) -> Any:
     return json.loads(path.read_text("utf-8"))
 
 
-def write_arrays(path: Path, arrays: Arrays, compress: bool = True) -> None:
+def write_arrays(path: Path, arrays: Arrays) -> None:
     """Write arrays into one file, whole or not at all."""
-    buffer, save = io.BytesIO(), np.savez_compressed if compress else np.savez
-    save(buffer, allow_pickle=False, **arrays)
-    write_whole(path, buffer.getvalue())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bundle(path, arrays)
 
 
 def read_arrays(path: Path) -> Arrays:
     """Read arrays from one file."""
-    with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+    return dict(Bundle(path))
 
 
 def store_lane(folder: Path, scene: Scene, seed: int, sensor: Sensor, track: Track) -> tuple[Path, pd.DataFrame, Lane]:

@@ -51,7 +51,7 @@ def save_examples(
     arrays["signature"] = np.abs(cleaned.whole_background.signature[hh, f1])
     arrays["gain"] = cleaned.whole_background.gain[hh, f1]
     arrays["titles"] = np.array([f"{name}: {text}" for name, (_, _, text) in chosen.items()])
-    write_arrays(path, arrays, compress=False)
+    write_arrays(path, arrays)
 
 
 def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, tuple[float, float, str]]:

@@ -129,7 +129,7 @@ def all_figures(
     blind: dict[str, Match] | None,
 ) -> Iterator[Figure]:
     """Draw the figures 1 to 14, one at a time."""
-    examples = read_arrays(folder / "results" / "examples.npz")
+    examples = read_arrays(folder / "results" / "examples.bundle")
     yield figures.geometry_figure(radar, recipe)
     for shown in (
         figures.polarization_figure,

@@ -79,8 +79,8 @@ def lane_result(
     """
     home, recipe = folder / "results" / scene.name, parse_recipe(text)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
-    extras = folder / "results" / f"{scene.name}-wide.npz"
-    pictures = folder / "results" / "examples.npz"
+    extras = folder / "results" / f"{scene.name}-wide.bundle"
+    pictures = folder / "results" / "examples.bundle"
     if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
         run = open_run(store)
         chain = LaneChain(run, recipe, lane)
@@ -90,7 +90,7 @@ def lane_result(
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
         wide = wide_view(cleaned, run, recipe, lane, track)
-        write_arrays(extras, {"view": wide.values, "looks": wide["looks"].values}, compress=False)
+        write_arrays(extras, {"view": wide.values, "looks": wide["looks"].values})
         write_result(home, [found], text, lane, describe_run(run, store))
     result = read_result(home)
     main = result.detections[0]

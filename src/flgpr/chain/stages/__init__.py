@@ -63,7 +63,7 @@ class Setup:
         The lane.
     imager : ScanImager
         Makes images and operators of the run; ``imager.scans`` are the numbers of its complete scans, in whose order
-        places are counted.
+        indices count.
     images : Grid
         Pixels of the scan images that count, in the scan frame.
     view : Grid
@@ -86,9 +86,9 @@ class Setup:
     summed: int
     known: Mapping[str, Any]
 
-    def pose(self, place: int) -> FloatArray:
-        """Pose (6,) of the scan at a place among the complete ones."""
-        return np.asarray(self.run["pose"].values[self.imager.scans[place]], dtype=np.float64)
+    def pose(self, index: int) -> FloatArray:
+        """Pose (6,) of the scan at an index among the complete ones."""
+        return np.asarray(self.run["pose"].values[self.imager.scans[index]], dtype=np.float64)
 
 
 class Stage:
@@ -161,16 +161,16 @@ class ClutterStage(Stage):
 
     kind = "clutter"
     before: Callable[[int, int], ComplexArray]
-    """Data of the scans up to a place, as the stages before leave it: ``before(place, count)``."""
+    """Data of the scans up to an index, as the stages before leave it: ``before(index, count)``."""
 
-    def clean(self, place: int, data: ComplexArray) -> ComplexArray:
-        """Clean the data (polarization, pair, frequency) of the scan at a place among the complete ones."""
+    def clean(self, index: int, data: ComplexArray) -> ComplexArray:
+        """Clean the data (polarization, pair, frequency) of the scan at an index among the complete ones."""
         raise NotImplementedError
 
-    def data(self, place: int, count: int) -> ComplexArray:
-        """Give cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to a place."""
-        first = max(place - count + 1, 0)
-        return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, place + 1)])
+    def data(self, index: int, count: int) -> ComplexArray:
+        """Give cleaned data (scan, polarization, pair, frequency) of the last ``count`` scans up to an index."""
+        first = max(index - count + 1, 0)
+        return np.stack([self.clean(p, self.before(p, 1)[0]) for p in range(first, index + 1)])
 
     def passes(self) -> list[Pass]:
         """List the passes over the run that it needs beforehand; their names begin with that of the stage."""
@@ -191,7 +191,7 @@ class MapStage(Stage):
         raise NotImplementedError
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
-        """Gather what ``fit`` needs of a lane; ``image`` gives the cleaned image of the scan at a place."""
+        """Gather what ``fit`` needs of a lane; ``image`` gives the cleaned image of the scan at an index."""
         raise NotImplementedError
 
 
@@ -220,20 +220,20 @@ class FeatureStage(Stage):
     columns: tuple[str, ...] = ()
     """Columns of ``of_image``; "" for none."""
 
-    def of_image(self, image: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:
+    def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
 
         Parameters
         ----------
         image : xarray.DataArray
             Cleaned complex scan image (polarization, subband, y, x), in units of the background.
-        places : (alarm, 2) ndarray
+        points : (alarm, 2) ndarray
             x and y of the alarms in the scan frame, m.
         """
         raise NotImplementedError
 
-    def of_view(self, view: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
-        """Features of the run-view (polarization, subband, y, x) at places (alarm, 2) in the lane frame, m."""
+    def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
+        """Features of the run-view (polarization, subband, y, x) at points (alarm, 2) in the lane frame, m."""
         return {}
 
 
@@ -293,8 +293,8 @@ def find_stage(kind: str, name: str) -> type[Stage]:
     """
     if name in PACKAGED[kind]:
         module, _, which = PACKAGED[kind][name].partition(":")
-        found: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), which)
-        return found
+        packaged: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), which)
+        return packaged
     offered = {one.name: one for one in entry_points(group=GROUP)}
     if name not in offered:
         known = ", ".join([*PACKAGED[kind], *offered])

@@ -102,8 +102,8 @@ class ClusterScreen(ScreenStage):
             channel = view.isel(polarization=p, subband=r)
             tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius, "local")
             levels[key] = limits.amplitude
-        found = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels, "local")
-        return found.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
+        regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels, "local")
+        return regions.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
 
     def _channels(self, view: xr.DataArray) -> list[tuple[tuple[int, str], tuple[int, str]]]:
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
@@ -146,12 +146,12 @@ class TemplateFeatures(FeatureStage):
     waits = ClusterScreen.waits
     Settings: ClassVar[type[Table]] = TemplateSettings
 
-    def of_view(self, view: xr.DataArray, places: FloatArray) -> Mapping[str, FloatArray]:
+    def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Correlations, named T_POLARIZATION_RANGE."""
-        regions = cut_regions(view.values, _grid(view), places, self.settings.region)
+        regions = cut_regions(view.values, _grid(view), points, self.settings.region)
         values = (
             template_features(regions, self.learnt["templates"])
-            if len(places)
+            if len(points)
             else np.zeros((0, regions.shape[1] * regions.shape[2]))
         )
         names = [f"T_{p}_{s}" for p in view["polarization"].values for s in view["subband"].values]

@@ -91,15 +91,15 @@ class FormMap(MapStage):
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
-        settings, lane, parts = self.settings, truth[["x", "y"]].to_numpy(dtype=np.float64), []
-        places = np.column_stack([lane, np.zeros(len(lane))])
+        settings, surveyed, parts = self.settings, truth[["x", "y"]].to_numpy(dtype=np.float64), []
+        surveyed = np.column_stack([surveyed, np.zeros(len(surveyed))])
 
-        def add(place: int) -> None:
-            one = image(place).isel(subband=0, drop=True)
-            stack, _ = stack_channels(one, settings.polarizations)
-            x, y = one["x"].values, one["y"].values
-            mines = lane_to_scan(places, self.setup.pose(place))[:, :2]
-            cuts = range_cuts(one, mines, self._cut, settings.polarizations, settings.search)
+        def add(index: int) -> None:
+            band = image(index).isel(subband=0, drop=True)
+            stack, _ = stack_channels(band, settings.polarizations)
+            x, y = band["x"].values, band["y"].values
+            mines = lane_to_scan(surveyed, self.setup.pose(index))[:, :2]
+            cuts = range_cuts(band, mines, self._cut, settings.polarizations, settings.search)
             cuts = cuts[np.isfinite(cuts).all(axis=1)]
             clean = clean_pixels(x, y, mines, settings.clear)
             clutter = clutter_cuts(stack, clean, self._cut, settings.clutter_step)

@@ -147,13 +147,13 @@ class MaskedSuppression(ClutterStage):
         tones = run["frequency"].values
         return float(tones[0]), float(tones[-1])
 
-    def aperture(self, place: int) -> Aperture:
-        """Image the aperture that ends with the scan at a place."""
-        first = max(place - self.settings.frames + 1, 0)
-        scans = [int(scan) for scan in self.setup.imager.scans[first : place + 1]]
-        lane = scan_to_lane(self.points, self.setup.pose(place))
-        data = self.before(place, len(scans))
-        makes = [self._maker(scan, place) for scan in scans]
+    def aperture(self, index: int) -> Aperture:
+        """Image the aperture that ends with the scan at an index."""
+        first = max(index - self.settings.frames + 1, 0)
+        scans = [int(scan) for scan in self.setup.imager.scans[first : index + 1]]
+        lane = scan_to_lane(self.points, self.setup.pose(index))
+        data = self.before(index, len(scans))
+        makes = [self._maker(scan, index) for scan in scans]
         seen = data[:, [self._vv, self._vh]]
         looks = [make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)]
         vv, vh = np.sum(looks, axis=0)
@@ -167,35 +167,35 @@ class MaskedSuppression(ClutterStage):
             second = np.asarray(np.mean(strengths, axis=0), dtype=np.float32)
         return Aperture(data, makes, vv, vh, second)
 
-    def _maker(self, scan: int, place: int) -> OperatorOn:
-        latest, pose = self.setup.pose(place), self.setup.run["pose"].values[scan]
+    def _maker(self, scan: int, index: int) -> OperatorOn:
+        latest, pose = self.setup.pose(index), self.setup.run["pose"].values[scan]
         return lambda points: self.setup.imager.operator_on(scan, lane_to_scan(scan_to_lane(points, latest), pose))
 
     def passes(self) -> list[Pass]:
         """Second band's standing field; then, once trained, the suppression itself, kept block by block."""
-        found = []
+        passes = []
         if self._second is not None:
             imager = self._second
-            found.append(
+            passes.append(
                 standing_pass(
                     f"{BLOCKS}.second",
                     len(imager),
                     64,
-                    lambda place: imager.signal(int(self.setup.imager.scans[place])),
+                    lambda index: imager.signal(int(self.setup.imager.scans[index])),
                 )
             )
         if self.learnt:
-            found.append(Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True))
-        return found
+            passes.append(Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True))
+        return passes
 
     def _suppression(self, block: range | None) -> Accumulator:  # noqa: ARG002
         parts: list[Arrays] = []
 
-        def add(place: int) -> None:
-            cleaned = self._suppressed(self.aperture(place))
+        def add(index: int) -> None:
+            cleaned = self._suppressed(self.aperture(index))
             kept = np.zeros((self._count, *cleaned.shape[1:]), np.complex64)
             kept[-min(len(cleaned), self._count) :] = cleaned[-self._count :]
-            parts.append({"data": kept[None], "place": np.array([place])})
+            parts.append({"data": kept[None], "index": np.array([index])})
 
         return gathered(parts, add)
 
@@ -204,40 +204,39 @@ class MaskedSuppression(ClutterStage):
         """How many of an aperture's scans the images are made of, and so kept."""
         return self.setup.summed
 
-    def _suppressed(self, one: Aperture) -> ComplexArray:
+    def _suppressed(self, aperture: Aperture) -> ComplexArray:
         """Clean the data of an aperture, of the polarizations that are imaged (Fuse et al. 2018, Eq. 5-8)."""
-        settings, b = self.settings, one.data[:, self.setup.imaged]
-        mask = self.mask(one)
+        settings, b = self.settings, aperture.data[:, self.setup.imaged]
+        mask = self.mask(aperture)
         if not mask.any():
             return b
-        course = iterate_suppression(b, one.stack_on, self.points, mask, self.region, settings.iterations)
+        course = iterate_suppression(b, aperture.stack_on, self.points, mask, self.region, settings.iterations)
         if settings.method == "iteration":
             return averaged(course, settings.combination)
         count = equal_cost(course, mask, self.region)
-        return suppress_by_model(b, one.stack_on(self.points[mask]), count).data
+        return suppress_by_model(b, aperture.stack_on(self.points[mask]), count).data
 
-    def mask(self, one: Aperture) -> NDArray[np.bool_]:
+    def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
         """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
         limits = Thresholds(**{name: self.learnt[name] for name in self.learnt if name != "looks"})
         settings = self.settings
-        return mixed_mask(
-            one.vv, one.vh, limits, self.region, self.across, one.second, settings.intersect, settings.roadside
-        )
+        second, how = aperture.second, (settings.intersect, settings.roadside)
+        return mixed_mask(aperture.vv, aperture.vh, limits, self.region, self.across, second, *how)
 
-    def data(self, place: int, count: int) -> ComplexArray:
-        """Give data of the last scans up to a place, cleaned together; uncleaned before the first aperture is whole."""
-        kept = self._block(place)
-        row = int(np.flatnonzero(kept["place"] == place)[0])
-        full = self.before(place, count).copy()
+    def data(self, index: int, count: int) -> ComplexArray:
+        """Give data of the last scans up to an index, cleaned together, but not before the first aperture is whole."""
+        kept = self._block(index)
+        row = int(np.flatnonzero(kept["index"] == index)[0])
+        full = self.before(index, count).copy()
         full[:, self.setup.imaged] = kept["data"][row][-len(full) :]
         return full
 
-    def _block(self, place: int) -> Arrays:
-        """Give what was kept of the block that holds a place; the one asked for last is held."""
-        number = next(k for k, block in enumerate(blocks_of(len(self.setup.imager))) if place in block)
+    def _block(self, index: int) -> Arrays:
+        """Give what was kept of the block that holds an index; the one asked for last is held."""
+        number = next(k for k, block in enumerate(blocks_of(len(self.setup.imager))) if index in block)
         if self._held[0] != number:
             kept = self.setup.known[part_name(BLOCKS, number)]
-            self._held = number, {name: kept[name] for name in ("place", "data")}
+            self._held = number, {name: kept[name] for name in ("index", "data")}
         return self._held[1]
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
@@ -249,13 +248,13 @@ class MaskedSuppression(ClutterStage):
         away = np.abs(self.across)
         beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
 
-        def add(place: int) -> None:
-            one, local = self.aperture(place), lane_to_scan(targets, self.setup.pose(place))
+        def add(index: int) -> None:
+            aperture, local = self.aperture(index), lane_to_scan(targets, self.setup.pose(index))
             x_min, x_max, y_min, y_max = self.grid.extent()
             inside = (local[:, 0] >= x_min + settings.halo) & (local[:, 0] <= x_max - settings.halo)
             inside &= (local[:, 1] >= y_min + settings.halo) & (local[:, 1] <= y_max - settings.halo)
             halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in local[inside]]
-            learnt.add(one.vv, one.vh, self.region, halos, beside, one.second)
+            learnt.add(aperture.vv, aperture.vh, self.region, halos, beside, aperture.second)
 
         return Accumulator(add, lambda _: learnt.state(), learnt.merge, learnt.state)
 

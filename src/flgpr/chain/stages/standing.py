@@ -27,9 +27,9 @@ def standing_pass(name: str, scans: int, most: int, read: Callable[[int], Comple
     def start(block: range | None) -> Accumulator:  # noqa: ARG001
         parts: list[Arrays] = []
 
-        def add(place: int) -> None:
-            if place in chosen:
-                parts.append({"signal": read(place)[None]})
+        def add(index: int) -> None:
+            if index in chosen:
+                parts.append({"signal": read(index)[None]})
 
         sums = gathered(parts, add)
         return Accumulator(add, sums.state, sums.merge, lambda: {"field": standing_field(sums.result()["signal"])})
@@ -46,8 +46,8 @@ class StandingField(ClutterStage):
     def passes(self) -> list[Pass]:
         """Estimate the field."""
         scans = len(self.setup.imager)
-        return [standing_pass("standing", scans, self.settings.most, lambda place: self.before(place, 1)[0])]
+        return [standing_pass("standing", scans, self.settings.most, lambda index: self.before(index, 1)[0])]
 
-    def clean(self, place: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
         """Subtract it."""
         return subtract_standing(data, self.setup.known["standing"]["field"])
