@@ -1,13 +1,18 @@
 """Detection scan by scan: against batch, out of order, after gaps, and from a snapshot on."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial import cKDTree
 
-from flgpr.chain.classifier import Classifier
+from flgpr.chain.classifier import Classifier, make_training_set
 from flgpr.chain.detect import detect
+from flgpr.chain.estimators import train_estimator
+from flgpr.chain.gathering import AlarmSums
 from flgpr.chain.recipe import load_recipe, parse_recipe
+from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 from flgpr.io import Scan, describe_for_live
 from flgpr.live.detector import LiveDetector, LiveSettings
@@ -19,6 +24,7 @@ from flgpr.live.state import (
     take_snapshot,
     write_snapshot,
 )
+from flgpr.model import lane_to_scan
 from live_lane import LANE, SCANS, STEP, TARGETS, make_lane_run, small_recipe
 
 SETTLED = 8.0  # m: the first sixteen scans or so have taught the background
@@ -181,8 +187,8 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     label = (np.arange(80) < 30).astype(int)
     normalizer = HistogramNormalizer().fit(values)
     model = Classifier(names, normalizer, FisherDiscriminant().fit(normalizer.transform(values), label))
-    detector = start(run, recipe, classifier=model)
-    assert detector.subbands == ["F1"]
+    detector = start(run, recipe, model=model)
+    assert detector.reads.subbands == ["F1"]
     play(detector, scans)
     live = seen(detector.table(), scans)
     whole = seen(detect(run, recipe, LANE, model=model)[0].alarms, scans)
@@ -193,14 +199,110 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     assert np.abs(live["confidence"].to_numpy()[at] - top["confidence"].to_numpy()).max() < spread
 
 
-def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, tmp_path):
-    whole = start(run, recipe)
+PLUGIN = Path(__file__).parents[1] / "plugin"
+STAGE = '\n[[columns]]\nstage = "sharpness"\nradius = 0.3\n'
+DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["sharp_HH", "C_HH_F1"]\n'
+
+
+@pytest.fixture(scope="module")
+def sharp(run, tmp_path_factory):
+    """A recipe with the sample plug-in's stage and an estimator of scikit-learn, and what batch finds with it."""
+    about = tmp_path_factory.mktemp("site") / "flgpr_sharpness-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: flgpr-sharpness\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[flgpr.stages]\nsharpness = flgpr_sharpness:Sharpness\n")
+    with pytest.MonkeyPatch.context() as patch:
+        for folder in (PLUGIN, about.parent):
+            patch.syspath_prepend(str(folder))
+        recipe = parse_recipe(small_recipe() + STAGE + DETECTOR)
+    found = detect(run, recipe, LANE)[0]
+    truth = pd.DataFrame(TARGETS, columns=["x", "y"]).assign(kind="metal", depth=0.05, target_id=list("abcde"))
+    truth = truth.assign(radius=0.15, height=0.1, lane="one")
+    examples = make_training_set([("one", found.alarms, found.features, truth, LANE)], 0.5)
+    return recipe, train_estimator(examples, recipe.detector, recipe.detector.features)
+
+
+def test_named_features_and_an_estimator_run_live(run, scans, sharp):
+    recipe, model = sharp
+    detector = start(run, recipe, model=model)
+    assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
+    play(detector, scans)
+    live, whole = (seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms))
+    top = whole.head(5)
+    assert near(top, live).all()
+    _, at = cKDTree(live[["x", "y"]]).query(top[["x", "y"]])
+    spread = whole["confidence"].std()
+    assert np.abs(live["confidence"].to_numpy()[at] - top["confidence"].to_numpy()).max() < spread
+
+
+def test_a_named_feature_is_the_mean_over_the_scans_so_far(run, scans, sharp):
+    detector = start(run, sharp[0], model=sharp[1])
+    for scan in scans[:30]:
+        detector.add(scan)
+    (stage,) = detector.reads.stages.values()
+    alarms = pd.DataFrame([vars(one) for one in detector.alarms.values()])
+    sums, each = AlarmSums(detector.reads, alarms), []
+    for one in detector.history:
+        sums.add(one)
+        local = [lane_to_scan([x, y, 0.0], one.pose)[:2] for x, y in alarms[["x", "y"]].to_numpy()]
+        each.append(stage.of_image(detector.reads.labelled(one), np.array(local))["sharp_VV"])
+    some = np.isfinite(each).any(axis=0)
+    assert some.sum() > 3
+    np.testing.assert_allclose(
+        sums.table()["sharp_VV"][some], np.nanmean(np.array(each, float)[:, some], axis=0), rtol=1e-12
+    )
+
+
+def test_only_what_decides_is_gathered(run, sharp):
+    """Without a model no stage is asked, and one whose columns the model does not read is not either."""
+    recipe = sharp[0]
+    assert not start(run, recipe).reads.stages
+    assert start(run, recipe).reads.subbands == ["F1"]
+    other = Classifier(("C_HH_F1",), HistogramNormalizer(), FisherDiscriminant())
+    assert not start(run, recipe, model=other).reads.stages
+
+
+class OfTheView(FeatureStage):
+    def of_view(self, view, places):
+        return {"height": places[:, 0]}
+
+
+class Quiet(ClutterStage):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("kind", "stage", "table", "reason"),
+    [
+        ("features", OfTheView, "columns", r"features\.own: columns of the run-view .* only when a place is passed"),
+        ("clutter", Quiet, "clutter", r"clutter\.own: a stage of the kind clutter is not run on scans as they come"),
+    ],
+)
+def test_a_stage_that_cannot_be_causal_is_refused_with_its_reason(run, monkeypatch, kind, stage, table, reason):
+    monkeypatch.setattr("flgpr.chain.stages.find_stage", lambda *_: stage)
+    recipe = parse_recipe(small_recipe() + f'\n[[{table}]]\nstage = "own"\n')
+    with pytest.raises(ValueError, match=f"cannot run live: {reason}"):
+        start(run, recipe)
+
+
+def test_the_magnitude_can_be_the_confidence(run, scans):
+    detector = start(run, parse_recipe('confidence = "magnitude"\n' + small_recipe()))
+    play(detector, scans[:25])
+    table = detector.table()
+    assert len(table) > 5
+    np.testing.assert_array_equal(table["confidence"], table["magnitude"])
+
+
+@pytest.mark.parametrize("how", ["contrast", "estimator"])
+def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, sharp, tmp_path, how):
+    recipe, model = (recipe, None) if how == "contrast" else sharp
+    whole = start(run, recipe, model=model)
     expected = [whole.add(scan) for scan in scans]
-    first, intake = start(run, recipe), Intake(describe_for_live(run))
+    first, intake = start(run, recipe, model=model), Intake(describe_for_live(run))
     for scan in scans[:23]:
         first.add(scan)
     write_snapshot(tmp_path / "s.npz", take_snapshot(first, intake, {"scan-000022.scan"}, "mark"))
-    second = start(run, recipe)
+    second = start(run, recipe, model=model)
     assert restore_snapshot(read_snapshot(tmp_path / "s.npz"), second, intake, "mark") == {"scan-000022.scan"}
     for scan, update in zip(scans[23:], expected[23:], strict=True):
         mine = second.add(scan)
@@ -229,12 +331,12 @@ def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, 
 
 
 def test_only_the_sub_bands_that_decide_are_imaged(run, recipe):
-    assert start(run, recipe).subbands == ["F1"]
+    assert start(run, recipe).reads.subbands == ["F1"]
     names = ("C_HH_F1", "P_H_F2")
     model = Classifier(names, HistogramNormalizer(), FisherDiscriminant())
-    assert start(run, recipe, classifier=model).subbands == ["F1", "F2"]
+    assert start(run, recipe, model=model).reads.subbands == ["F1", "F2"]
     with pytest.raises(ValueError, match=r"paper\.P_H_F1"):
-        start(run, recipe, classifier=Classifier(("paper.P_H_F1",), HistogramNormalizer(), FisherDiscriminant()))
+        start(run, recipe, model=Classifier(("paper.P_H_F1",), HistogramNormalizer(), FisherDiscriminant()))
 
 
 def test_recipes_that_cannot_run_live_are_refused(run, recipe, scans):

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import Recipe, lane_of, parse_recipe
+from flgpr.chain.recipe import HALF_LANE, Recipe, lane_of, parse_recipe
 from flgpr.io import MAX_MEMORY, open_run, write_whole
 from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans, vehicle_to_scan
 
@@ -25,7 +25,7 @@ _RADIUS, _DENSITY, _HALO = 0.75, 0.75, 1.0
 _PATCH, _INNER, _GUARD, _COHERENT = 2.5, (0.5, 0.3), (0.9, 0.7), (0.25, 0.15)
 _MEDIAN, _MEAN, _MEDIAN_STEP = 1.05, 2.55, 0.15
 _WIDTH, _OVERLAP = 0.6e9, 1 / 6  # band whose range cell, 25 cm, is about a mine; part of it that the next band has too
-_LANE, _VIEW = 1.5, 3.0  # half widths of the lane that a run has where none is given, and of the run-view, m
+_VIEW = 3.0  # half width of the run-view, m
 _NEAR, _FAR = 1.2, 4.0  # antenna heights ahead: incidence of 50 and 76 degrees
 _SCANS, _APART = 5, 0.5  # scans, and m between them on average, from which on their mean holds little of a target
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
@@ -287,8 +287,8 @@ psi = "circular"  # angles are averaged as directions
     if y[-1] - y[0] < reach - near:
         more += f"""
 [lane]  # the run is shorter than its images, so ground ahead of its end is searched, too
-x_min = {x - _LANE:.2f}  # {_LANE} m to either side of the vehicle's course
-x_max = {x + _LANE:.2f}
+x_min = {x - HALF_LANE:.2f}  # {HALF_LANE} m to either side of the vehicle's course
+x_max = {x + HALF_LANE:.2f}
 y_min = {y[0] + near:.2f}  # nearest row of the first scan's image
 y_max = {y[-2:][0] + reach:.2f}  # run_view.y_max ahead of the last scan but one, so that two scans see it
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,19 @@ import xarray as xr
 
 from flgpr.chain.model import Model
 from flgpr.chain.passes import Pass
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe import ImageTable, Recipe
 from flgpr.chain.stages import ClutterStage, ComplexArray, Setup
 from flgpr.imaging import ScanImager
-from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
+from flgpr.model import Lane, lane_to_scan, scan_to_lane
+
+
+def imager_of(
+    run: xr.Dataset, table: ImageTable, subbands: Sequence[str] = (), polarizations: Sequence[str] = ()
+) -> ScanImager:
+    """Make the imager of a run on a recipe's grid, of some of its sub-bands and polarizations; default all."""
+    bands = {name: table.subbands[name] for name in subbands or table.subbands}
+    chosen = run.sel(polarization=list(polarizations)) if polarizations else run
+    return ScanImager(chosen, table.grid(), bands, table.weights(run["frequency"].values), table.tolerance)
 
 
 class RunImages:
@@ -33,16 +42,12 @@ class RunImages:
         known: Mapping[str, Any],
         others: Mapping[str, xr.Dataset],
     ) -> None:
-        table, every = recipe.image, recipe.image.grid()
+        table = recipe.image
         labels = [str(label) for label in run["polarization"].values]
         wanted = list(table.polarizations) or labels
-        how = every, table.subbands, table.weights(run["frequency"].values), table.tolerance
-        source = ScanImager(run, *how)
-        self.imager = source if wanted == labels else ScanImager(run.sel(polarization=wanted), *how)
-        self.frames = table.frames
-        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.steps[1]
-        rows = min(every.ny, int(np.ceil((reach - every.y_min) / every.dy)) + 1)
-        self.grid = Grid(every.x_min, every.y_min, every.nx, rows, every.dx, every.dy)
+        source = imager_of(run, table)
+        self.imager = source if wanted == labels else imager_of(run, table, polarizations=wanted)
+        self.frames, self.grid = table.frames, recipe.near_grid()
         self.setup = Setup(
             run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
             self.frames, known,

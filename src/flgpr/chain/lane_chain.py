@@ -18,22 +18,20 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import MOST_GATHERED, Evidence, EvidenceSums, in_order
+from flgpr.chain.gathering import AlarmFeatures, AlarmSums, look_sums
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
-from flgpr.chain.model import Detector, Model, as_model
+from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, bundled, group_of
 from flgpr.chain.recipe import Recipe, SuppressionTable
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
 from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, shared_level, suppress_by_model
-from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
 from flgpr.screen import (
-    MeanViewSums,
-    RangeViewSums,
     RunViewSums,
     local_maxima,
     sample_scan,
@@ -42,8 +40,6 @@ from flgpr.screen import (
 )
 
 MAIN = "main"
-SWAPPED, PAPER = "swapped.", "paper."
-"""Prefixes of the columns of the two variants."""
 FloatArray = NDArray[np.float64]
 
 
@@ -151,39 +147,6 @@ class CleanedRun:
         return image.copy(data=self.background.own_coherent(image.values, self.gains[index]))
 
 
-class StageSums:
-    """Means over the scans of what a feature stage gives for alarms (x, y in the lane frame, m)."""
-
-    def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
-        self.stage = stage
-        self._points = np.zeros((len(alarms), 3))
-        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
-        self._total = np.zeros((len(alarms), len(stage.columns)))
-        self._count = np.zeros(self._total.shape, np.int64)
-
-    def add(self, image: xr.DataArray) -> None:
-        """Take in one cleaned image."""
-        columns = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
-        values = np.stack([np.asarray(columns[name], dtype=np.float64) for name in self.stage.columns], axis=1)
-        self._total += np.nan_to_num(values)
-        self._count += np.isfinite(values)
-
-    def state(self) -> Arrays:
-        """Give sums and counts by row of the alarms."""
-        return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
-
-    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans."""
-        self._total[state["row"]] += state["total"]
-        self._count[state["row"]] += state["count"]
-
-    def table(self) -> pd.DataFrame:
-        """Compute the means; NaN where no scan gave a value."""
-        with np.errstate(invalid="ignore"):
-            means = np.where(self._count > 0, self._total / np.maximum(self._count, 1), np.nan)
-        return pd.DataFrame(means, columns=list(self.stage.columns))
-
-
 class LaneChain(Chain):
     """The passes of a recipe over one run.
 
@@ -227,16 +190,9 @@ class LaneChain(Chain):
     ) -> None:
         self._explains = explains
         self.run, self.recipe, self.lane, self.model = run, recipe, lane, as_model(model)
-        if self.model.detector is not None and recipe.features is None and not recipe.columns:
-            raise ValueError("model needs a recipe with the table features, got one without")
         known = {} if known is None else known
         table, names = recipe.image, recipe.named()
-        self.untrained = [name for name in recipe.learning() if name not in self.model.stages]
-        if self.untrained and truth is None:
-            raise ValueError(
-                f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: make one with "
-                f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with --model"
-            )
+        self.untrained = unlearnt(recipe, self.model, training=truth is not None)
         self.images = RunImages(run, recipe, lane, self.model, known, others or {})
         self.imager, self.setup = self.images.imager, self.images.setup
         made = {
@@ -247,6 +203,9 @@ class LaneChain(Chain):
         self.mapper = next((stage for stage in made.values() if isinstance(stage, MapStage)), None)
         self._screener = next((stage for stage in made.values() if isinstance(stage, ScreenStage)), None)
         self._columns = {name: stage for name, stage in made.items() if isinstance(stage, FeatureStage)}
+        labels = [str(label) for label in self.imager.run["polarization"].values]
+        stages = {name: one for name, one in self._columns.items() if one.columns}
+        self._reads = AlarmFeatures(recipe, labels, list(table.subbands), self.images.grid, stages)
         self.variations = variations_of(recipe)
         super().__init__(self._passes(made, truth), len(self.imager), known)
         self.grid = self.setup.view
@@ -323,8 +282,7 @@ class LaneChain(Chain):
         alarms = self.raised(variation)
         more = alarms[[name for name in alarms.columns if name not in ("x", "y", "magnitude")]]
         features = pd.concat([features, more], axis=1)
-        detector, read = self.model.detector, features.assign(magnitude=alarms["magnitude"])
-        alarms["confidence"] = read[self._single] if detector is None else detector.confidence(read)
+        alarms["confidence"] = self._reads.confidence(features, alarms["magnitude"], self.model.detector)
         alarms["scans"] = features["scans"]
         if variation.name == MAIN and "share" in self.passes:
             total, modelled = self.known["share"]["total"], self.known["share"]["modelled"]
@@ -335,14 +293,6 @@ class LaneChain(Chain):
         if self.recipe.features is None:
             features = features.assign(magnitude=alarms["magnitude"])
         return alarms, features, numbers
-
-    @property
-    def _single(self) -> str:
-        """Name of the feature that is the confidence where nothing was trained."""
-        table = self.recipe.contrast
-        if self.recipe.confidence == "magnitude" or self.recipe.features is None:
-            return self.recipe.confidence
-        return f"C_{table.polarization}_{table.subband}"
 
     def detection(self, variation: Variation | None = None) -> Detection:
         """Give alarms, features and run-view of a variation, by default the recipe's own; needs its pass "features"."""
@@ -359,7 +309,7 @@ class LaneChain(Chain):
             sums.merge(group_of(self.known[variation.of("features")], "evidence"))
             features, detector = detection.features, self.model.detector
             if detector is None or features is None:
-                shares = pd.DataFrame({self._single: detection.alarms["confidence"].to_numpy()})
+                shares = pd.DataFrame({self._reads.single: detection.alarms["confidence"].to_numpy()})
             else:
                 shares = detector.contributions(features)
             before = self._before() if variation.name == MAIN else None
@@ -372,7 +322,7 @@ class LaneChain(Chain):
         notes: dict[str, Any] = {}
         detector = self.model.detector
         if self.recipe.features is not None or detector is not None:
-            notes["confidence"] = self._single if detector is None else " + ".join(detector.features)
+            notes["confidence"] = self._reads.single if detector is None else " + ".join(detector.features)
         if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
             points, peaks = self.known["roadside"]["points"], self.known["share"]["peaks"]
             notes["mask_pixels"] = len(points)
@@ -516,11 +466,10 @@ class LaneChain(Chain):
         return {"gains": first["gains"]} | vars(background)
 
     def _estimator(self, variation: Variation) -> BackgroundEstimator:
-        table = self.recipe.background
-        return BackgroundEstimator(*table.windows(*self.recipe.image.steps), table.median_step, variation.signature)
+        return BackgroundEstimator(*self.recipe.smoothing, variation.signature)
 
     def _view(self, variation: Variation, block: range | None) -> Accumulator:
-        sums, cleaned = self._look_sums(block), self._cleaned_by(variation)
+        sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._kept_rows(block)), self._cleaned_by(variation)
         before = self._view_sums(block) if self._explains and variation.name == MAIN and not self.untrained else None
 
         def add(index: int) -> None:
@@ -576,80 +525,31 @@ class LaneChain(Chain):
     def _features(self, variation: Variation, block: range | None) -> Accumulator:
         cleaned, alarms = self._cleaned_by(variation), self.raised(variation)
         near = np.arange(len(alarms)) if block is None else self._alarms_near(alarms, block)
-        sums, evidence = self._feature_sums(alarms.iloc[near], cleaned.grid), None
+        sums, evidence = AlarmSums(self._reads, alarms.iloc[near], near), None
         if self._explains:
             evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
-        table, labels = self.recipe.contrast, [str(label) for label in self.imager.run["polarization"].values]
-        channel = labels.index(table.polarization), list(self.recipe.image.subbands).index(table.subband)
 
         def add(index: int) -> None:
             image, gain = cleaned.scan(index), cleaned.gains[index]
-            values, pose = image.values, np.asarray(image.attrs["pose"])
-            magnitude = cleaned.background.magnitude(values, gain)
-            coherent = cleaned.background.coherent(values, gain) if self.recipe.features is not None else values
-            for name, some in sums.items():
-                if isinstance(some, ContrastSums):
-                    some.add(magnitude[channel], pose)
-                elif isinstance(some, StageSums):
-                    some.add(image.copy(data=cleaned.background.own_coherent(values, gain)))
-                else:
-                    own = cleaned.background.own_coherent(values, gain) if name == PAPER else coherent
-                    some.add(magnitude, own, pose)
+            where = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
+            scan = self._reads.clean(*where, image.values, gain, cleaned.background, own=evidence is not None)
+            sums.add(scan)
             if evidence is not None:
-                evidence.add(image.copy(data=cleaned.background.own_coherent(values, gain)))
+                evidence.add(self._reads.labelled(scan))
 
         def state(_: bool) -> Arrays:
-            """Rows are counted among all alarms."""
-            states = {name: some.state() for name, some in sums.items()}
-            states = {name: some | {"row": near[some["row"]]} for name, some in states.items()}
-            return bundled(states if evidence is None else states | {"evidence": evidence.state()})
+            return sums.state() | ({} if evidence is None else bundled({"evidence": evidence.state()}))
 
         def merge(state: Mapping[str, NDArray[Any]]) -> None:
-            for name, some in sums.items():
-                theirs = group_of(state, name)
-                some.merge(theirs | {"row": np.searchsorted(near, theirs["row"])})
+            sums.merge(state)
             if evidence is not None:
                 evidence.merge(group_of(state, "evidence"))
 
         def result() -> Arrays:
-            groups = {"feature": table_arrays(self._feature_table(sums))}
+            groups = {"feature": table_arrays(sums.table())}
             return bundled(groups if evidence is None else groups | {"evidence": evidence.state()})
 
         return Accumulator(add, state, merge, result)
-
-    def _feature_sums(self, alarms: pd.DataFrame, grid: Grid) -> dict[str, FeatureSums | ContrastSums | StageSums]:
-        """Make the sums of the features, of their variants by prefix, and of the stages by name.
-
-        Without the ten features there is the contrast.
-        """
-        recipe, table = self.recipe, self.recipe.features
-        stages: dict[str, FeatureSums | ContrastSums | StageSums] = {
-            name: StageSums(stage, alarms) for name, stage in self._columns.items() if stage.columns
-        }
-        if table is None:
-            return {"": ContrastSums(alarms, grid, recipe.run_view.y_max, recipe.contrast.patch()), **stages}
-        channels = [str(label) for label in self.imager.run["polarization"].values], list(recipe.image.subbands)
-        main = FeatureSettings(recipe.contrast.patch(), table.inner, recipe.run_view.y_max, table.psi)
-        settings = {"": main}
-        if table.variants:
-            settings |= {SWAPPED: main.swapped()}
-            settings |= {PAPER: FeatureSettings(main.patch, main.inner, main.y_max, "linear")}
-        return {name: FeatureSums(alarms, *channels, grid, own) for name, own in settings.items()} | stages
-
-    def _feature_table(self, sums: Mapping[str, FeatureSums | ContrastSums | StageSums]) -> pd.DataFrame:
-        """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
-        tables = []
-        for name, some in sums.items():
-            columns = some.table()
-            if isinstance(some, StageSums):
-                tables.append(columns)
-                continue
-            if name == PAPER:
-                columns = columns[[f"{p}_{band}" for band in self.recipe.image.subbands for p in POLARIMETRIC]]
-            tables.append(
-                columns.drop(columns="scans").add_prefix(name) if name == SWAPPED else columns.add_prefix(name)
-            )
-        return pd.concat(tables, axis=1)
 
     def _alarms_near(self, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
         """Numbers of the alarms that a scan of the block may see."""
@@ -679,16 +579,10 @@ class LaneChain(Chain):
         return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))
 
     def _view_sums(self, block: range | None) -> RunViewSums:
-        rows = self._kept if block is None else self._rows(block)
-        return RunViewSums(self.grid, self.recipe.run_view.y_max, rows)
+        return RunViewSums(self.grid, self.recipe.run_view.y_max, self._kept_rows(block))
 
-    def _look_sums(self, block: range | None) -> RunViewSums | MeanViewSums | RangeViewSums:
-        """Make the sums of the recipe's look."""
-        table, rows = self.recipe.run_view, self._kept if block is None else self._rows(block)
-        if table.look == "ranges":
-            return RangeViewSums(self.grid, table.y_max, rows, table.ranges, table.within)
-        kind = MeanViewSums if table.look == "mean" else RunViewSums
-        return kind(self.grid, table.y_max, rows)
+    def _kept_rows(self, block: range | None) -> slice:
+        return self._kept if block is None else self._rows(block)
 
     @property
     def _own(self) -> slice:

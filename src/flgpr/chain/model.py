@@ -14,6 +14,7 @@ import flgpr
 from flgpr.chain.classifier import Classifier
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.passes import Arrays
+from flgpr.chain.recipe import Recipe
 from flgpr.io import Bundle, check_free_folder, read_limited, replace_folder, write_bundle
 
 FORMAT, VERSION = "flgpr-model", 1
@@ -33,6 +34,19 @@ class Model:
 def as_model(model: Model | Detector | None) -> Model:
     """Take a detector as a model that has nothing else."""
     return model if isinstance(model, Model) else Model(model)
+
+
+def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
+    """List the recipe's stages that have not learnt yet; but for training that is an error, as is a vain detector."""
+    if model.detector is not None and recipe.features is None and not recipe.columns:
+        raise ValueError("model needs a recipe with the table features, got one without")
+    names = [name for name in recipe.learning() if name not in model.stages]
+    if names and not training:
+        raise ValueError(
+            f"recipe {recipe.name!r} learns ({', '.join(recipe.learning())}) and needs a model: make one with "
+            f"`flgpr train RUN --truth TRUTH --recipe {recipe.name} -o MODEL` and give it with --model"
+        )
+    return names
 
 
 def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, Any] | None = None) -> Path:

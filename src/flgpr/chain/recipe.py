@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FloatArray = NDArray[np.float64]
+HALF_LANE = 1.5  # half width of the lane that a run has where none is given, m
 
 
 def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
@@ -270,6 +272,18 @@ class Recipe(Table):
     suppression: SuppressionTable | None = None
     variants: tuple[Variant, ...] = ()
 
+    def near_grid(self) -> Grid:
+        """Pixels of the scan images as far ahead as counts: what the run-view takes and patches around alarms reach."""
+        whole = self.image.grid()
+        reach = self.run_view.y_max + self.contrast.size * self.contrast.spacing / 2 + self.image.steps[1]
+        rows = min(whole.ny, math.ceil((reach - whole.y_min) / whole.dy) + 1)
+        return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
+
+    @property
+    def smoothing(self) -> tuple[tuple[int, int], tuple[int, int], int]:
+        """Windows (y, x) of the gain background's median and mean, pixels, and the step of the median."""
+        return *self.background.windows(*self.image.steps), self.background.median_step
+
     def named(self) -> dict[str, Named]:
         """All stages that the recipe names, by kind and name, in the order in which they work and learn."""
         kinds = {"clutter": self.clutter, "map": (self.map,), "screen": (self.screen,), "features": self.columns}
@@ -282,8 +296,8 @@ class Recipe(Table):
     def waits(self) -> list[str]:
         """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
         why = {f"{name}": one.of.waits for name, one in self.named().items() if one.of.waits}
-        why |= {name: "named features are means over all scans" for name, one in self.named().items()
-                if one.of.kind == "features" and name not in why}  # fmt: skip
+        why |= {name: f"a stage of the kind {one.of.kind} is not run on scans as they come"
+                for name, one in self.named().items() if one.of.kind != "features" and name not in why}  # fmt: skip
         if self.image.frames > 1:
             why["image.frames"] = "several scans are summed"
         if self.run_view.look != "second-largest":
@@ -294,8 +308,6 @@ class Recipe(Table):
             )
         if self.background.gain != "smooth":
             why["background.gain"] = f'must be "smooth", got "{self.background.gain}"'
-        if self.confidence != "contrast":
-            why["confidence"] = f'must be "contrast", got "{self.confidence}"'
         return [f"{name}: {reason}" for name, reason in why.items()]
 
     @model_validator(mode="after")
@@ -387,9 +399,17 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
-    pose = run["pose"].values
-    middle, near = float(np.median(pose[:, 0])), recipe.image.y[0]
-    return Lane(middle - 1.5, middle + 1.5, float(pose[:, 1].min() + near), float(pose[:, 1].max() + near))
+    return course_lane(recipe, run["pose"].values)
+
+
+def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> Lane:
+    """Lane about the course of poses (scan, 6), from the image's nearest row at the first to that at the last.
+
+    With ``end`` it ends there, m: a vehicle that drives on has no last pose yet.
+    """
+    middle, near = float(np.median(poses[:, 0])), recipe.image.y[0]
+    last = float(poses[:, 1].max() + near) if end is None else end
+    return Lane(middle - HALF_LANE, middle + HALF_LANE, float(poses[:, 1].min() + near), last)
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:

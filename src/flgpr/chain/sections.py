@@ -17,7 +17,7 @@ import pandas as pd
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.stages import ScreenStage
 from flgpr.model import Lane
-from flgpr.screen import density_threshold
+from flgpr.screen import view_threshold
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,4 @@ def lane_threshold(recipe: Recipe, lane: Lane, maxima: pd.DataFrame, seen: int) 
     if recipe.screen is not None:
         return -math.inf  # a stage of its own has judged already
     screen, grid = recipe.prescreen, recipe.run_view.grid(lane)
-    whole = screen.count == "view"
-    counted = maxima if whole else maxima[lane.contains(maxima["x"], maxima["y"])]
-    area = seen * grid.dx * grid.dy if whole else lane.area
-    return density_threshold(counted["magnitude"].to_numpy(), area, screen.radius, screen.density)
+    return view_threshold(maxima, lane, seen * grid.dx * grid.dy, screen.radius, screen.density, screen.count)

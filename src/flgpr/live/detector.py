@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numba
 import numpy as np
@@ -19,20 +19,24 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import Classifier
 from flgpr.chain.fitting import check_channels
-from flgpr.chain.recipe import FeaturesTable, Recipe
+from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, look_sums
+from flgpr.chain.images import imager_of
+from flgpr.chain.model import Detector, Model, as_model, unlearnt
+from flgpr.chain.passes import Arrays
+from flgpr.chain.recipe import Recipe, course_lane
+from flgpr.chain.stages import FeatureStage, Setup
 from flgpr.clutter import CausalBackground
-from flgpr.features import FEATURES, ContrastSums, FeatureSettings, FeatureSums
-from flgpr.imaging import ScanImager
+from flgpr.features import FEATURES
 from flgpr.io import RunDescription, Scan, as_run
-from flgpr.model import Grid, Lane, lane_to_scan, scan_to_lane
-from flgpr.screen import RunViewSums, local_maxima, view_array
+from flgpr.model import Grid, Lane, lane_to_scan
+from flgpr.screen import counts, density_threshold, local_maxima, seen_along, view_array
 
 FloatArray = NDArray[np.float64]
 State = Literal["new", "update", "withdrawn", "final"]
 _FARTHEST_GAP = 50.0  # m; ground farther back than this before a scan is closed without another look
 _MOST_SCANS = 64
+_WITHOUT_END = 1e9  # m
 
 
 @dataclass(frozen=True)
@@ -88,26 +92,12 @@ class LiveUpdate:
     view: NDArray[np.float32] | None = None
 
 
-@dataclass(frozen=True)
-class CleanedScan:
-    """A cleaned scan that still sees ground ahead.
-
-    Magnitudes and images are (polarization, subband, y, x). In ``coherent`` all polarizations share one gain; it is
-    None where no feature needs it.
-    """
-
-    number: int
-    pose: FloatArray
-    magnitude: NDArray[np.float32]
-    coherent: NDArray[np.complex64] | None
-
-
 class LiveDetector:
     """Raise alarms while scans come in.
 
     Only the sub-bands that decide on alarms are imaged. Without a lane, here or in the recipe, it is 3 m about the
-    first pose and as long as the vehicle drives; without a classifier the local contrast is the confidence. A recipe
-    that cannot be run live is a ValueError.
+    first pose and as long as the vehicle drives; without a detector in the model the local contrast is the confidence.
+    A recipe that cannot be run live is a ValueError.
     """
 
     def __init__(
@@ -115,25 +105,21 @@ class LiveDetector:
         description: RunDescription,
         recipe: Recipe,
         lane: Lane | None = None,
-        classifier: Classifier | None = None,
+        model: Model | Detector | None = None,
         settings: LiveSettings | None = None,
     ) -> None:
-        self.description, self.recipe, self.classifier = description, recipe, classifier
+        self.description, self.recipe, self.model = description, recipe, as_model(model)
         self.settings = settings or LiveSettings()
         self.lane = lane or (recipe.lane.lane() if recipe.lane is not None else None)
-        self.origin: tuple[float, float] | None = None  # x of the middle, y of the first row
-        self.subbands = _needed_subbands(recipe, classifier)
-        _check(description, recipe)
-        table = recipe.image
-        self._whole = table.grid()
-        reach = recipe.run_view.y_max + recipe.contrast.size * recipe.contrast.spacing / 2 + table.steps[1]
-        rows = min(self._whole.ny, math.ceil((reach - self._whole.y_min) / self._whole.dy) + 1)
-        self.grid = Grid(self._whole.x_min, self._whole.y_min, self._whole.nx, rows, self._whole.dx, self._whole.dy)
-        median, mean = recipe.background.windows(*table.steps)
-        self.background = CausalBackground(
-            median, mean, recipe.background.median_step, self.settings.span, self.settings.warm_up
-        )
-        self.history: list[CleanedScan] = []
+        check_causal(recipe)
+        check_channels(recipe, description.polarization, description.frequency)
+        unlearnt(recipe, self.model)
+        self.reads = _reads(description, recipe, self.lane, self.model)
+        self.grid = self.reads.grid
+        self.background = CausalBackground(*recipe.smoothing, self.settings.span, self.settings.warm_up)
+        self.first_pose: FloatArray | None = None
+        self.history: list[CleanedScan] = []  # of scans that still see ground ahead
+        self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them
         self.passed: list[LiveAlarm] = []
         self.magnitudes: list[float] = []  # of all passed maxima that the density rule counts, ascending
@@ -152,9 +138,8 @@ class LiveDetector:
         if scan.pose is None:
             raise ValueError(f"scan {scan.number} must have a pose, got none")
         pose = scan.pose
-        if self.origin is None:
-            near = self.lane.y_min if self.lane is not None else float(pose[1]) + self.recipe.image.y[0]
-            self.origin = float(pose[0]), self.recipe.run_view.y[0] if self.recipe.run_view.y else near
+        if self.first_pose is None:
+            self.first_pose = pose
         ahead = self._reach(pose)
         if ahead[1] < self.closed:
             return LiveUpdate("late", [])
@@ -162,18 +147,18 @@ class LiveDetector:
             return LiveUpdate("still", [])
         if self.newest is None or scan.number > self.newest[0]:
             self.newest = scan.number, pose
+        where = self.newest[1]
         image = self._image(scan)
         gain, background = self.background.add(image)
         if background is None:
             return LiveUpdate("warm-up", [])
         rows = self.grid.ny
         near_image = np.ascontiguousarray(image[..., :rows, :])
-        own = background.cropped(rows)
-        coherent = own.coherent(near_image, gain) if self.classifier is not None else None
-        self._keep(CleanedScan(scan.number, pose, own.magnitude(near_image, gain), coherent))
-        left_behind = self._jump()
-        row, view = self._window()
-        return LiveUpdate("taken", left_behind + self._raise(view), row, np.asarray(view.values, np.float32))
+        cleaned = self.reads.clean(scan.number, pose, near_image, gain, background.cropped(rows))
+        self.history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
+        left_behind = self._jump(where)
+        row, view = self._look(cleaned, where)
+        return LiveUpdate("taken", left_behind + self._raise(view, where), row, np.asarray(view.values, np.float32))
 
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
@@ -191,69 +176,68 @@ class LiveDetector:
 
     def view_grid(self) -> dict[str, float] | None:
         """Lattice of the run-view: ``x``, ``y`` of its first pixel, ``nx``, ``dx``, ``dy``; None before a pose came."""
-        if self.origin is None:
+        if self.first_pose is None:
             return None
-        across = self._across()
-        return {"x": across.x_min, "y": self.origin[1], "nx": across.nx, "dx": across.dx, "dy": across.dy}
+        grid = self._view_grid()
+        return {"x": grid.x_min, "y": grid.y_min, "nx": grid.nx, "dx": grid.dx, "dy": grid.dy}
+
+    def _view_grid(self, first: int = 0, rows: int = 1) -> Grid:
+        """Lattice of rows of the run-view, counted from the lane's first."""
+        table = self.recipe.run_view
+        across = Grid.spanning(table.x, (0.0, table.spacing), table.spacing)
+        y = (table.y[0] if table.y else self._ground.y_min) + first * table.spacing
+        return Grid(across.x_min, y, across.nx, rows, table.spacing, table.spacing)
+
+    @property
+    def _ground(self) -> Lane:
+        """The lane; without one it goes on with the vehicle."""
+        if self.lane is not None:
+            return self.lane
+        if self.first_pose is None:
+            raise ValueError("lane needs a pose, got none")
+        return course_lane(self.recipe, self.first_pose[None], _WITHOUT_END)
 
     def _image(self, scan: Scan) -> NDArray[np.complex64]:
-        table = self.recipe.image
-        bands = {name: table.subbands[name] for name in self.subbands}
-        imager = ScanImager(as_run(self.description, scan), self._whole, bands, table.window, table.tolerance)
+        run = as_run(self.description, scan)
+        imager = imager_of(run, self.recipe.image, self.reads.subbands, self.recipe.image.polarizations)
         return np.asarray(imager.image(0).values)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
         """First and last lane y that a scan can see."""
-        x_min, x_max, y_min, y_max = self.grid.extent()
-        corners = np.zeros((4, 3))
-        corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (y_min, min(y_max, self.recipe.run_view.y_max))]
-        along = scan_to_lane(corners, pose)[:, 1]
-        return float(along.min()), float(along.max())
+        return seen_along(self.grid, pose, self.recipe.run_view.y_max)
 
-    def _keep(self, one: CleanedScan) -> None:
-        self.history = sorted([*self.history, one], key=lambda scan: scan.number)[-_MOST_SCANS:]
-
-    def _across(self) -> Grid:
-        x, spacing = self.recipe.run_view.x, self.recipe.run_view.spacing
-        return Grid.spanning(x, (0.0, spacing), spacing)
-
-    def _window(self) -> tuple[int, xr.DataArray]:
-        """Run-view of the ground that is not final, and a margin of the final ground before it."""
-        if self.origin is None or self.newest is None:
-            raise ValueError("window needs a scan, got none")
-        across, spacing = self._across(), self.recipe.run_view.spacing
-        low, high = self._reach(self.newest[1])
-        high = max(high, *(self._reach(one.pose)[1] for one in self.history))
-        start = (self.closed if math.isfinite(self.closed) else low) - self._margin()
-        first = math.floor((start - self.origin[1]) / spacing)
-        last = math.ceil((high - self.origin[1]) / spacing)
-        if self.lane is not None or self.recipe.run_view.y is not None:
-            end = self.recipe.run_view.y[1] if self.recipe.run_view.y else self.lane.y_max if self.lane else math.inf
-            first, last = max(first, 0), min(last, round((end - self.origin[1]) / spacing))
-        rows = max(last - first + 1, 3)
-        grid = Grid(across.x_min, self.origin[1] + first * spacing, across.nx, rows, spacing, spacing)
-        sums = RunViewSums(grid, self.recipe.run_view.y_max)
-        p, s = self._channel(self.recipe.prescreen.polarization, self.recipe.prescreen.subband)
-        for one in self.history:
-            sums.add(one.magnitude[p, s], self.grid, one.pose)
+    def _look(self, scan: CleanedScan, pose: FloatArray) -> tuple[int, xr.DataArray]:
+        """Take a scan into the run-view of the ground that is not final, and a margin of the final ground before it."""
+        first, rows = self._window(pose)
+        grid = self._view_grid(first, rows)
+        sums = look_sums(self.recipe.run_view, grid)
+        if self.view:
+            sums.merge(self.view | {"row": self.view["row"] - first})
+        sums.add(scan.magnitude[self.reads.channel(self.recipe.prescreen)], self.grid, scan.pose)
+        self.view = sums.state() | {"row": np.array(first)}
         return first, view_array(*sums.result(), grid, {})
 
-    def _channel(self, polarization: str, subband: str) -> tuple[int, int]:
-        return self.description.polarization.index(polarization), self.subbands.index(subband)
+    def _window(self, pose: FloatArray) -> tuple[int, int]:
+        """First row of the ground that is looked at, and how many."""
+        y, spacing = self._view_grid().y_min, self.recipe.run_view.spacing
+        low, high = self._reach(pose)
+        start = (self.closed if math.isfinite(self.closed) else low) - self._margin()
+        high = max(high, *(self._reach(one.pose)[1] for one in self.history))
+        first, last = math.floor((start - y) / spacing), math.ceil((high - y) / spacing)
+        if self.lane is not None or self.recipe.run_view.y is not None:
+            end = self.recipe.run_view.y[1] if self.recipe.run_view.y else self._ground.y_max
+            first, last = max(first, 0), min(last, round((end - y) / spacing))
+        return first, max(last - first + 1, 3)
 
-    def _raise(self, view: xr.DataArray) -> list[LiveAlarm]:
+    def _raise(self, view: xr.DataArray, pose: FloatArray) -> list[LiveAlarm]:
         """Bring the open alarms up to date with the run-view, and close the ground that is passed."""
-        if self.newest is None:
-            raise ValueError("alarms need a scan, got none")
-        pose = self.newest[1]
         found = local_maxima(view, self.recipe.prescreen.radius)
         found = found[found["y"] > self.closed]
         column = np.rint((found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing).astype(int)
         row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).astype(int)
         found = found[view["looks"].values[row, column] >= self.settings.looks].reset_index(drop=True)
-        strong = found[found["magnitude"] >= self._threshold(found, view)]
-        confidence = self._confidence(strong)
-        known = strong.assign(confidence=confidence["confidence"], scans=confidence["scans"])
+        strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
+        known = pd.concat([strong, self._confidence(strong)], axis=1)
         changed = self._match(known[known["confidence"].notna()], pose)
         limit = self._reach(pose)[0] - self.recipe.prescreen.radius
         if limit > self.closed:
@@ -265,57 +249,28 @@ class LiveDetector:
     def _threshold(self, found: pd.DataFrame, view: xr.DataArray) -> float:
         """Magnitude that the density rule asks for, on the ground seen so far (Wang et al. 2007, Sec. II-B)."""
         screen = self.recipe.prescreen
-        here = found[self._counts(found)]["magnitude"].to_numpy()
+        magnitudes = np.append(self.magnitudes, found["magnitude"].to_numpy()[self._counts(found["x"], found["y"])])
         area = self.seen_area + self._area(view, self.closed, math.inf)
-        keep = math.floor(screen.density * area / (math.pi * screen.radius**2))
-        if keep == 0:
-            return math.inf
-        total = len(self.magnitudes) + here.size
-        if total <= keep:
-            return -math.inf
-        return float(np.partition(np.append(self.magnitudes, here), total - keep)[total - keep])
+        return density_threshold(magnitudes, area, screen.radius, screen.density)
 
-    def _counts(self, found: pd.DataFrame) -> NDArray[np.bool_]:
-        lane = self._lane()
-        if self.recipe.prescreen.count == "view" or lane is None:
-            return np.ones(len(found), np.bool_)
-        return np.asarray(lane.contains(found["x"].to_numpy(), found["y"].to_numpy()), np.bool_)
-
-    def _lane(self) -> Lane | None:
-        if self.lane is not None or self.origin is None:
-            return self.lane
-        return Lane(self.origin[0] - 1.5, self.origin[0] + 1.5, self.origin[1], 1e9)
+    def _counts(self, x: Any, y: Any) -> NDArray[np.bool_]:
+        return counts(x, y, self._ground, self.recipe.prescreen.count)
 
     def _area(self, view: xr.DataArray, low: float, high: float) -> float:
         """Area between two lane y that was seen and that the density rule counts, m²."""
-        y, x, spacing = view["y"].values, view["x"].values, self.recipe.run_view.spacing
-        counts = np.isfinite(view.values) & ((y > low) & (y <= high))[:, None]
-        lane = self._lane()
-        if self.recipe.prescreen.count == "lane" and lane is not None:
-            counts &= lane.contains(*np.meshgrid(x, y))
-        return float(counts.sum()) * spacing**2
+        x, y = np.meshgrid(view["x"].values, view["y"].values)
+        counted = np.isfinite(view.values) & (y > low) & (y <= high) & self._counts(x, y)
+        return float(counted.sum()) * self.recipe.run_view.spacing**2
 
     def _confidence(self, alarms: pd.DataFrame) -> pd.DataFrame:
+        """Confidence of alarms and the number of scans that entered it."""
+        sums = AlarmSums(self.reads, alarms)
         with _one_thread():
-            return self._features(alarms)
-
-    def _features(self, alarms: pd.DataFrame) -> pd.DataFrame:
-        contrast = self.recipe.contrast
-        if self.classifier is None:
-            p, s = self._channel(contrast.polarization, contrast.subband)
-            single = ContrastSums(alarms, self.grid, self.recipe.run_view.y_max, contrast.patch())
             for one in self.history:
-                single.add(one.magnitude[p, s], one.pose)
-            return single.table().rename(columns={"contrast": "confidence"})
-        table = self.recipe.features or FeaturesTable()
-        settings = FeatureSettings(contrast.patch(), table.inner, self.recipe.run_view.y_max, table.psi)
-        sums = FeatureSums(alarms, self.description.polarization, self.subbands, self.grid, settings)
-        for one in self.history:
-            if one.coherent is not None:
-                sums.add(one.magnitude, one.coherent, one.pose)
+                sums.add(one)
         features = sums.table()
-        confidence = self.classifier.confidence(features)
-        return pd.DataFrame({"confidence": confidence, "scans": features["scans"]}, index=alarms.index)
+        confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
+        return pd.DataFrame({"confidence": confidence, "scans": features["scans"]})
 
     def _match(self, found: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:
         """Give every maximum the name of the open alarm next to it, the strongest first, or a new one."""
@@ -338,11 +293,9 @@ class LiveDetector:
             changed.append(replace(self.alarms.pop(gone), state="withdrawn"))
         return changed
 
-    def _jump(self) -> list[LiveAlarm]:
+    def _jump(self, pose: FloatArray) -> list[LiveAlarm]:
         """Close what lies so far back that the window would grow without bounds, after a gap between scans."""
-        if self.newest is None:
-            return []
-        limit = self._reach(self.newest[1])[0] - _FARTHEST_GAP
+        limit = self._reach(pose)[0] - _FARTHEST_GAP
         return self._finals(limit) if math.isfinite(self.closed) and limit > self.closed else []
 
     def _finals(self, limit: float) -> list[LiveAlarm]:
@@ -356,7 +309,7 @@ class LiveDetector:
 
     def _close(self, found: pd.DataFrame, view: xr.DataArray, limit: float) -> list[LiveAlarm]:
         """Make the ground up to ``limit`` final."""
-        counted = found[self._counts(found) & (found["y"] <= limit).to_numpy()]
+        counted = found[self._counts(found["x"], found["y"]) & (found["y"] <= limit).to_numpy()]
         for magnitude in counted["magnitude"]:
             bisect.insort(self.magnitudes, float(magnitude))
         self.seen_area += self._area(view, self.closed, limit)
@@ -377,28 +330,41 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def _needed_subbands(recipe: Recipe, classifier: Classifier | None) -> list[str]:
-    """Sub-bands that decide on alarms, in the recipe's order."""
-    needed = {recipe.prescreen.subband}
-    if classifier is None:
+def _reads(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> AlarmFeatures:
+    """Take of a recipe's features what decides on alarms: what the model's detector reads, without one the contrast."""
+    names = model.detector.features if model.detector is not None else ()
+    features = recipe.features.model_copy(update={"variants": False}) if recipe.features and names else None
+    stages = _stages(description, recipe, lane, model) if names and recipe.columns else {}
+    stages = {name: one for name, one in stages.items() if set(one.columns) & set(names)}
+    needed, known = {recipe.prescreen.subband}, {"magnitude"}.union(*(one.columns for one in stages.values()))
+    if features is None:
         needed.add(recipe.contrast.subband)
-    for name in classifier.features if classifier is not None else ():
-        bands = [b for b in recipe.image.subbands for feature in FEATURES if name == f"{feature}_{b}"]
-        if not bands:
+        known.add("contrast")
+    bands = {f"{one}_{band}": band for band in recipe.image.subbands for one in FEATURES if features is not None}
+    for name in names:
+        if name not in known and name not in bands:
             raise ValueError(f"model must read features of the recipe's sub-bands when live, got {name}")
-        needed.update(bands)
-    return [name for name in recipe.image.subbands if name in needed]
+        needed |= {bands[name]} if name in bands else set()
+    subbands = [band for band in recipe.image.subbands if stages or band in needed]  # stages see all of an image
+    labels = list(recipe.image.polarizations) or description.polarization
+    return AlarmFeatures(recipe.model_copy(update={"features": features}), labels, subbands, recipe.near_grid(), stages)
+
+
+def _stages(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, FeatureStage]:
+    """Make the stages that add columns; the run that they are told of has one scan without an echo, at the origin."""
+    run = as_run(description, Scan(0, math.nan, np.zeros(6), np.zeros(description.shape, np.complex64)))
+    table, pose = recipe.image, np.zeros((1, 6))
+    where = lane or course_lane(recipe, pose, _WITHOUT_END)
+    imaged = [description.polarization.index(one) for one in table.polarizations or description.polarization]
+    setup = Setup(run, {}, where, imager_of(run, table), recipe.near_grid(), recipe.run_view.grid(where), imaged, 1, {})
+    made = {name: one.of(one.settings, setup, model.stages.get(name)) for name, one in recipe.named().items()}
+    return {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
 
 
 def check_causal(recipe: Recipe) -> None:
     """Refuse a recipe that needs more than the scans so far; say why."""
     if recipe.waits():
         raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.waits())}")
-
-
-def _check(description: RunDescription, recipe: Recipe) -> None:
-    check_causal(recipe)
-    check_channels(recipe, description.polarization, description.frequency)
 
 
 def _differ(one: LiveAlarm, other: LiveAlarm) -> bool:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 import flgpr
-from flgpr.chain.classifier import Classifier
-from flgpr.chain.model import MODEL_FILE, load_model
+from flgpr.chain.model import MODEL_FILE, Model, load_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.io import (
     RunDescription,
@@ -56,7 +55,7 @@ class LiveOptions:
     output: PathLike  #: folder for events, snapshot and alarms
     incoming: PathLike | None = None
     socket: PathLike | None = None  #: unix socket to listen on
-    model: PathLike | None = None  #: trained classifier
+    model: PathLike | None = None  #: what the recipe's stages have learnt
     lane: PathLike | None = None  #: TOML of the lane
     anchor: PathLike | None = None  #: TOML that ties the lane to the Earth
     settings: LiveSettings = field(default_factory=LiveSettings)
@@ -103,10 +102,8 @@ class LiveRun:
         text = recipe_text(options.recipe)
         self._recipe: Recipe = parse_recipe(text, str(options.recipe))
         check_causal(self._recipe)
-        detector = load_model(options.model).detector if options.model is not None else None
-        if detector is not None and not isinstance(detector, Classifier):
-            raise ValueError(f"model must hold a fisher discriminant to run live, got {detector.name}")
-        self._classifier: Classifier | None = detector
+        self._model = load_model(options.model) if options.model is not None else Model()
+        unlearnt(self._recipe, self._model)
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
         model = "" if options.model is None else sha256((Path(options.model) / MODEL_FILE).read_bytes())
@@ -198,14 +195,14 @@ class LiveRun:
     def _describe(self, description: RunDescription, events: EventFile, snapshot: Snapshot | None) -> None:
         """Make the detector once the run is known, and go on from a snapshot where there is one."""
         self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
-        detector = LiveDetector(description, self._recipe, self._lane, self._classifier, self.options.settings)
+        detector = LiveDetector(description, self._recipe, self._lane, self._model, self.options.settings)
         intake = Intake(description)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
-            self._started = detector.origin is not None
+            self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
-        rehearse(description, self._recipe, self._classifier)
+        rehearse(description, self._recipe, self._model)
         self._detector, self._intake = detector, intake
 
     def _take(self, arrival: Arrival, events: EventFile) -> bool:
@@ -301,9 +298,9 @@ class LiveRun:
         return report
 
 
-def rehearse(description: RunDescription, recipe: Recipe, classifier: Classifier | None) -> None:
+def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
     """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan."""
-    detector = LiveDetector(description, recipe, None, classifier, LiveSettings(looks=1, warm_up=2))
+    detector = LiveDetector(description, recipe, None, model, LiveSettings(looks=1, warm_up=2))
     rng = np.random.default_rng(0)
     for number in range(4):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)

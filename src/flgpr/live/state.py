@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.chain.gathering import CleanedScan
 from flgpr.io import Bundle, BundleError, write_bundle
-from flgpr.live.detector import CleanedScan, LiveAlarm, LiveDetector
+from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 1
+FORMAT, VERSION = "flgpr-live-snapshot", 2
 _SCALARS = ("closed", "seen_area", "named")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
@@ -27,10 +28,9 @@ class SnapshotError(ValueError):
 def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], fingerprint: str) -> Snapshot:
     """Gather the state, as JSON values and arrays; later scans do not change what was gathered."""
     arrays = {f"background.{name}": value for name, value in detector.background.state().items()}
+    arrays |= {f"view.{name}": value for name, value in detector.view.items()}
     for i, one in enumerate(detector.history):
-        arrays |= {f"scan{i}.pose": one.pose, f"scan{i}.magnitude": one.magnitude}
-        if one.coherent is not None:
-            arrays[f"scan{i}.coherent"] = one.coherent
+        arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
     newest = detector.newest
     words = {
         "format": FORMAT,
@@ -43,7 +43,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "alarms": [asdict(one) for one in detector.alarms.values()],
         "passed": [asdict(one) for one in detector.passed],
         "magnitudes": list(detector.magnitudes),
-        "origin": None if detector.origin is None else list(detector.origin),
+        "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
         "newest": None if newest is None else [newest[0], newest[1].tolist()],
         "scalars": {name: _plain(getattr(detector, name)) for name in _SCALARS},
     }
@@ -75,17 +75,14 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
     words, arrays = snapshot
     if words["fingerprint"] != fingerprint:
         raise SnapshotError("the snapshot belongs to another run, recipe, model or setting; --fresh begins anew")
-    prefix = "background."
-    detector.background.restore({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
-    detector.history = [
-        CleanedScan(number, arrays[f"scan{i}.pose"], arrays[f"scan{i}.magnitude"], arrays.get(f"scan{i}.coherent"))
-        for i, number in enumerate(words["history"])
-    ]
+    detector.background.restore(_group(arrays, "background."))
+    detector.view = _group(arrays, "view.")
+    detector.history = [CleanedScan(number, **_group(arrays, f"scan{i}.")) for i, number in enumerate(words["history"])]
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
     detector.passed = [LiveAlarm(**one) for one in words["passed"]]
     detector.magnitudes = list(words["magnitudes"])
-    detector.origin = None if words["origin"] is None else (words["origin"][0], words["origin"][1])
-    newest = words["newest"]
+    first, newest = words["first_pose"], words["newest"]
+    detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
     for name in _SCALARS:
         value = words["scalars"][name]
@@ -126,6 +123,10 @@ class SnapshotWriter:
             write_snapshot(self._path, snapshot)
         except OSError as error:
             self._error = error
+
+
+def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _plain(value: float) -> float | int | None:

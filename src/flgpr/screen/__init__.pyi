@@ -10,13 +10,14 @@ from flgpr.screen.clusters import (
     thresholds_over,
 )
 from flgpr.screen.labels import label_alarms
-from flgpr.screen.maxima import density_threshold, local_maxima, prescreen
+from flgpr.screen.maxima import counts, density_threshold, local_maxima, prescreen, view_threshold
 from flgpr.screen.views import (
     MeanViewSums,
     RangeViewSums,
     RunViewSums,
     run_view,
     sample_scan,
+    seen_along,
     select,
     view_array,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "MeanViewSums",
     "RangeViewSums",
     "RunViewSums",
+    "counts",
     "density_threshold",
     "energy_ratio",
     "find_clusters",
@@ -39,7 +41,9 @@ __all__ = [
     "prescreen_clusters",
     "run_view",
     "sample_scan",
+    "seen_along",
     "select",
     "thresholds_over",
     "view_array",
+    "view_threshold",
 ]

@@ -8,10 +8,12 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
 from flgpr.model import Lane
+
+Count = Literal["lane", "view"]
 
 
 def prescreen(
@@ -19,7 +21,7 @@ def prescreen(
     lane: Lane,
     radius: float = 0.75,
     density: float = 0.75,
-    count: Literal["lane", "view"] = "lane",
+    count: Count = "lane",
 ) -> pd.DataFrame:
     """Raise alarms at the local maxima of a run-view.
 
@@ -71,10 +73,57 @@ def prescreen(
     if count not in ("lane", "view"):
         raise ValueError(f"count must be lane or view, got {count!r}")
     table = local_maxima(view, radius)
-    inside = table if count == "view" else table[lane.contains(table["x"], table["y"])]
-    area = _area_seen(view) if count == "view" else lane.area
-    threshold = density_threshold(inside["magnitude"].to_numpy(), area, radius, density)
+    threshold = view_threshold(table, lane, _area_seen(view), radius, density, count)
     return table[table["magnitude"] >= threshold].reset_index(drop=True)
+
+
+def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.bool_]:
+    """Tell which places the density rule counts.
+
+    Parameters
+    ----------
+    x, y : array_like
+        Places in the lane frame, m, of one shape.
+    lane : Lane
+        The lane.
+    count : {"lane", "view"}
+        Whether those in the lane count, or all.
+
+    Returns
+    -------
+    ndarray of bool
+        Of the places' shape.
+    """
+    inside = np.asarray(lane.contains(x, y), np.bool_)
+    return inside if count == "lane" else np.ones_like(inside)
+
+
+def view_threshold(maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count) -> float:
+    """Apply the density rule to the local maxima of a whole run-view.
+
+    Parameters
+    ----------
+    maxima : DataFrame
+        x, y (m) and magnitude.
+    lane : Lane
+        The lane.
+    seen : float
+        Area of the run-view that was seen, m².
+    radius, density, count
+        As in :func:`prescreen`.
+
+    Returns
+    -------
+    float
+        The threshold, as :func:`density_threshold` has it.
+
+    Raises
+    ------
+    ValueError
+        If radius or density is not positive.
+    """
+    counted = maxima["magnitude"].to_numpy()[counts(maxima["x"], maxima["y"], lane, count)]
+    return density_threshold(counted, seen if count == "view" else lane.area, radius, density)
 
 
 def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float, density: float) -> float:

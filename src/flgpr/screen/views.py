@@ -25,6 +25,30 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
     return bilinear(np.abs(image.values), row, column)
 
 
+def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
+    """Tell which part of the lane a scan sees.
+
+    Parameters
+    ----------
+    grid : Grid
+        Pixels of its image in the scan frame.
+    pose : (6,) ndarray
+        Its pose.
+    y_max : float
+        Farthest distance ahead of the array that counts, m.
+
+    Returns
+    -------
+    float, float
+        First and last y of the lane frame, m.
+    """
+    x_min, x_max, near, far = grid.extent()
+    corners = np.zeros((4, 3))
+    corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (near, min(far, y_max))]
+    along = scan_to_lane(corners, pose)[:, 1]
+    return float(along.min()), float(along.max())
+
+
 class LaneSums:
     """Samples of all scans at the pixels of the lane; what becomes of them is told by the kind of look.
 
@@ -84,12 +108,9 @@ class LaneSums:
 
     def reach(self, grid: Grid, pose: NDArray[np.float64]) -> slice:
         """Tell which rows of the whole run-view a scan with these pixels can reach."""
-        x_min, x_max, y_min, y_max = grid.extent()
-        corners = np.zeros((4, 3))
-        corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (y_min, min(y_max, self.y_max + grid.dy))]
-        along = scan_to_lane(corners, pose)[:, 1]
-        first = math.floor((along.min() - self.grid.y_min) / self.grid.dy)
-        last = math.ceil((along.max() - self.grid.y_min) / self.grid.dy) + 1
+        low, high = seen_along(grid, pose, self.y_max + grid.dy)
+        first = math.floor((low - self.grid.y_min) / self.grid.dy)
+        last = math.ceil((high - self.grid.y_min) / self.grid.dy) + 1
         return slice(min(max(first, 0), self.grid.ny), min(max(last, 0), self.grid.ny))
 
     def _gathered(self) -> dict[str, NDArray[Any]]:

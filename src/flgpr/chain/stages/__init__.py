@@ -213,12 +213,18 @@ class ScreenStage(Stage):
 class FeatureStage(Stage):
     """Adds columns to the features of alarms: give one of the two methods, or both.
 
-    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken; the chain does the gathering.
+    Of what ``of_image`` gives, the mean over all scans that see an alarm is taken, live over those so far; the chain
+    does the gathering. With ``of_view`` a stage waits for the whole run.
     """
 
     kind = "features"
     columns: tuple[str, ...] = ()
     """Columns of ``of_image``; "" for none."""
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if cls.of_view is not FeatureStage.of_view and not cls.waits:
+            cls.waits = "columns of the run-view are complete only when a place is passed"
 
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.

@@ -1,0 +1,210 @@
+"""Run-view and features gathered scan by scan, alike for a stored run, its sections, and scans as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.chain.model import Detector
+from flgpr.chain.passes import Arrays, bundled, group_of
+from flgpr.chain.recipe import ContrastTable, PrescreenTable, Recipe, RunViewTable
+from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
+from flgpr.clutter import Background
+from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
+from flgpr.model import Grid, lane_to_scan
+from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
+
+SWAPPED, PAPER = "swapped.", "paper."
+"""Prefixes of the columns of the two variants."""
+
+
+def look_sums(table: RunViewTable, grid: Grid, rows: slice | None = None) -> RunViewSums | MeanViewSums | RangeViewSums:
+    """Make the sums of the recipe's look, on rows of a grid of the lane frame."""
+    if table.look == "ranges":
+        return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
+    kind = MeanViewSums if table.look == "mean" else RunViewSums
+    return kind(grid, table.y_max, rows)
+
+
+@dataclass(frozen=True)
+class CleanedScan:
+    """A scan's images (polarization, subband, y, x) in units of their background, as far ahead as counts.
+
+    The polarizations of ``coherent`` share one gain, those of ``own`` have their own; None where nothing reads them.
+    """
+
+    number: int
+    pose: FloatArray
+    magnitude: NDArray[np.float32]
+    coherent: ComplexArray | None = None
+    own: ComplexArray | None = None
+
+
+class StageSums:
+    """Means over the scans of what a feature stage gives for alarms (x, y in the lane frame, m)."""
+
+    def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
+        self.stage = stage
+        self._points = np.zeros((len(alarms), 3))
+        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._total = np.zeros((len(alarms), len(stage.columns)))
+        self._count = np.zeros(self._total.shape, np.int64)
+
+    def add(self, image: xr.DataArray) -> None:
+        """Take in one cleaned image."""
+        found = self.stage.of_image(image, lane_to_scan(self._points, np.asarray(image.attrs["pose"]))[:, :2])
+        values = np.stack([np.asarray(found[name], dtype=np.float64) for name in self.stage.columns], axis=1)
+        self._total += np.nan_to_num(values)
+        self._count += np.isfinite(values)
+
+    def state(self) -> Arrays:
+        """Give sums and counts by row of the alarms."""
+        return {"row": np.arange(len(self._points)), "total": self._total, "count": self._count}
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans."""
+        self._total[state["row"]] += state["total"]
+        self._count[state["row"]] += state["count"]
+
+    def table(self) -> pd.DataFrame:
+        """Compute the means; NaN where no scan gave a value."""
+        with np.errstate(invalid="ignore"):
+            means = np.where(self._count > 0, self._total / np.maximum(self._count, 1), np.nan)
+        return pd.DataFrame(means, columns=list(self.stage.columns))
+
+
+@dataclass(frozen=True)
+class AlarmFeatures:
+    """What a recipe reads of alarms in images of some channels, whose pixels that count are ``grid``.
+
+    The ten features of every sub-band and their variants, or without the table features the contrast, and the columns
+    of named stages.
+    """
+
+    recipe: Recipe
+    polarizations: Sequence[str]
+    subbands: Sequence[str]
+    grid: Grid
+    stages: Mapping[str, FeatureStage]
+
+    def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
+        """Tell where the polarization and sub-band of a table stand in the images."""
+        return list(self.polarizations).index(table.polarization), list(self.subbands).index(table.subband)
+
+    def clean(
+        self,
+        number: int,
+        pose: FloatArray,
+        image: ComplexArray,
+        gain: FloatArray,
+        background: Background,
+        own: bool = False,
+    ) -> CleanedScan:
+        """Clean a scan's image as far as its features need it, and ``own`` if asked for; its rows are the grid's."""
+        table = self.recipe.features
+        coherent = background.coherent(image, gain) if table is not None else None
+        own = own or bool(self.stages) or (table is not None and table.variants)
+        return CleanedScan(
+            number, pose, background.magnitude(image, gain), coherent,
+            background.own_coherent(image, gain) if own else None,
+        )  # fmt: skip
+
+    def labelled(self, scan: CleanedScan) -> xr.DataArray:
+        """Give the image whose channels have their own gain with its names, axes, number and pose."""
+        return xr.DataArray(
+            scan.own,
+            dims=("polarization", "subband", "y", "x"),
+            coords={
+                "polarization": list(self.polarizations),
+                "subband": list(self.subbands),
+                "y": self.grid.y,
+                "x": self.grid.x,
+            },
+            attrs={"scan": scan.number, "pose": scan.pose.tolist()},
+            name="image",
+        )
+
+    @property
+    def single(self) -> str:
+        """Name of the column that is the confidence where nothing was trained."""
+        table = self.recipe.contrast
+        if self.recipe.confidence == "magnitude" or self.recipe.features is None:
+            return self.recipe.confidence
+        return f"C_{table.polarization}_{table.subband}"
+
+    def confidence(self, features: pd.DataFrame, magnitude: pd.Series[float], detector: Detector | None) -> Any:
+        """Score alarms by their features and magnitude; NaN where one that is read is missing."""
+        read = features.assign(magnitude=magnitude)
+        return read[self.single] if detector is None else detector.confidence(read)
+
+
+class AlarmSums:
+    """Features of alarms (x, y in the lane frame, m), gathered scan by scan.
+
+    ``rows`` are their numbers among all alarms, by which states are exchanged; default 0, 1, ...
+    """
+
+    def __init__(self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None) -> None:
+        self._how, self._rows = how, np.arange(len(alarms)) if rows is None else rows
+        recipe, table, patch = how.recipe, how.recipe.features, how.recipe.contrast.patch()
+        self._contrast: ContrastSums | None = None
+        self._ten: dict[str, FeatureSums] = {}  # by prefix
+        if table is None:
+            self._contrast = ContrastSums(alarms, how.grid, recipe.run_view.y_max, patch)
+        else:
+            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi)
+            settings = {"": main}
+            if table.variants:
+                settings[SWAPPED] = main.swapped()
+                settings[PAPER] = FeatureSettings(patch, main.inner, main.y_max, "linear")
+            self._ten = {
+                prefix: FeatureSums(alarms, how.polarizations, how.subbands, how.grid, one)
+                for prefix, one in settings.items()
+            }
+        self._stages = {name: StageSums(one, alarms) for name, one in how.stages.items()}
+
+    @property
+    def _parts(self) -> dict[str, FeatureSums | ContrastSums | StageSums]:
+        contrast = {} if self._contrast is None else {"": self._contrast}
+        return {**contrast, **self._ten, **self._stages}
+
+    def add(self, scan: CleanedScan) -> None:
+        """Take in one scan."""
+        if self._contrast is not None:
+            self._contrast.add(scan.magnitude[self._how.channel(self._how.recipe.contrast)], scan.pose)
+        for prefix, ten in self._ten.items():
+            coherent = scan.own if prefix == PAPER else scan.coherent
+            if coherent is None:
+                raise ValueError("scan must be cleaned as its features need it, got one without its phase")
+            ten.add(scan.magnitude, coherent, scan.pose)
+        if self._stages:
+            image = self._how.labelled(scan)
+            for stage in self._stages.values():
+                stage.add(image)
+
+    def state(self) -> Arrays:
+        """Give what was gathered."""
+        states = {name: one.state() for name, one in self._parts.items()}
+        return bundled({name: one | {"row": self._rows[one["row"]]} for name, one in states.items()})
+
+    def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take in what another gathered of other scans, of alarms that are all among these."""
+        for name, one in self._parts.items():
+            theirs = group_of(state, name)
+            one.merge(theirs | {"row": np.searchsorted(self._rows, theirs["row"])})
+
+    def table(self) -> pd.DataFrame:
+        """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
+        tables = [] if self._contrast is None else [self._contrast.table()]
+        for prefix, ten in self._ten.items():
+            columns = ten.table()
+            if prefix == PAPER:
+                columns = columns[[f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]]
+            tables.append((columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix))
+        return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)
