@@ -1,7 +1,7 @@
 """Stages: what a recipe names, packaged or from another distribution, and what each kind must be able to do.
 
 A stage is a class of one of five kinds. Its ``Settings`` are the entries of its table in a recipe. A
-distribution offers stages by entry points of the group ``flgpr.stages``, whose names are those that recipes use.
+distribution offers stages by entry points of the group "flgpr.stages", whose names are those that recipes use.
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ def find_stage(kind: str, name: str) -> type[Stage]:
     kind : str
         "clutter", "map", "screen" or "features".
     name : str
-        Name of a packaged stage or of an entry point of the group ``flgpr.stages``.
+        Name of a packaged stage or of an entry point of the group "flgpr.stages".
 
     Returns
     -------
