@@ -94,7 +94,7 @@ def tie_lane(
     """
     check_request(lane, outline, run, output)
     tie = read_anchor(anchor)
-    told: dict[str, Any] = {
+    fit: dict[str, Any] = {
         **tie.georeference(),
         "crs": tie.crs,
         "points": tie.count,
@@ -105,31 +105,27 @@ def tie_lane(
         "heights_known": tie.heights_known,
     }
     if lane is not None:
-        told["corners"] = _corners(read_lane(lane), tie)
+        fit["corners"] = _corners(read_lane(lane), tie)
     if outline is not None:
-        write_whole(Path(outline), json.dumps(_outline(told["corners"], tie), indent=1) + "\n")
+        write_whole(Path(outline), json.dumps(_outline(fit["corners"], tie), indent=1) + "\n")
     if run is not None and output is not None:
         held = open_run(run)
         save_run(held.assign_attrs(georeference=tie.georeference()), output, resume=True)
-    return told
+    return fit
 
 
 def _corners(lane: Lane, tie: Anchor) -> list[dict[str, float]]:
-    places = [
-        (lane.x_min, lane.y_min),
-        (lane.x_max, lane.y_min),
-        (lane.x_max, lane.y_max),
-        (lane.x_min, lane.y_max),
-    ]
-    earth = tie.to_geodetic([(*place, 0.0) for place in places])
+    x, y = (lane.x_min, lane.x_max), (lane.y_min, lane.y_max)
+    corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
+    earth = tie.to_geodetic([(*corner, 0.0) for corner in corners])
     return [
         {"x": x, "y": y, "longitude": float(e[0]), "latitude": float(e[1]), "sigma_m": float(tie.uncertainty(x, y))}
-        for (x, y), e in zip(places, earth, strict=True)
+        for (x, y), e in zip(corners, earth, strict=True)
     ]
 
 
 def _outline(corners: list[dict[str, float]], tie: Anchor) -> dict[str, Any]:
-    ring = [[round(one["longitude"], 9), round(one["latitude"], 9)] for one in [*corners, corners[0]]]
+    ring = [[round(c["longitude"], 9), round(c["latitude"], 9)] for c in [*corners, corners[0]]]
     line = {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": ring},
@@ -138,10 +134,10 @@ def _outline(corners: list[dict[str, float]], tie: Anchor) -> dict[str, Any]:
     points = [
         {
             "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": place},
+            "geometry": {"type": "Point", "coordinates": position},
             "properties": {"nature": "corner", "lane_x": c["x"], "lane_y": c["y"], "anchor_sigma": c["sigma_m"]},
         }
-        for place, c in zip(ring, corners, strict=False)
+        for position, c in zip(ring, corners, strict=False)
     ]
     about = {"anchor_crs": tie.crs, "anchor_sigma_m": tie.sigma}
     return {"type": "FeatureCollection", "flgpr": about, "features": [line, *points]}

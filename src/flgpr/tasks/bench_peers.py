@@ -123,9 +123,9 @@ def _numpy_cases(scan: Scan, truth: Truth) -> list[Case]:
     """Zero-padded transforms read by linear interpolation, indices and weights shared by all images."""
     size, middle = 8 * scan.frequency.size, scan.frequency.size // 2
     paths, step = _paths(scan), scan.frequency[1] - scan.frequency[0]
-    place = (paths * (step / SPEED_OF_LIGHT) % 1) * size
-    low = place.astype(np.int32)
-    part, carrier = (place - low).astype(np.float32), _carriers(scan, paths)
+    where = (paths * (step / SPEED_OF_LIGHT) % 1) * size
+    low = where.astype(np.int32)
+    part, carrier = (where - low).astype(np.float32), _carriers(scan, paths)
 
     def images() -> ComplexArray:
         out = np.zeros((15, paths.shape[1]), np.complex64)

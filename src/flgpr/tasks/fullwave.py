@@ -81,17 +81,17 @@ def import_gprmax_results(
     in the data. A store that exists is refused.
     """
     results, store = GprmaxRun(folder, keep_direct), Path(output)
-    told = results.manifest
+    manifest = results.manifest
     attrs = {
         "source": "gprMax, decks by flgpr",
-        "title": told["title"],
+        "title": manifest["title"],
         "direct_wave": "kept" if keep_direct else "taken off",
-        "fullwave": {name: told.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
+        "fullwave": {name: manifest.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
     }
-    parts = (results.frequency, told["polarization"], told["tx_position"], told["rx_position"], attrs)
+    parts = (results.frequency, manifest["polarization"], manifest["tx_position"], manifest["rx_position"], attrs)
     with RunWriter(store, *parts) as writer:
         for scan in track(range(len(results)), "reading results", len(results)):
-            writer.append(results.scan(scan), told["pose"][scan], told["time"][scan])
+            writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
     written = [store]
     for name in _BESIDE:
         source = Path(folder) / name
@@ -117,5 +117,5 @@ def import_gprmax_models(
     The rest is as in ``GprmaxTold``.
     """
     check_new(output)
-    told = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
-    return [save_run(import_gprmax_files(paths, told), output)]
+    known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
+    return [save_run(import_gprmax_files(paths, known), output)]

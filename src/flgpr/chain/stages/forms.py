@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -60,6 +60,14 @@ def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Ar
     return learnt | {"clutter": np.array([value.mean(), value.std()])}
 
 
+class Samples(NamedTuple):
+    """Cuts of targets and of clutter (n_samples, n_features), and pixels of clutter (n, polarization)."""
+
+    target: NDArray[Any]
+    clutter: NDArray[Any]
+    pixel: NDArray[Any]
+
+
 class FormMap(MapStage):
     """A map by forms on chips; its unit is the standard deviation of what it gives on clutter, above the mean there."""
 
@@ -110,18 +118,17 @@ class FormMap(MapStage):
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
-        target, clutter, pixel = (np.concatenate([one[n] for one in examples]) for n in ("target", "clutter", "pixel"))
-        if len(target) < 2:
-            raise ValueError(f"truth must hold mines that at least two scans see whole, got {len(target)} looks")
-        forms = cls.trained(settings, target, clutter, pixel)
-        samples = pixel if forms[0].linear.size == len(settings.polarizations) else clutter
-        return learnt_of(forms, samples), {"looks_at_mines": len(target), "clutter_samples": len(clutter)}
+        samples = Samples(*(np.concatenate([lane[name] for lane in examples]) for name in Samples._fields))
+        looks = len(samples.target)
+        if looks < 2:
+            raise ValueError(f"truth must hold mines that at least two scans see whole, got {looks} looks")
+        forms = cls.trained(settings, samples)
+        clutter = samples.pixel if forms[0].linear.size == len(settings.polarizations) else samples.clutter
+        return learnt_of(forms, clutter), {"looks_at_mines": looks, "clutter_samples": len(samples.clutter)}
 
     @classmethod
-    def trained(
-        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]
-    ) -> list[LinearQuadraticForm]:
-        """Make forms from target cuts, clutter cuts (n_samples, n_features) and clutter pixels (n, polarization)."""
+    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+        """Make forms from the training samples."""
         raise NotImplementedError
 
 
@@ -129,12 +136,10 @@ class DeflectionMap(FormMap):
     """The deflection-optimal linear-quadratic detector (Cosgrove et al. 2004, Eq. 12)."""
 
     @classmethod
-    def trained(
-        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
-    ) -> list[LinearQuadraticForm]:  # fmt: skip
+    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
         """Whiten the cuts and train."""
-        whitener = ClutterWhitener(settings.moments).fit(clutter)
-        trained = DeflectionDetector(settings.rank, settings.ddof).fit(whitener.transform(target))
+        whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
+        trained = DeflectionDetector(settings.rank, settings.ddof).fit(whitener.transform(samples.target))
         return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
 
 
@@ -142,12 +147,10 @@ class NeymanPearsonMap(FormMap):
     """The Neyman-Pearson detector of Gaussian signals (Cosgrove et al. 2004, Sec. II)."""
 
     @classmethod
-    def trained(
-        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
-    ) -> list[LinearQuadraticForm]:  # fmt: skip
+    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
         """Whiten the cuts and train."""
-        whitener = ClutterWhitener(settings.moments).fit(clutter)
-        trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(target))
+        whitener = ClutterWhitener(settings.moments).fit(samples.clutter)
+        trained = NeymanPearsonDetector(settings.rank).fit(whitener.transform(samples.target))
         return [form.after(whitener.mean_, whitener.matrix_) for form in trained.forms_]
 
 
@@ -159,19 +162,15 @@ class WhiteningMap(FormMap):
         return 1, 1
 
     @classmethod
-    def trained(
-        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
-    ) -> list[LinearQuadraticForm]:  # fmt: skip
+    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
         """Take the pixels' covariance."""
-        return list(PolarimetricWhiteningFilter().fit(pixel.astype(np.complex128)).forms_)
+        return list(PolarimetricWhiteningFilter().fit(samples.pixel.astype(np.complex128)).forms_)
 
 
 class MagnitudeMap(WhiteningMap):
     """The power of the first polarization, as plain HH in Cosgrove et al. 2004."""
 
     @classmethod
-    def trained(
-        cls, settings: Any, target: NDArray[Any], clutter: NDArray[Any], pixel: NDArray[Any]  # noqa: ARG003
-    ) -> list[LinearQuadraticForm]:  # fmt: skip
+    def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:  # noqa: ARG003
         """Only the scale of clutter is learnt."""
         return [magnitude_form(len(settings.polarizations), 0)]
