@@ -23,7 +23,7 @@ from flgpr.detect import (
 )
 from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
 from flgpr.kernels.moments import ESTIMATORS
-from flgpr.model import lane_to_scan
+from flgpr.model import ground_points, lane_to_scan
 
 _FORM = ("strength", "vectors", "linear", "offset")
 _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
@@ -57,7 +57,7 @@ def learnt_of(forms: Sequence[LinearQuadraticForm], clutter: NDArray[Any]) -> Ar
     value = np.max([form(clutter) for form in forms], axis=0)
     learnt = {f"{name}-{k}": getattr(form, name) for k, form in enumerate(forms) for name in _FORM}
     learnt["constant"] = np.array([form.constant for form in forms])
-    return learnt | {"clutter": np.array([value.mean(), value.std()])}
+    return learnt | {"clutter": np.array([value.min(), value.std()])}
 
 
 class Samples(NamedTuple):
@@ -69,7 +69,10 @@ class Samples(NamedTuple):
 
 
 class FormMap(MapStage):
-    """A map by forms on chips; its unit is the standard deviation of what it gives on clutter, above the mean there."""
+    """A map by forms on chips, in standard deviations of what it gives on clutter, above the least that it gave there.
+
+    So it is a magnitude that can be drawn in dB, and means over scans are those of the log-likelihoods.
+    """
 
     learns = True
     waits = "its self-signature is that of the whole run"
@@ -99,8 +102,7 @@ class FormMap(MapStage):
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
-        settings, surveyed, parts = self.settings, truth[["x", "y"]].to_numpy(dtype=np.float64), []
-        surveyed = np.column_stack([surveyed, np.zeros(len(surveyed))])
+        settings, surveyed, parts = self.settings, ground_points(truth), []
 
         def add(index: int) -> None:
             band = image(index).isel(subband=0, drop=True)
