@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from flgpr.features import PatchShape
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
-from flgpr.model import SPEED_OF_LIGHT, lane_to_scan, vehicle_to_scan
+from flgpr.model import SPEED_OF_LIGHT, ground_points, lane_to_scan, vehicle_to_scan
 from flgpr.screen import sample_scan
 
 MOST_SCANS = 4  # the nearest, where resolution is best
@@ -96,8 +96,7 @@ class EvidenceSums:
         subband: str | None = None,
         poses: Mapping[int, NDArray[np.float64]] | None = None,
     ) -> None:
-        self._points = np.zeros((len(alarms), 3))
-        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._points = ground_points(alarms)
         self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
         self._looks: list[list[_Look]] = [[] for _ in self._points]
         self._seen = np.zeros(len(self._points), bool)

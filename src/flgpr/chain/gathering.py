@@ -17,7 +17,7 @@ from flgpr.chain.recipe import ContrastTable, PrescreenTable, Recipe, RunViewTab
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
-from flgpr.model import Grid, lane_to_scan
+from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
 
 SWAPPED, PAPER = "swapped.", "paper."
@@ -51,8 +51,7 @@ class StageSums:
 
     def __init__(self, stage: FeatureStage, alarms: pd.DataFrame) -> None:
         self.stage = stage
-        self._points = np.zeros((len(alarms), 3))
-        self._points[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._points = ground_points(alarms)
         self._total = np.zeros((len(alarms), len(stage.columns)))
         self._count = np.zeros(self._total.shape, np.int64)
 

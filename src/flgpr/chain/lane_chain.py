@@ -30,7 +30,7 @@ from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, shared
 from flgpr.imaging import ScanImager
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
-from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, lane_to_scan
+from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, ground_points, lane_to_scan
 from flgpr.screen import (
     RunViewSums,
     local_maxima,
@@ -382,8 +382,7 @@ class LaneChain(Chain):
         """Tell what part of the alarms' amplitude, and of the brightest pixel in the mask, the roadside's model is."""
         alarms, points = self.raised(), self.known["roadside"]["points"]
         channel = {"polarization": self.recipe.prescreen.polarization, "subband": self.recipe.prescreen.subband}
-        centres = np.zeros((len(alarms), 3))
-        centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        centres = ground_points(alarms)
         sums = {name: np.zeros(len(alarms)) for name in ("total", "modelled")}
         peaks = np.zeros(2)
 

@@ -14,7 +14,7 @@ from flgpr.features.contrast import region_codes
 from flgpr.features.patch import PatchShape
 from flgpr.features.polarimetry import cameron, coherency, entropy_alpha_of
 from flgpr.kernels.patches import MEAN, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
-from flgpr.model import Grid, lane_to_scan
+from flgpr.model import Grid, ground_points, lane_to_scan
 
 FEATURES = ("M_VV", "C_VV", "R_VV_HV", "M_HH", "C_HH", "R_HH_HV", "P_H", "P_alpha", "P_tau", "P_psi")
 """The paper's features in its order, #1 to #10."""
@@ -84,8 +84,7 @@ class FeatureSums:
             raise ValueError(f"polarizations must hold HH, VV and HV or VH for the features, got {', '.join(names)}")
         self._hh, self._vv, self._hv = (names.index(name) for name in ("HH", "VV", cross))
         self._index = alarms.index
-        self._centres = np.zeros((len(alarms), 3))
-        self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._centres = ground_points(alarms)
         self._order = np.argsort(self._centres[:, 1], kind="stable")
         self._regions = region_codes(self.settings.patch)
         shape = (len(alarms), len(self.subbands))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flgpr.features.patch import PatchShape
 from flgpr.kernels.patches import INNER, OUTER, OUTER_MEAN, OUTER_STD, PEAK, region_statistics
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import Grid, lane_to_scan
+from flgpr.model import Grid, ground_points, lane_to_scan
 
 
 class ContrastSums:
@@ -22,8 +22,7 @@ class ContrastSums:
     def __init__(self, alarms: pd.DataFrame, grid: Grid, y_max: float, patch: PatchShape | None = None) -> None:
         self._grid, self._y_max, self._patch = grid, y_max, patch or PatchShape()
         self._index = alarms.index
-        self._centres = np.zeros((len(alarms), 3))
-        self._centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
+        self._centres = ground_points(alarms)
         self._weighted, self._weight, self._scans = (np.zeros(len(alarms)) for _ in range(3))
 
     def add(self, magnitude: NDArray[np.float32], pose: NDArray[np.float64]) -> None:
@@ -99,9 +98,8 @@ def local_contrast(
     for image in images:
         values = np.abs(image.sel(polarization=polarization, subband=subband).values)
         y, x = image["y"].values, image["x"].values
-        centres = np.zeros((len(alarms), 3))
-        centres[:, :2] = alarms[["x", "y"]].to_numpy(dtype=np.float64)
-        local = lane_to_scan(centres, np.asarray(image.attrs["pose"]))[:, None, None, :2] + shape.offsets()
+        centres = lane_to_scan(ground_points(alarms), np.asarray(image.attrs["pose"]))
+        local = centres[:, None, None, :2] + shape.offsets()
         patches = bilinear(values, (local[..., 1] - y[0]) / (y[1] - y[0]), (local[..., 0] - x[0]) / (x[1] - x[0]))
         far = local[:, shape.size // 2, shape.size // 2, 1] > y_max
         for i in np.flatnonzero(~far):

@@ -1,5 +1,4 @@
-from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
-from flgpr.imaging.scan import ScanImager
+from flgpr.imaging.scan import ScanImager, count_looks
 
 __all__ = ["ImagingOperator", "ScanImager", "count_looks"]

@@ -2,6 +2,7 @@ from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS, SPEED_OF
 from flgpr.model.frames import (
     Grid,
     attitude_matrix,
+    ground_points,
     heading_matrix,
     lane_to_scan,
     scan_to_lane,
@@ -53,6 +54,7 @@ __all__ = [
     "check_truth",
     "complete_scans",
     "empty_table",
+    "ground_points",
     "heading_matrix",
     "lane_to_scan",
     "load_sensor",

@@ -10,9 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def attitude_matrix(pitch: float, roll: float) -> NDArray[np.float64]:
@@ -27,6 +31,13 @@ def heading_matrix(heading: float) -> NDArray[np.float64]:
     """Rotation Rz(-heading), (3, 3), from level axes along the vehicle to the lane frame; clockwise from +y."""
     c, s = math.cos(heading), math.sin(heading)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
+    """Points (n, 3) on the mean ground of the lane frame, m, of a table with ``x`` and ``y``."""
+    points = np.zeros((len(table), 3))
+    points[:, :2] = table[["x", "y"]].to_numpy(dtype=np.float64)
+    return points
 
 
 def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
