@@ -56,7 +56,7 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     factors were measured, see docs/robustness.md.
     """
     bands, view = len(recipe.image.subbands), recipe.run_view.grid(lane)
-    channels = sizes["polarization"] * bands
+    channels = (len(recipe.image.polarizations) or sizes["polarization"]) * bands
     pixels = view.nx * (view.ny if rows is None else rows)
     alarms = recipe.prescreen.density * pixels * view.dx * view.dy / (3.14 * recipe.prescreen.radius**2)
     several = 1 + len(recipe.variants)
@@ -64,8 +64,11 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     images = _PER_COMPLEX * sizes["scan"] * channels * image.nx * image.ny
     medians = "median" in [recipe.background.self_signature, *(v.self_signature for v in recipe.variants)]
     kept = (2 * min(images, CACHE) if recipe.variants else 0) + (_MEDIAN * images if medians else 0)
-    run_views = _PER_VIEW_PIXEL * channels * pixels + _PER_ALARM * bands * alarms
-    return _at_work(sizes, recipe) + kept + several * run_views
+    names = 1 if recipe.map is not None else len(recipe.run_view.channels(list(recipe.image.subbands)))
+    shown = names if recipe.map is not None else names * channels // bands
+    run_views = _PER_VIEW_PIXEL * (channels + shown) / 2 * pixels + _PER_ALARM * bands * alarms
+    stages = sum(one.of.memory(one.settings, sizes, image) for one in recipe.named().values())
+    return _at_work(sizes, recipe) + kept + several * run_views + stages
 
 
 def plan_sections(

@@ -142,6 +142,11 @@ class Stage:
         raise NotImplementedError(f"{cls.__name__} does not learn")
 
     @classmethod
+    def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
+        """Estimate the bytes that it takes for a run of these lengths of dimensions and scan images on this grid."""
+        return 0.0
+
+    @classmethod
     def spent(cls, settings: Any, examples: list[Any]) -> list[Any]:  # noqa: ARG003
         """Give the rows of each training lane's truth that made it what it is: no detector is trained on them again."""
         return []

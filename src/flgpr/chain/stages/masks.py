@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from flgpr.chain.passes import Accumulator, Arrays, Pass, blocks_of, gathered, part_name
+from flgpr.chain.passes import BLOCK, Accumulator, Arrays, Pass, blocks_of, gathered, part_name
 from flgpr.chain.stages import ClutterStage, ComplexArray, FloatArray, Positive, Table
 from flgpr.chain.stages.standing import standing_pass
 from flgpr.clutter import (
@@ -29,7 +29,7 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.imaging import ImagingOperator, ScanImager
-from flgpr.model import Grid, check_shared_poses, complete_scans, lane_to_scan, scan_to_lane
+from flgpr.model import Grid, check_shared_poses, complete_scans, ground_points, lane_to_scan, scan_to_lane
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
 BLOCKS = "masks"
@@ -147,6 +147,12 @@ class MaskedSuppression(ClutterStage):
         tones = run["frequency"].values
         return float(tones[0]), float(tones[-1])
 
+    @classmethod
+    def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:
+        """Take what is kept of a block's apertures, and the images and operators of one."""
+        data = 8.0 * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
+        return settings.frames * (2 * BLOCK * data + 100.0 * image.nx * image.ny + 20 * data)
+
     def aperture(self, index: int) -> Aperture:
         """Image the aperture that ends with the scan at an index."""
         first = max(index - self.settings.frames + 1, 0)
@@ -243,9 +249,7 @@ class MaskedSuppression(ClutterStage):
         """Follow the responses of the calibration targets, and the level at the roadside."""
         settings = self.settings
         learnt = ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
-        targets = np.zeros((len(truth), 3))
-        targets[:, :2] = truth[["x", "y"]].to_numpy(dtype=np.float64)
-        away = np.abs(self.across)
+        targets, away = ground_points(truth), np.abs(self.across)
         beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
 
         def add(index: int) -> None:

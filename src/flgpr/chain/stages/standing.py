@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from pydantic import Field
 from flgpr.chain.passes import Accumulator, Arrays, Pass, gathered
 from flgpr.chain.stages import ClutterStage, ComplexArray, Table
 from flgpr.clutter import standing_field, subtract_standing
+from flgpr.model import Grid
 
 
 class StandingSettings(Table):
@@ -42,6 +43,11 @@ class StandingField(ClutterStage):
 
     waits = "what stands still is told by the whole run"
     Settings: ClassVar[type[Table]] = StandingSettings
+
+    @classmethod
+    def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
+        """Take the scans of the median and its copies."""
+        return 4 * 8.0 * min(settings.most, sizes["scan"]) * sizes["polarization"] * sizes["pair"] * sizes["frequency"]
 
     def passes(self) -> list[Pass]:
         """Estimate the field."""
