@@ -8,9 +8,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from scipy.spatial import cKDTree
 
 from flgpr import tasks
 from flgpr.chain.recipe import parse_recipe
+from flgpr.io import read_table
+from flgpr.live.detector import LiveSettings
+from flgpr.live.feeding import feed
 from systems.lanes import small_recipe
 
 PLUGIN = Path(__file__).parents[1] / "plugin"
@@ -49,7 +53,7 @@ def test_it_is_small():
     assert len((PLUGIN / "flgpr_sharpness.py").read_text().splitlines()) <= 40
 
 
-def test_its_stage_runs_with_workers_and_after_a_stop(lanes, installed, tmp_path):
+def test_its_stage_runs_with_workers_after_a_stop_and_live(lanes, installed, tmp_path):
     recipe = tmp_path / "sharp.toml"
     recipe.write_text(small_recipe("wang2007") + STAGE + DETECTOR)
     lane = lanes / "lane.toml"
@@ -68,6 +72,17 @@ def test_its_stage_runs_with_workers_and_after_a_stop(lanes, installed, tmp_path
     with pytest.raises(KeyboardInterrupt):
         tasks.detect_run(*where, tmp_path / "stopped", lane, note=stop, **options)
     tasks.detect_run(*where, tmp_path / "stopped", lane, **options)
+    feed(lanes / "test.zarr", tmp_path / "incoming", float("inf"))
+    live = {
+        "model": tmp_path / "model",
+        "incoming": tmp_path / "incoming",
+        "lane": lane,
+        "settings": LiveSettings(looks=2),
+    }
+    tasks.LiveRun(tasks.LiveOptions(recipe, tmp_path / "live", **live)).run()
+    best, mine = (read_table(tmp_path / name / "alarms.csv", "alarms") for name in ("plain", "live"))
+    best = best[best["y"] > best["y"].median()].head(5)  # the background has settled
+    assert (cKDTree(mine[["x", "y"]]).query(best[["x", "y"]])[0] < 0.5).all()
     for name in ("alarms.csv", "features.csv", "run_view.npz"):
         assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
         assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()

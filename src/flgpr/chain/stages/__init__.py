@@ -56,7 +56,7 @@ class Setup:
     Attributes
     ----------
     run : xarray.Dataset
-        The run.
+        The run; live, where none is stored, one scan without an echo at the lane's origin.
     others : mapping of str to xarray.Dataset
         Runs that were taken together with it, by the name that recipes give them, such as a second band.
     lane : Lane
