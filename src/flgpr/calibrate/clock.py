@@ -245,12 +245,12 @@ def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: flo
     """
     level = np.abs(np.asarray(image)).ravel().astype(np.float64)
     places = np.asarray(pixels, dtype=np.float64).reshape(-1, 3)
-    found: list[Sequence[float]] = []
-    while len(found) < count and np.isfinite(level.max()):
+    points: list[Sequence[float]] = []
+    while len(points) < count and np.isfinite(level.max()):
         top = int(level.argmax())
-        found.append([*places[top], level[top]])
+        points.append([*places[top], level[top]])
         level[np.linalg.norm(places - places[top], axis=1) < apart] = -np.inf
-    return np.array(found).reshape(-1, 4)
+    return np.array(points).reshape(-1, 4)
 
 
 def _paths(tx: NDArray[np.float64], rx: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:

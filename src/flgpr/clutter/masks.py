@@ -99,12 +99,12 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
     >>> subregions([4.0, 5.0, 9.9, 10.0, 15.0, 16.0], (5, 7.5, 10, 12.5, 15))
     array([-1,  0,  1,  2,  3, -1])
     """
-    borders, place = np.asarray(edges, dtype=np.float64), np.asarray(distance, dtype=np.float64)
+    borders, ahead = np.asarray(edges, dtype=np.float64), np.asarray(distance, dtype=np.float64)
     if borders.ndim != 1 or borders.size < 2 or not (np.diff(borders) > 0).all():
         raise ValueError(f"edges must be at least two rising ranges, got {edges!r}")
-    number = np.searchsorted(borders, place, side="right") - 1
-    number[place == borders[-1]] = borders.size - 2
-    return np.where((place >= borders[0]) & (place <= borders[-1]), number, -1).astype(np.int64)
+    number = np.searchsorted(borders, ahead, side="right") - 1
+    number[ahead == borders[-1]] = borders.size - 2
+    return np.where((ahead >= borders[0]) & (ahead <= borders[-1]), number, -1).astype(np.int64)
 
 
 def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray:

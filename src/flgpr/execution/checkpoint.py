@@ -103,10 +103,10 @@ class Kept:
             begun = int(kept.pop("next"))
             gathered.merge(kept)
         last = time.monotonic()
-        for place in range(begun, block.stop):
-            yield place
-            if place + 1 < block.stop and time.monotonic() - last >= self.every:
-                self.work[self.name] = {**gathered.state(True), "next": np.array(place + 1)}
+        for index in range(begun, block.stop):
+            yield index
+            if index + 1 < block.stop and time.monotonic() - last >= self.every:
+                self.work[self.name] = {**gathered.state(True), "next": np.array(index + 1)}
                 last = time.monotonic()
 
     def drop(self) -> None:

@@ -129,11 +129,11 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     try:
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             tree = reader.metadata.xmltree
-            told = _told(tree)
+            added = _added(tree)
             channels = tree.findall("{*}Data/{*}Channel")
             _declared(tree, channels, path)
             parts = {c.findtext("{*}Identifier"): reader.read_channel(c.findtext("{*}Identifier")) for c in channels}
-        return _assembled(tree, parts, told, anchor)
+        return _assembled(tree, parts, added, anchor)
     except (MissingExtraError, FileNotFoundError):
         raise
     except Exception as error:
@@ -380,9 +380,9 @@ def _dtype(form: str) -> np.dtype[Any]:
     return optional("sarkit.cphd", "cphd").binary_format_string_to_dtype(form)
 
 
-def _told(tree: Any) -> dict[str, str]:
-    found = tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter")
-    return {one.get("name"): one.text or "" for one in found if str(one.get("name")).startswith("flgpr_")}
+def _added(tree: Any) -> dict[str, str]:
+    parameters = tree.findall("{*}Channel/{*}AddedParameters/{*}Parameter")
+    return {one.get("name"): one.text or "" for one in parameters if str(one.get("name")).startswith("flgpr_")}
 
 
 def _declared(tree: Any, channels: list[Any], path: Path) -> None:
@@ -403,29 +403,29 @@ def _declared(tree: Any, channels: list[Any], path: Path) -> None:
 
 
 def _assembled(
-    tree: Any, parts: dict[str, tuple[NDArray[Any], NDArray[Any]]], told: dict[str, str], anchor: Anchor | None
+    tree: Any, parts: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str], anchor: Anchor | None
 ) -> xr.Dataset:
     native = {name: (_native(s), p.astype(p.dtype.newbyteorder("="))) for name, (s, p) in parts.items()}
-    pairs, labels, place = _channel_order(tree, list(native))
+    pairs, labels, channel_of = _channel_order(tree, list(native))
     first = next(iter(native.values()))[1]
-    frequency = _frequency(native, told)
+    frequency = _frequency(native, added)
     scans = len(first)
     signal = np.full((scans, len(labels), pairs, frequency.size), np.nan, np.complex64)
     sign = int(tree.findtext("{*}Global/{*}SGN"))
     for name, (samples, pvp) in native.items():
-        k, pair = place[name]
+        k, pair = channel_of[name]
         path = _leg(pvp, "TxPos") + _leg(pvp, "RcvPos")
         if "AmpSF" in (pvp.dtype.names or ()):
             samples = samples * pvp["AmpSF"][:, None]
         values = lengthen(samples.conj() if sign > 0 else samples, frequency, path)
         good = pvp["SIGNAL"] == 1 if "SIGNAL" in (pvp.dtype.names or ()) else np.ones(scans, bool)
         signal[good, k, pair] = values[good]
-    if all(name in (first.dtype.names or ()) for name in _ADDED) and "flgpr_tx_position" in told:
+    if all(name in (first.dtype.names or ()) for name in _ADDED) and "flgpr_tx_position" in added:
         pose = np.stack([first[name] for name in _ADDED], axis=1)
-        tx, rx = (np.array(json.loads(told[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
-        time = np.array([np.nan if t is None else t for t in json.loads(told[_TIME])], dtype=np.float64)
-        return make_run(signal, frequency, labels, tx, rx, pose, time, json.loads(told["flgpr_attrs"]))
-    tx, rx, pose = _geometry({place[name][1]: pvp for name, (_, pvp) in native.items()}, anchor)
+        tx, rx = (np.array(json.loads(added[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
+        time = np.array([np.nan if t is None else t for t in json.loads(added[_TIME])], dtype=np.float64)
+        return make_run(signal, frequency, labels, tx, rx, pose, time, json.loads(added["flgpr_attrs"]))
+    tx, rx, pose = _geometry({channel_of[name][1]: pvp for name, (_, pvp) in native.items()}, anchor)
     title = tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD"
     source = f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}"
     return make_run(signal, frequency, labels, tx, rx, pose, first["TxTime"], {"title": title, "source": source})
@@ -449,17 +449,17 @@ def _channel_order(tree: Any, names: list[str]) -> tuple[int, list[str], dict[st
         known[one.findtext("{*}Identifier")] = f"{tx}{rx}"
     labels = list(dict.fromkeys(known[name] for name in names))
     counts = {label: 0 for label in labels}
-    place = {}
+    channel_of = {}
     for name in names:
         label = known[name]
-        place[name] = (labels.index(label), counts[label])
+        channel_of[name] = (labels.index(label), counts[label])
         counts[label] += 1
     if len(set(counts.values())) > 1:
         raise ValueError(f"every polarization must have the same number of channels, got {counts}")
-    return counts[labels[0]], labels, place
+    return counts[labels[0]], labels, channel_of
 
 
-def _frequency(native: dict[str, tuple[NDArray[Any], NDArray[Any]]], told: dict[str, str]) -> NDArray[np.float64]:
+def _frequency(native: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict[str, str]) -> NDArray[np.float64]:
     start = np.concatenate([pvp["SC0"] for _, pvp in native.values()])
     step = np.concatenate([pvp["SCSS"] for _, pvp in native.values()])
     count = next(iter(native.values()))[0].shape[1]
@@ -467,8 +467,8 @@ def _frequency(native: dict[str, tuple[NDArray[Any], NDArray[Any]]], told: dict[
         raise ValueError("SC0 and SCSS must be finite")
     if np.ptp(start) > 1e-6 * abs(step[0]) or np.ptp(step) * count > 1e-6 * abs(step[0]):
         raise ValueError("all vectors must have the same tones, SC0 and SCSS change")
-    if "flgpr_frequency" in told:
-        return np.array(json.loads(told["flgpr_frequency"]), dtype=np.float64)
+    if "flgpr_frequency" in added:
+        return np.array(json.loads(added["flgpr_frequency"]), dtype=np.float64)
     return np.asarray(start[0] + step[0] * np.arange(count), dtype=np.float64)
 
 

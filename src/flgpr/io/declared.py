@@ -42,8 +42,8 @@ def check_declared(
     sizes = {"axis": 3, "component": 6}
     held = 0.0
     for name, dims in _DIMS.items():
-        told = _description(files, read, f"{name}/zarr.json")
-        shape, chunks = _layout(name, told, len(dims))
+        description = _description(files, read, f"{name}/zarr.json")
+        shape, chunks = _layout(name, description, len(dims))
         for dim, length in zip(dims, shape, strict=True):
             if sizes.setdefault(dim, length) != length:
                 raise ValueError(f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}")
@@ -67,18 +67,18 @@ def _description(
     if files[key]["bytes"] > _LARGEST_DESCRIPTION:
         raise ValueError(f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}")
     try:
-        told = json.loads(read(key) or b"")
+        description = json.loads(read(key) or b"")
     except RecursionError:
         raise ValueError(f"{key}: too deeply nested") from None
-    if not isinstance(told, dict):
+    if not isinstance(description, dict):
         raise ValueError(f"{key} must be an object")
-    return told
+    return description
 
 
-def _layout(name: str, told: dict[str, Any], rank: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    grid = told.get("chunk_grid")
+def _layout(name: str, description: dict[str, Any], rank: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    grid = description.get("chunk_grid")
     chunks = grid.get("configuration", {}).get("chunk_shape") if isinstance(grid, dict) else None
-    shape = told.get("shape")
+    shape = description.get("shape")
     for what, value in (("shape", shape), ("chunk shape", chunks)):
         if (
             not isinstance(value, list)
@@ -86,13 +86,13 @@ def _layout(name: str, told: dict[str, Any], rank: int) -> tuple[tuple[int, ...]
             or not all(type(n) is int and 0 < n < 2**53 for n in value)
         ):
             raise ValueError(f"{name}: its {what} must be {rank} positive whole numbers, got {value}")
-    if told.get("data_type") != _KINDS[name]:
-        raise ValueError(f"{name}: its type must be {_KINDS[name]}, got {told.get('data_type')}")
-    codecs = [codec.get("name") if isinstance(codec, dict) else codec for codec in told.get("codecs", [])]
-    if codecs not in (["bytes", "crc32c"], ["bytes"]) or told.get("storage_transformers"):
+    if description.get("data_type") != _KINDS[name]:
+        raise ValueError(f"{name}: its type must be {_KINDS[name]}, got {description.get('data_type')}")
+    codecs = [codec.get("name") if isinstance(codec, dict) else codec for codec in description.get("codecs", [])]
+    if codecs not in (["bytes", "crc32c"], ["bytes"]) or description.get("storage_transformers"):
         raise ValueError(f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}")
-    if told.get("chunk_key_encoding") != {"name": "default", "configuration": {"separator": "/"}}:
-        raise ValueError(f"{name}: its chunks must have the default names, got {told.get('chunk_key_encoding')}")
+    if description.get("chunk_key_encoding") != {"name": "default", "configuration": {"separator": "/"}}:
+        raise ValueError(f"{name}: its chunks must have the default names, got {description.get('chunk_key_encoding')}")
     return tuple(shape), tuple(chunks)  # type: ignore[arg-type]
 
 
@@ -103,8 +103,8 @@ def _check_chunks(
     if math.prod(counts) > len(files):
         raise ValueError(f"{name}: shape {shape} in chunks of {chunks} needs {math.prod(counts)} files, got less")
     size = width * math.prod(chunks)
-    for place in product(*map(range, counts)):
-        key = "/".join([name, "c", *map(str, place)])
+    for index in product(*map(range, counts)):
+        key = "/".join([name, "c", *map(str, index)])
         if key not in files:
             raise ValueError(f"{key} must be among the committed files for shape {shape} in chunks of {chunks}")
         if files[key]["bytes"] not in (size, size + _CRC):

@@ -85,10 +85,10 @@ def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
     ValueError
         If the file is damaged, or is of a kind that needs no mapping.
     """
-    told = explain_file(path, limit)
-    if not told.mapping:
-        raise ValueError(f"{path}: a {told.kind} is read without a mapping")
-    return told.mapping
+    explanation = explain_file(path, limit)
+    if not explanation.mapping:
+        raise ValueError(f"{path}: a {explanation.kind} is read without a mapping")
+    return explanation.mapping
 
 
 def _explain_cphd(path: Path) -> Explanation:
@@ -122,9 +122,9 @@ def _xml(tree: Any) -> bytes:
 def _explain_nmea(path: Path) -> Explanation:
     kinds: dict[str, int] = {}
     for line in path.read_bytes().splitlines():
-        found = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
-        if found:
-            name = found[1].decode()
+        sentence = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
+        if sentence:
+            name = sentence[1].decode()
             kinds[name] = kinds.get(name, 0) + 1
     counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
     needs = "GGA gives positions, HDT headings; read as a track with an anchor"
@@ -169,11 +169,11 @@ def _propose(opened: ArrayFile) -> str:
     frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
     samples = None if frequency else _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), sizes)
     axis = frequency or samples
-    places = _find_positions(draft, signal)
-    track = _find_track(draft, places, sizes)
+    positions = _find_positions(draft, signal)
+    track = _find_track(draft, positions, sizes)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
     labels = _labels(opened, sizes)
-    dims = _dims(sizes, axis, bool(frequency), places, stamp, labels)
+    dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels)
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
@@ -189,12 +189,12 @@ def _propose(opened: ArrayFile) -> str:
         "",
     ]
     lines += _axis_lines(opened, frequency, samples)
-    lines += _position_lines(opened, places)
+    lines += _position_lines(opened, positions)
     if stamp is not None:
         lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
     if track is not None:
         return "\n".join([*lines, *_track_lines(opened, *track)]) + "\n"
-    if any(len(infos[0].shape) == 3 for infos in places.values()):
+    if any(len(infos[0].shape) == 3 for infos in positions.values()):
         return "\n".join(lines).rstrip() + "\n"
     lines += [
         "[pose]  # the vehicle in the lane frame; a number or the name of a variable",
@@ -241,38 +241,38 @@ def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> Array
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
-    found: dict[str, list[ArrayInfo]] = {}
+    sides: dict[str, list[ArrayInfo]] = {}
     for info in draft.rest():
         if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
             name = info.name.lower()
             side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
-            found.setdefault(side, []).append(info)
+            sides.setdefault(side, []).append(info)
     by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
-    if not found and all(by_axis.values()):
-        found["xyz"] = [info for info in by_axis.values() if info is not None]
-    return found
+    if not sides and all(by_axis.values()):
+        sides["xyz"] = [info for info in by_axis.values() if info is not None]
+    return sides
 
 
 def _find_track(
-    draft: _Draft, places: dict[str, list[ArrayInfo]], sizes: list[int]
+    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int]
 ) -> tuple[ArrayInfo, ArrayInfo] | None:
     """Take positions out of the antennas' that fit no axis of the signal but a clock of their own."""
-    for side, infos in list(places.items()):
+    for side, infos in list(positions.items()):
         info = infos[0]
         if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
             continue
         clock = _find_axis(draft, ("time", "t_", "stamp"), [info.shape[0]])
         if clock is not None:
-            del places[side]
+            del positions[side]
             return clock, info
     return None
 
 
-def _track_lines(opened: ArrayFile, clock: ArrayInfo, place: ArrayInfo) -> list[str]:
+def _track_lines(opened: ArrayFile, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
     return [
         "[track]  # positions on a clock of their own",
         f'time = {{variable = {json.dumps(clock.name)}, unit = "{_unit(opened, clock, "s")}"}}',
-        f'position = {{variable = {json.dumps(place.name)}, unit = "{_unit(opened, place, "m")}"}}',
+        f'position = {{variable = {json.dumps(position.name)}, unit = "{_unit(opened, position, "m")}"}}',
         *(f'{name} = "?"' for name in ("heading", "pitch", "roll")),
         'angle_unit = "deg?"',
         "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it",
@@ -298,7 +298,7 @@ def _sibling(name: str, other: str) -> str:
 
 
 def _dims(
-    sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, places: dict[str, list[ArrayInfo]],
+    sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, positions: dict[str, list[ArrayInfo]],
     stamp: ArrayInfo | None, labels: list[str],
 ) -> list[str]:  # fmt: skip
     """Name the axes whose length tells what they are; the others get a question mark."""
@@ -315,12 +315,12 @@ def _dims(
         put(math.prod(stamp.shape), "scan")
     if labels[0] != "HH?":
         put(len(labels), "polarization")
-    both = "tx" in places and "rx" in places
-    for side, infos in places.items():
+    apart = {"tx", "rx"} <= set(positions) and positions["tx"][0].shape != positions["rx"][0].shape
+    for side, infos in positions.items():
         rows = infos[0].shape[-2] if side != "xyz" else math.prod(infos[0].shape)
         if len(infos[0].shape) == 3:
             put(infos[0].shape[0], "scan")
-        put(rows, side if both and side != "antenna" and places["tx"][0].shape != places["rx"][0].shape else "pair")
+        put(rows, side if apart and side != "antenna" else "pair")
     return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
 
 
@@ -339,15 +339,15 @@ def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayIn
     return ["[frequency]  # no variable looks like the tones", 'variable = "?"', 'unit = "Hz?"', ""]
 
 
-def _position_lines(opened: ArrayFile, places: dict[str, list[ArrayInfo]]) -> list[str]:
-    if "xyz" in places:
-        names = [f"{axis} = {json.dumps(info.name)}" for axis, info in zip("xyz", places["xyz"], strict=True)]
+def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]]) -> list[str]:
+    if "xyz" in positions:
+        names = [f"{axis} = {json.dumps(info.name)}" for axis, info in zip("xyz", positions["xyz"], strict=True)]
         return ["[antenna_position]", *names, 'unit = "m?"', ""]
-    if not places:
+    if not positions:
         return ["[antenna_position]  # no variable looks like positions", "values = []", 'unit = "m?"', ""]
     lines = []
-    for side in ("tx", "rx") if "tx" in places and "rx" in places else list(places)[:1]:
-        info = places[side][0]
+    for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
+        info = positions[side][0]
         frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
         unit = _unit(opened, info, "m")
         lines += [f"[{side}_position]", f"variable = {json.dumps(info.name)}", f'unit = "{unit}"', *frame, ""]

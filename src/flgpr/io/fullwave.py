@@ -82,19 +82,19 @@ def _load(path: Path, max_memory: int) -> dict[str, NDArray[Any]]:
     return {name: opened.read(name) for name in (*_ARRAYS, "truth") if name in opened.arrays}
 
 
-def _tables(told: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _tables(world: dict[str, Any]) -> tuple[pd.DataFrame, pd.DataFrame]:
     mines = [
         {"target_id": f"mine-{i + 1}", "x": x, "y": y, "kind": kind, "depth": depth}
-        | {"radius": told.get("mine_radius_m", np.nan), "height": told.get("mine_height_m", np.nan)}
-        for i, (kind, x, y, depth) in enumerate(told.get("mines", []))
+        | {"radius": world.get("mine_radius_m", np.nan), "height": world.get("mine_height_m", np.nan)}
+        for i, (kind, x, y, depth) in enumerate(world.get("mines", []))
     ]
     rocks = [
         {"object_id": f"rock-{i + 1}", "x": x, "y": y, "kind": "rock", "radius": radius, "height": np.nan}
-        for i, (x, y, radius) in enumerate(told.get("rocks", []))
+        for i, (x, y, radius) in enumerate(world.get("rocks", []))
     ]
     posts = [
         {"object_id": f"post-{i + 1}", "x": x, "y": y, "kind": "post", "radius": np.nan, "height": height}
-        for i, (x, y, height) in enumerate(told.get("posts", []))
+        for i, (x, y, height) in enumerate(world.get("posts", []))
     ]
     truth = check_truth(pd.DataFrame(mines)) if mines else empty_table(TRUTH_COLUMNS)
     objects = check_objects(pd.DataFrame(rocks + posts)) if rocks or posts else empty_table(OBJECT_COLUMNS)

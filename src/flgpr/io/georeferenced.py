@@ -86,11 +86,11 @@ def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[s
     """
     features = []
     for row in points.to_dict("records"):
-        place = [round(row["longitude"], 9), round(row["latitude"], 9)]
+        position = [round(row["longitude"], 9), round(row["latitude"], 9)]
         if np.isfinite(row["height"]):
-            place.append(round(row["height"], 4))
+            position.append(round(row["height"], 4))
         rest = {str(k): json_value(v) for k, v in row.items() if k not in ("longitude", "latitude", "height")}
-        features.append({"type": "Feature", "geometry": {"type": "Point", "coordinates": place}, "properties": rest})
+        features.append({"type": "Feature", "geometry": {"type": "Point", "coordinates": position}, "properties": rest})
     collection = {
         "type": "FeatureCollection",
         "flgpr": {"statement": STATEMENT, **dict(about or {})},

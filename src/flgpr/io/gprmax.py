@@ -182,23 +182,24 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
 
 def explain_gprmax(path: Path) -> list[str]:
     """Tell what a result file holds, a line per fact."""
-    told = read_gprmax(path)
-    highest = 299_792_458.0 / (10 * told.cell.max())
+    output = read_gprmax(path)
+    nanoseconds = 1e9 * output.steps * output.time_step
+    highest = 299_792_458.0 / (10 * output.cell.max())
     lines = [
-        f"result of gprMax {told.version}: {told.title or 'no title'}",
-        f"{told.steps} time steps of {1e12 * told.time_step:.4g} ps, {1e9 * told.steps * told.time_step:.4g} ns",
-        f"cells of {' x '.join(f'{1000 * c:g}' for c in told.cell)} mm, ten per wavelength in air up to "
+        f"result of gprMax {output.version}: {output.title or 'no title'}",
+        f"{output.steps} time steps of {1e12 * output.time_step:.4g} ps, {nanoseconds:.4g} ns",
+        f"cells of {' x '.join(f'{1000 * c:g}' for c in output.cell)} mm, ten per wavelength in air up to "
         f"{highest / 1e9:.3g} GHz",
-        *(f"source {kind or 'of unknown type'} at {_place(position)}" for kind, position in told.sources),
+        *(f"source {kind or 'of unknown type'} at {_place(position)}" for kind, position in output.sources),
     ]
-    for one in list(told.receivers.values())[:8]:
+    for one in list(output.receivers.values())[:8]:
         bad = sum(int(np.count_nonzero(~np.isfinite(v))) for v in one.fields.values())
         lines.append(
             f"receiver {one.name} at {_place(one.position)}: {', '.join(one.fields)}"
             + (f", {bad} values not finite" if bad else "")
         )
-    if len(told.receivers) > 8:
-        lines.append(f"and {len(told.receivers) - 8} more receivers")
+    if len(output.receivers) > 8:
+        lines.append(f"and {len(output.receivers) - 8} more receivers")
     beside = path.with_name(MANIFEST)
     if beside.is_file():
         lines.append(f"{beside.name} beside it: the folder is read by flgpr import gprmax {path.parent}")

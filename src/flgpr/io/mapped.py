@@ -85,7 +85,7 @@ def import_mapped(
 
 
 def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, list[Path]]:
-    found: dict[str, list[Path]] = {}
+    files: dict[str, list[Path]] = {}
     for name, entry in mapping.files.items():
         if name == "data" and given:
             continue
@@ -98,12 +98,12 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
                 places = " or ".join(str(home) for home in dict.fromkeys(homes))
                 raise FileNotFoundError(f"files.{name}: no file in {places} is called {pattern}")
             paths += hits
-        found[name] = paths
+        files[name] = paths
     if given:
-        found["data"] = given
-    if not found.get("data"):
+        files["data"] = given
+    if not files.get("data"):
         raise ValueError("files.data must name the data file, or it must be given beside the mapping; got neither")
-    return found
+    return files
 
 
 class _Importer:

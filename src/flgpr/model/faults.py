@@ -55,13 +55,13 @@ def first_fault(error: ValidationError, schema: type[BaseModel], whole: str = ""
     return describe_fault(min(error.errors(), key=lambda one: one["type"] != "extra_forbidden"), schema, whole)
 
 
-def _rule(fault: Any, schema: type[BaseModel], place: tuple[str | int, ...]) -> str:
+def _rule(fault: Any, schema: type[BaseModel], path: tuple[str | int, ...]) -> str:
     said = str(fault["msg"]).removeprefix("Value error, ")
     if fault["type"] == "missing":
         return "is missing"
     if fault["type"] == "extra_forbidden":
-        known = sorted({name for model in _models_at(schema, place[:-1]) for name in model.model_fields})
-        near = get_close_matches(str(place[-1]), known, 1)
+        known = sorted({name for model in _models_at(schema, path[:-1]) for name in model.model_fields})
+        near = get_close_matches(str(path[-1]), known, 1)
         if near:
             return f"no such entry; did you mean {near[0]}?"
         return "no such entry" + (f"; there are {', '.join(known)}" if known else "")
@@ -70,10 +70,10 @@ def _rule(fault: Any, schema: type[BaseModel], place: tuple[str | int, ...]) -> 
     return said
 
 
-def _models_at(schema: type[BaseModel], place: tuple[str | int, ...]) -> list[type[BaseModel]]:
+def _models_at(schema: type[BaseModel], path: tuple[str | int, ...]) -> list[type[BaseModel]]:
     """Models that may stand at a place, found by walking down the types of the entries."""
     here = [schema]
-    for part in place:
+    for part in path:
         if isinstance(part, str):
             fields = [model.model_fields[part].annotation for model in here if part in model.model_fields]
             here = [model for field in fields for model in _models_in(field)]

@@ -110,23 +110,23 @@ def find_clusters(
     return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _leaders(place: FloatArray, radius: float, grouping: Grouping = "greedy") -> list[NDArray[np.intp]]:
+def _leaders(points: FloatArray, radius: float, grouping: Grouping = "greedy") -> list[NDArray[np.intp]]:
     """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
     if grouping not in ("greedy", "local"):
         raise ValueError(f"grouping must be greedy or local, got {grouping!r}")
-    if not len(place):
+    if not len(points):
         return []
-    tree = cKDTree(place)
+    tree = cKDTree(points)
     if grouping == "local":
-        near = tree.query_ball_point(place, radius * (1 + 1e-9), return_sorted=True)
+        near = tree.query_ball_point(points, radius * (1 + 1e-9), return_sorted=True)
         leads = np.array([one[0] == i for i, one in enumerate(near)])
         joins = np.array([next((k for k in one if leads[k]), -1) for one in near])
         return [np.flatnonzero(joins == leader) for leader in np.flatnonzero(leads)]
-    free = np.ones(len(place), np.bool_)
+    free = np.ones(len(points), np.bool_)
     groups = []
-    for i in range(len(place)):
+    for i in range(len(points)):
         if free[i]:
-            near = np.sort(np.asarray(tree.query_ball_point(place[i], radius * (1 + 1e-9)), dtype=np.intp))
+            near = np.sort(np.asarray(tree.query_ball_point(points[i], radius * (1 + 1e-9)), dtype=np.intp))
             members = near[free[near]]
             free[members] = False
             groups.append(members)

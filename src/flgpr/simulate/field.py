@@ -70,15 +70,15 @@ class SurfaceField:
 
     def tile(self, ix: int, iy: int) -> Scatterers:
         """Scatterers of the tile whose lower corner is (ix, iy)·TILE."""
-        found = self._kept.get((ix, iy))
-        if found is None:
-            found = self._make(ix, iy)
-            self._kept[ix, iy] = found
+        scatterers = self._kept.get((ix, iy))
+        if scatterers is None:
+            scatterers = self._make(ix, iy)
+            self._kept[ix, iy] = scatterers
             while len(self._kept) > self._limit:
                 self._kept.popitem(last=False)
         else:
             self._kept.move_to_end((ix, iy))
-        return found
+        return scatterers
 
     def within(self, corners: FloatArray) -> Scatterers:
         """Scatterers of every tile that touches the bounding box of ``corners`` (corner, 2), m."""
@@ -115,10 +115,10 @@ class _Texture:
         self._power = gamma.ppf(ndtr(self._grid), shape, scale=1 / shape)
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
-        place = np.linspace(0, TILE, self._nodes)
+        along = np.linspace(0, TILE, self._nodes)
         wx, wy = self._waves
-        along_x = np.exp(1j * ((ix * TILE + place)[:, None] * wx + self._phase))
-        along_y = np.exp(1j * (iy * TILE + place)[:, None] * wy)
+        along_x = np.exp(1j * ((ix * TILE + along)[:, None] * wx + self._phase))
+        along_y = np.exp(1j * (iy * TILE + along)[:, None] * wy)
         nodes = (along_y @ along_x.T).real * math.sqrt(2 / self._phase.size)
         where = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
         cell = np.minimum(where.astype(int), self._nodes - 2)

@@ -298,14 +298,14 @@ def _discs(profile: Any, least: float) -> list[tuple[float, float, float]]:
     radius, drop = (np.array(column, dtype=float) for column in zip(*profile, strict=True))
     height = max(float(drop[-1]), least)
     edges = np.linspace(0.0, height, max(1, math.floor(height / least + 1e-9)) + 1)
-    found: list[tuple[float, float, float]] = []
+    discs: list[tuple[float, float, float]] = []
     for a, b in itertools.pairwise(edges.tolist()):
         wide = _widest(radius, drop, min((a + b) / 2, 0.999 * float(drop[-1])))
-        if found and abs(found[-1][0] - wide) < 1e-12:
-            found[-1] = (wide, found[-1][1], b)
+        if discs and abs(discs[-1][0] - wide) < 1e-12:
+            discs[-1] = (wide, discs[-1][1], b)
         elif wide > 0:
-            found.append((wide, a, b))
-    return found
+            discs.append((wide, a, b))
+    return discs
 
 
 def _widest(radius: FloatArray, drop: FloatArray, at: float) -> float:
@@ -317,25 +317,25 @@ def _widest(radius: FloatArray, drop: FloatArray, at: float) -> float:
 
 
 def _left_out(scene: Scene, world: World, sensor: Sensor) -> list[str]:
-    surface, told = scene.surface, []
+    surface, omitted = scene.surface, []
     if sensor.antenna.kind == "horn":
-        told.append("the horns' pattern and gain: ideal short dipoles stand in for them")
-    told.append("the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors")
+        omitted.append("the horns' pattern and gain: ideal short dipoles stand in for them")
+    omitted.append("the sensor's errors: leakage, self-signature, drift, noise, interference, lost sweeps, pose errors")
     if surface.echo:
-        told.append(
+        omitted.append(
             "what the surface has beside its heights (slope, texture, cross_db, correlation, level_db): the ground "
             "scatters as its heights do"
         )
     if world.patches:
-        told.append(f"{len(world.patches)} wet patches")
+        omitted.append(f"{len(world.patches)} wet patches")
     if not scene.terrain.flat:
-        told.append("the terrain (slope, undulation, ruts): the ground is level but for its roughness")
+        omitted.append("the terrain (slope, undulation, ruts): the ground is level but for its roughness")
     if scene.grass.grown:
-        told.append("the grass")
+        omitted.append("the grass")
     buried = [*strewn(scene), *(["refilled holes"] if world.holes else [])]
     if buried:
-        told.append(f"what lies under the surface: {', '.join(buried)}")
-    return told
+        omitted.append(f"what lies under the surface: {', '.join(buried)}")
+    return omitted
 
 
 def _runs(
@@ -389,11 +389,11 @@ def _air_window(places: FloatArray, centre: float) -> float:
 Receiver = dict[str, list[tuple[int, GridPoint]]]
 
 
-def _receiver(place: FloatArray, directions: dict[str, FloatArray], grid: Grid) -> Receiver:
+def _receiver(position: FloatArray, directions: dict[str, FloatArray], grid: Grid) -> Receiver:
     """Give every field component of a receiver's two polarizations a number, those in common once."""
     known: dict[tuple[str, tuple[int, int, int]], int] = {}
     return {
-        label: [(known.setdefault((p.component, p.node), len(known)), p) for p in grid.spread(place, direction)]
+        label: [(known.setdefault((p.component, p.node), len(known)), p) for p in grid.spread(position, direction)]
         for label, direction in directions.items()
     }
 

@@ -64,8 +64,8 @@ class View:
         """Tell which places (point, 2) of the lane frame lie in the footprint."""
         local = (xy - self.pose[:2]) @ self._turn
         x_min, x_max, y_min, y_max = self.footprint
-        found = (local[:, 0] >= x_min) & (local[:, 0] <= x_max) & (local[:, 1] >= y_min) & (local[:, 1] <= y_max)
-        return np.asarray(found)
+        x, y = local[:, 0], local[:, 1]
+        return np.asarray((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max))
 
     def sine(self, points: FloatArray) -> FloatArray:
         """Sine of the array's centre's angle of incidence on the ground at points (point, 3) that count z from it."""
@@ -103,9 +103,9 @@ class SineSpectra:
     def weights(self, sine: FloatArray) -> FloatArray:
         """Weights (point, rank, 3) of the functions at sines (point,)."""
         step = self._sines[1] - self._sines[0]
-        place = np.clip((sine - self._sines[0]) / step, 0, self._sines.size - 1.001)
-        cell = place.astype(int)
-        part = (place - cell)[:, None, None]
+        position = np.clip((sine - self._sines[0]) / step, 0, self._sines.size - 1.001)
+        cell = position.astype(int)
+        part = (position - cell)[:, None, None]
         return np.asarray(self._weights[cell] * (1 - part) + self._weights[cell + 1] * part)
 
 
@@ -117,12 +117,12 @@ class SurfaceLayer:
 
     def echoes(self, view: View) -> PointEchoes:
         """Give the scatterers in view."""
-        found = self._field.within(view.corners)
-        inside = view.inside(found.xy)
+        scatterers = self._field.within(view.corners)
+        inside = view.inside(scatterers.xy)
         points = np.zeros((np.count_nonzero(inside), 3))
-        points[:, :2] = found.xy[inside]
+        points[:, :2] = scatterers.xy[inside]
         weight = self._spectra.weights(view.sine(points))
-        coefficient = (weight * found.amplitude[inside][:, None, :]).astype(np.complex64)
+        coefficient = (weight * scatterers.amplitude[inside][:, None, :]).astype(np.complex64)
         return PointEchoes(points, np.zeros(len(points)), coefficient, self._spectra.basis)
 
 
@@ -131,12 +131,12 @@ def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton
 
     The skeleton has the tones at which the layers' spectra are taken.
     """
-    found = [layer.echoes(view) for layer in layers]
-    if not found:
+    every = [layer.echoes(view) for layer in layers]
+    if not every:
         return np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)
-    points = np.concatenate([echoes.points for echoes in found])
-    extra = np.concatenate([echoes.extra for echoes in found])
-    values = np.concatenate([skeleton.values(echoes) for echoes in found])
+    points = np.concatenate([echoes.points for echoes in every])
+    extra = np.concatenate([echoes.extra for echoes in every])
+    values = np.concatenate([skeleton.values(echoes) for echoes in every])
     if view.terrain is not None:
         points[:, 2] += view.terrain.relief(points[:, :2])[:, 0]
     if view.shadows is not None:

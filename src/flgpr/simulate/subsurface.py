@@ -109,15 +109,15 @@ class SubsurfaceField:
 
     def tile(self, ix: int, iy: int) -> Buried:
         """Points of the tile whose lower corner is (ix, iy) m."""
-        found = self._kept.get((ix, iy))
-        if found is None:
-            found = _joined([make(ix, iy) for make in self._parts])
-            self._kept[ix, iy] = found
+        points = self._kept.get((ix, iy))
+        if points is None:
+            points = _joined([make(ix, iy) for make in self._parts])
+            self._kept[ix, iy] = points
             while len(self._kept) > _KEEP:
                 self._kept.popitem(last=False)
         else:
             self._kept.move_to_end((ix, iy))
-        return found
+        return points
 
     def stones(self, ix: int, iy: int) -> Buried:
         """Stones of a tile, spheroids in every direction."""
@@ -246,33 +246,33 @@ class SubsurfaceLayer:
 
     def echoes(self, view: View) -> PointEchoes:
         """Give the points in view, each at the surface above it."""
-        found = self._field.within(view.corners)
-        inside = view.inside(found.xy)
-        found = Buried._make(column[inside] for column in found)
-        points = np.zeros((len(found.xy), 3))
-        away = view.centre[:2] - found.xy
+        buried = self._field.within(view.corners)
+        inside = view.inside(buried.xy)
+        buried = Buried._make(column[inside] for column in buried)
+        points = np.zeros((len(buried.xy), 3))
+        away = view.centre[:2] - buried.xy
         towards = away / np.hypot(away[:, 0], away[:, 1])[:, None]
-        points[:, :2] = found.xy + found.reach[:, None] * towards
+        points[:, :2] = buried.xy + buried.reach[:, None] * towards
         sine = view.sine(points)
-        law = self._laws[found.shape, np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)]
-        amplitude = _polarized(found, towards, sine, self._spectra) * law[:, None]
-        weights = self._spectra.weights(found.shape, found.depth, sine)
-        extra = self._spectra.delay(found.depth, sine)
+        law = self._laws[buried.shape, np.round(sine * (self._laws.shape[1] - 1)).astype(np.intp)]
+        amplitude = _polarized(buried, towards, sine, self._spectra) * law[:, None]
+        weights = self._spectra.weights(buried.shape, buried.depth, sine)
+        extra = self._spectra.delay(buried.depth, sine)
         return PointEchoes(points, extra, weights[:, :, None] * amplitude[:, None, :], self._spectra.basis)
 
 
-def _polarized(found: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra) -> NDArray[np.complex64]:
+def _polarized(buried: Buried, towards: FloatArray, sine: FloatArray, spectra: BuriedSpectra) -> NDArray[np.complex64]:
     """Amplitude (point, 3) of HH, VV and cross: the axis's part by its direction across the ray, and t12² of each."""
     amplitude = np.zeros((len(sine), 3), np.complex64)
-    amplitude[:, 0] = amplitude[:, 1] = found.round
-    some = np.flatnonzero(found.axial)
-    inside = sine[some] / np.sqrt(spectra.permittivity(found.depth[some]))  # sine in the soil
-    axis, look = found.axis[some], towards[some]
+    amplitude[:, 0] = amplitude[:, 1] = buried.round
+    some = np.flatnonzero(buried.axial)
+    inside = sine[some] / np.sqrt(spectra.permittivity(buried.depth[some]))  # sine in the soil
+    axis, look = buried.axis[some], towards[some]
     along_h = axis[:, 1] * look[:, 0] - axis[:, 0] * look[:, 1]
     along_v = axis[:, 2] * inside - (axis[:, :2] * look).sum(axis=1) * np.sqrt(1 - inside**2)
     dyad = np.stack([along_h**2, along_v**2, along_h * along_v], axis=1)
-    amplitude[some] += (found.axial[some, None] * dyad).astype(np.complex64)
-    return np.asarray(amplitude * spectra.transmission(found.depth, sine).astype(np.complex64))
+    amplitude[some] += (buried.axial[some, None] * dyad).astype(np.complex64)
+    return np.asarray(amplitude * spectra.transmission(buried.depth, sine).astype(np.complex64))
 
 
 class HoleLayer:

@@ -117,6 +117,6 @@ def _read_track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
     return read_track(path)
 
 
-def _save(run: xr.Dataset, output: PathLike, found: dict[str, Any]) -> None:
+def _save(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:
     before = run.attrs.get("calibration", {})
-    save_run(run.assign_attrs(calibration={**before, **found}), output)
+    save_run(run.assign_attrs(calibration={**before, **figures}), output)
