@@ -196,3 +196,22 @@ def seen_in_time(sightings, distance):
         ):
             best[row["alarm_id"]] = row
     return list(best.values())
+
+
+def moved_best(alarms, targets, lane, halo, shift):
+    """Best alarm in each target's halo once all targets went so far along a lane closed to a ring; None: not clear."""
+    length = lane.y_max - lane.y_min
+
+    def apart(x, y, point):
+        return min(math.hypot(x - point["x"], y - point["y"] + turn * length) for turn in range(-3, 4))
+
+    free = [alarm for alarm in alarms if not any(within(alarm, target, halo) for target in targets)]
+    free = [alarm for alarm in free if lane.y_min <= alarm["y"] <= lane.y_max]
+    best = []
+    for target in targets:
+        x, y = target["x"], target["y"] + shift
+        if any(apart(x, y, other) < 2 * halo for other in targets):
+            best.append(None)
+        else:
+            best.append(max((a["confidence"] for a in free if apart(x, y, a) <= halo), default=-math.inf))
+    return best

@@ -108,6 +108,22 @@ def test_the_page_prints_convention_counts_and_operating_points(written):
     assert f"{row['n_detected']:.0f} of {row['n_targets']:.0f}" in text
 
 
+def test_the_page_opens_with_the_operating_point_and_tells_chance(written):
+    text = written[2]["html"].read_text(encoding="utf-8")
+    main = json.loads(written[2]["json"].read_text(encoding="utf-8"))["detections"]["main"]
+    point, last = main["operating_point"], main["points"][-1]
+    lead = re.search(r"<p class=lead>(.*?)</p>", text, re.S).group(1)
+    assert f"{point['n_detected']} of 16 targets found at 0.05 false alarms per m²" in lead
+    assert f"chance {point['chance']:.2f}" in lead
+    assert f"chance {main['pd_mean']['chance']:.3f}" in lead
+    assert f"Pd {last['pd']:.2f} and chance {last['chance']:.2f}" in text
+    assert text.index("Found at which false alarm rate") < text.index("What became of each target at 0.05")
+    fates = re.findall(r"<td>(found|missed)</td><td class=n>(\S+)</td>", text)
+    assert [fate == "found" for fate, _ in fates] == [row["found"] for row in main["targets"]]
+    late = next(row for row in main["targets"] if row["detected"] and not row["found"])
+    assert ("missed", f"{late['far']:.3g}") in fates
+
+
 def test_the_json_holds_the_curve(written):
     alarms, truth, paths = written
     told = json.loads(paths["json"].read_text(encoding="utf-8"), parse_constant=lambda name: pytest.fail(name))
@@ -147,7 +163,7 @@ def test_lanes_without_targets_or_alarms_are_reported_too(tmp_path):
     assert "nan" not in page
     assert "<img" not in page
     silent = write_score_report(tmp_path / "silent", alarms.iloc[:0], truth, LANE, draws=10)
-    assert "Missed targets at 0.01 false alarms per m²: 16" in silent["html"].read_text(encoding="utf-8")
+    assert "Missed targets at 0.05 false alarms per m²: 16" in silent["html"].read_text(encoding="utf-8")
     bad = tmp_path / "bad"
     with pytest.raises(ValueError, match="truth must have the columns"):
         write_score_report(bad, alarms, truth.drop(columns="kind"), LANE)

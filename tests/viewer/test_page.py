@@ -83,7 +83,7 @@ def test_the_main_path_works_by_keyboard_alone(watch, shown, demo):
     assert one.text("#alarm-title") == alarms["alarm_id"][0]
     assert page.evaluate("document.activeElement.id") != "note"
     page.keyboard.press(",")
-    assert "Alarms (10 of 11)" in one.text("#list-title")
+    assert "Alarms (4 of 11)" in one.text("#list-title")
     page.keyboard.press(".")
     for _ in range(3):
         page.keyboard.press("+")
@@ -118,7 +118,23 @@ def test_everything_has_a_name_for_screen_readers(watch, shown):
     tree = one.page.locator("body").aria_snapshot()
     for name in ("Lane picture", "Threshold", "Picture A: polarization", "scan 2, HH 0.45-1.5", "Verdict"):
         assert name in tree
-    assert one.page.get_attribute("#threshold", "aria-valuetext") == ("confidence 0.6193: 2 of 3 found, 5 false alarms")
+    assert one.page.get_attribute("#threshold", "aria-valuetext") == ("confidence 3.778: 2 of 3 found, 1 false alarms")
+
+
+def test_the_page_opens_at_the_operating_point_with_chance_beside(watch, shown, demo, serving, long_lanes):
+    """The demo lane is too small for 0.05 per m² and opens at one false alarm; a long lane does not."""
+    one, main = watch(shown), demo[1][0]
+    assert f"{main.point['n_detected']} of 3" in one.text("#counts")
+    assert re.search(rf"chance\s+{main.point['chance']:.2g}", one.text("#counts"))
+    assert "Opened at one false alarm, 0.17 per m²: 6.0 m² are too small for 0.05." in one.text("#point")
+    assert "by chance" in one.page.get_attribute("#roc-plot", "aria-label")
+    with serving(long_lanes[:1]) as viewer:
+        other = watch(viewer)
+        false = int(re.search(r"false alarms\s+(\d+)", other.text("#counts")).group(1))
+        assert false < 900 * 0.5
+        assert "Opened at 0.05 false alarms per m²." in other.text("#point")
+        far = float(re.search(r"FAR, per m²\s+(\S+)", other.text("#counts")).group(1))
+        assert 0.04 < far <= 0.05
 
 
 def test_the_threshold_moves_counts_and_alarms(watch, shown, demo):

@@ -236,6 +236,8 @@ def test_every_subset_of_the_score_adds_up(demo):
         scored = next(score for score in demo[1] if score.name == name)
         np.testing.assert_allclose(one["shared"]["far"], scored.curve["far"], rtol=1e-4)
         np.testing.assert_allclose(whole["pd_high"], scored.curve["pd_high"], rtol=1e-4)
+        np.testing.assert_allclose(whole["chance"], scored.curve["chance"], rtol=1e-4)
+        assert one["shared"]["threshold"][one["shared"]["point"]["row"]] == scored.point["threshold"]
 
 
 def test_depth_classes_hold_every_target_once():

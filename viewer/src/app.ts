@@ -14,7 +14,7 @@ import type { Live } from "./live";
 import { Notes } from "./notes";
 import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
-import { curveOf, equalFalse, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
+import { curveOf, equalFalse, pointWords, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
 import { alarmFacts, alarmWords, readout } from "./words";
@@ -180,7 +180,9 @@ export class App {
 
   detectionChanged(): void {
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
-    this.row = this.thresholds.length - 1;
+    const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
+    this.row = curve?.point?.row ?? this.thresholds.length - 1;
+    el("point").textContent = pointWords(curve);
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));

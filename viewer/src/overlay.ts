@@ -35,6 +35,12 @@ export function isMissed(overlay: Overlay, target: number): boolean {
   return row < 0 || !overlay.visible(row);
 }
 
+/** The false alarm rate at which a target's best alarm is declared. */
+function firstSeen(overlay: Overlay, target: number): string {
+  const far = overlay.detection && overlay.source.score?.detections[overlay.detection.name]?.outcomes["far"]?.[target];
+  return typeof far === "number" ? `first seen at ${digits(far, 2)} false alarms per m²` : "no alarm in its halo";
+}
+
 function inBox(view: View, px: number, py: number, slack = 12): boolean {
   const { left, top, width, height } = view.box;
   return px > left - slack && px < left + width + slack && py > top - slack && py < top + height + slack;
@@ -178,7 +184,7 @@ export function hitTest(view: View, overlay: Overlay, px: number, py: number): H
     const row = near(score.truth.x, score.truth.y, () => true);
     if (row >= 0) {
       const { target_id, kind, depth } = score.truth;
-      const fate = isMissed(overlay, row) ? "missed at this threshold" : "found at this threshold";
+      const fate = isMissed(overlay, row) ? `missed at this threshold,\n${firstSeen(overlay, row)}` : "found at this threshold";
       return { kind: "target", row, words: `${target_id[row]}: ${kind[row]}, ${fixed(100 * (depth[row] ?? NaN), 1)} cm deep\n${fate}` };
     }
     const objects = score.objects;

@@ -1,5 +1,5 @@
 import uPlot from "uplot";
-import { colour, digits, el, make } from "./dom";
+import { colour, digits, el, fixed, make } from "./dom";
 import type { Curve, Score, Source } from "./types";
 
 /** Curve of a subset; none when the truth has no such targets. */
@@ -17,6 +17,14 @@ export function thresholdsOf(source: Source, detection: string): (number | null)
   return [null, ...[...new Set(found?.alarms.confidence ?? [])].sort((a, b) => b - a)];
 }
 
+/** At which false alarm rate a detection is shown first, in words. */
+export function pointWords(curve: Curve | undefined): string {
+  if (!curve?.point) return "";
+  const { far_asked: asked, far_allowed: allowed } = curve.point;
+  if (allowed <= asked) return `Opened at ${digits(asked)} false alarms per m².`;
+  return `Opened at one false alarm, ${digits(allowed, 2)} per m²: ${fixed(curve.area, 1)} m² are too small for ${digits(asked)}.`;
+}
+
 /** The lowest threshold of another curve that has no more false alarms. */
 export function equalFalse(curve: Curve, most: number): number {
   let row = 0;
@@ -24,15 +32,15 @@ export function equalFalse(curve: Curve, most: number): number {
   return row;
 }
 
-/** Highest Pd, with its interval, at every distinct FAR: what a step curve needs. */
-function steps(curve: Curve): [number[], (number | null)[], (number | null)[], (number | null)[]] {
+/** Highest Pd, with its interval and chance, at every distinct FAR: what a step curve needs. */
+function steps(curve: Curve): [number[], ...(number | null)[][]] {
   const rows: number[] = [];
   curve.far.forEach((far, row) => {
     if (rows.length && curve.far[rows[rows.length - 1]!] === far) rows[rows.length - 1] = row;
     else rows.push(row);
   });
   const take = (column: (number | null)[]): (number | null)[] => rows.map((row) => column[row] ?? null);
-  return [rows.map((row) => curve.far[row]!), take(curve.pd), take(curve.pd_low), take(curve.pd_high)];
+  return [rows.map((row) => curve.far[row]!), take(curve.pd), take(curve.pd_low), take(curve.pd_high), take(curve.chance ?? [])];
 }
 
 export interface Operating { curve: Curve; row: number }
@@ -76,6 +84,7 @@ export class RocPlot {
       { stroke: colour("accent"), width: 2, paths: stepped, points: { show: false }, spanGaps: true },
       { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true },
       { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true },
+      { stroke: colour("soft"), width: 1.5, dash: [2, 3], paths: stepped, points: { show: false }, spanGaps: true },
     ];
     if (b) series.push({ stroke: colour("false"), width: 2, dash: [5, 4], paths: stepped, points: { show: false }, spanGaps: true });
     const point = (row: number): number => row;
@@ -111,7 +120,7 @@ export class RocPlot {
     const { a } = this.now;
     this.home.setAttribute(
       "aria-label",
-      a ? `ROC. At this threshold Pd ${digits(a.curve.pd[a.row])}, false alarms per square metre ${digits(a.curve.far[a.row])}` : "ROC: not scored",
+      a ? `ROC. At this threshold Pd ${digits(a.curve.pd[a.row])}, by chance ${digits(a.curve.chance?.[a.row], 2)}, false alarms per square metre ${digits(a.curve.far[a.row])}` : "ROC: not scored",
     );
   }
 
@@ -152,6 +161,7 @@ export class RocPlot {
       const x = u.valToPos(curve.far[row]!, "x", true);
       const y = u.valToPos(curve.pd[row] ?? 0, "y", true);
       c.strokeStyle = ink;
+      c.setLineDash([]);
       c.lineWidth = 1.4 * density;
       c.beginPath();
       c.moveTo(u.valToPos(curve.far_low[row]!, "x", true), y);
@@ -166,7 +176,20 @@ export class RocPlot {
       c.strokeStyle = colour("card");
       c.stroke();
     }
+    this.nameChance(u);
     c.restore();
+  }
+
+  /** Write under the end of the dotted curve what it is. */
+  private nameChance(u: uPlot): void {
+    const curve = this.now.a?.curve;
+    const last = curve?.chance?.[curve.far.length - 1];
+    if (!curve || last === null || last === undefined) return;
+    const density = window.devicePixelRatio || 1;
+    u.ctx.font = `${11 * density}px system-ui`;
+    u.ctx.textAlign = "right";
+    u.ctx.fillStyle = colour("soft");
+    u.ctx.fillText("chance", u.valToPos(curve.far[curve.far.length - 1]!, "x", true), u.valToPos(last, "y", true) + 14 * density);
   }
 }
 
@@ -190,6 +213,7 @@ export function showCounts(table: HTMLTableElement, a: Operating | undefined, b:
   row("missed", ...cells(({ curve, row: r }) => make("td", { class: "missed" }, String(curve.n_targets - curve.n_detected[r]!))));
   row("false alarms", ...cells(({ curve, row: r }) => make("td", { class: "big false" }, String(curve.n_false[r]))));
   row("Pd", ...cells(({ curve, row: r }) => make("td", {}, `${digits(curve.pd[r], 3)} `, make("small", {}, interval(curve.pd_low[r], curve.pd_high[r])))));
+  row("chance", ...cells(({ curve, row: r }) => make("td", {}, digits(curve.chance?.[r], 2))));
   row("FAR, per m²", ...cells(({ curve, row: r }) => make("td", {}, `${digits(curve.far[r], 3)} `, make("small", {}, interval(curve.far_low[r], curve.far_high[r])))));
-  table.title = `Small figures: exact ${percent} % intervals.${b ? " B stands at its lowest threshold with no more false alarms than A." : ""}`;
+  table.title = `Small figures: exact ${percent} % intervals. Chance: the Pd of alarms that know nothing of the targets.${b ? " B stands at its lowest threshold with no more false alarms than A." : ""}`;
 }

@@ -56,17 +56,22 @@ export interface Curve {
   n_false: number[];
   pd_low: (number | null)[];
   pd_high: (number | null)[];
+  /** Pd of alarms that know nothing of the targets; scores of before it was known have none. */
+  chance?: (number | null)[];
+  /** Where targets count as found: the row, the rate asked for and the one allowed, which a small lane raises. */
+  point?: { row: number; far_asked: number; far_allowed: number };
   far_low: number[];
   far_high: number[];
 }
+type Shared = "area" | "level" | "point" | "threshold" | "far" | "n_false" | "far_low" | "far_high";
 export interface Scored {
   label: string[];
   target: number[];
   distance: (number | null)[];
   outcomes: Record<string, unknown[]>;
   /** What all subsets have in common: thresholds and false alarms. */
-  shared: Pick<Curve, "area" | "level" | "threshold" | "far" | "n_false" | "far_low" | "far_high">;
-  curves: Omit<Curve, "area" | "level" | "threshold" | "far" | "n_false" | "far_low" | "far_high">[];
+  shared: Pick<Curve, Shared>;
+  curves: Omit<Curve, Shared>[];
 }
 export interface Targets { target_id: string[]; x: number[]; y: number[]; kind: string[]; depth: (number | null)[] }
 export interface Objects { object_id: string[]; x: number[]; y: number[]; kind: string[] }

@@ -162,6 +162,9 @@ def score(
     halo: Annotated[
         float, typer.Option(help="Halo radius in metres, for an alarm list; a result uses its recipe's.")
     ] = 1.0,
+    far: Annotated[
+        float, typer.Option(help="Operating point: false alarms per square metre at which targets count as found.")
+    ] = 0.05,
     seal: Annotated[
         bool, typer.Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")
     ] = False,
@@ -188,11 +191,11 @@ def score(
             with progress(quiet or as_json) as track:
                 if lane is not None:
                     home = output or Path("score")
-                    scored = tasks.score_alarms(alarms, truth, lane, home, halo=halo, **registered)
+                    scored = tasks.score_alarms(alarms, truth, lane, home, halo=halo, far=far, **registered)
                 else:
                     folder = alarms.parent if alarms.name == "alarms.csv" else alarms
                     home = output or tasks.score_home(folder)
-                    _, scored = tasks.score_result(folder, truth, objects, home, track, **registered)
+                    _, scored = tasks.score_result(folder, truth, objects, home, track, far=far, **registered)
             if as_json:
                 typer.echo(json.dumps(score_summary(home, scored)))
             elif not quiet:

@@ -14,14 +14,17 @@ from flgpr import tasks
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
     """Summarise scores for a machine."""
     told = json.loads((folder / "roc.json").read_text(encoding="utf-8"))
-    last = scored[0].curve.iloc[-1]
+    main = told["detections"]["main"]
+    point, last = main["operating_point"], main["points"][-1]
     return {
         "result": str(folder),
-        "targets": int(last["n_targets"]),
-        "found": int(last["n_detected"]),
-        "false_alarms": int(last["n_false"]),
-        "area_m2": float(last["area"]),
-        "pd_mean": scored[0].pd_mean,
+        "targets": main["n_targets"],
+        "found": point["n_detected"],
+        "false_alarms": point["n_false"],
+        "operating_point": point,
+        "all_alarms": {"found": last["n_detected"], "false_alarms": last["n_false"], "chance": last["chance"]},
+        "area_m2": main["area"],
+        "pd_mean": main["pd_mean"],
         "rules": told["rules"],
         "notes": told["notes"],
         "outcomes": json.loads(tasks.outcome_table(scored).to_json(orient="records")),
@@ -29,30 +32,23 @@ def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
 
 
 def print_scores(scored: list[Any]) -> None:
-    """Print what became of each target."""
+    """Print what became of each target at the operating point, and in a sentence what that amounts to."""
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title="What became of each target")
-    for name in ("target", "outcome", "rank", "false above", "off by"):
+    title = f"What became of each target at {scored[0].far:.2g} false alarms per m²"
+    table = Table(title=title, caption="first seen: at so many false alarms per m²")
+    for name in ("target", "outcome", "first seen", "rank", "above", "off by"):
         table.add_column(name, justify="left" if name in ("target", "outcome") else "right", no_wrap=True)
     for one in scored:
         table.add_section()
         table.add_row(f"[bold]{one.name}[/bold]")
         for row in one.outcomes.to_dict("records"):
-            target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm deep"
-            found = [str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"] if row["detected"] else []
-            table.add_row(target, "found" if row["detected"] else "missed", *found)
+            target = f"  {row['target_id']}: {row['kind']}, {100 * row['depth']:.1f} cm"
+            seen = [f"{row['far']:.2g}", str(row["rank"]), str(row["n_false"]), f"{row['distance']:.2f} m"]
+            table.add_row(target, "found" if row["found"] else "missed", *(seen if row["detected"] else ["never"]))
     Console().print(table)
-    last = scored[0].curve.iloc[-1]
-    if not last["n_targets"]:
-        typer.echo(f"main: no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²")
-        return
-    typer.echo(
-        f"main: {last['n_detected']:.0f} of {last['n_targets']:.0f} targets found (Pd {last['pd']:.2f}, 95 % interval "
-        f"{last['pd_low']:.2f} to {last['pd_high']:.2f}), {last['n_false']:.0f} false alarms on {last['area']:.2f} m² "
-        f"(FAR {last['far']:.2f} per m², {last['far_low']:.2f} to {last['far_high']:.2f})"
-    )
+    typer.echo(f"{scored[0].name}: {scored[0].in_words()}")
 
 
 def info_lines(told: dict[str, Any]) -> list[str]:

@@ -62,24 +62,25 @@ def channel_figure(result: Result) -> Figure:
 
 
 def whole_roc_figure(scored: Sequence[Score]) -> Figure:
-    """Draw every detection's Pd up to its last alarm, and the exact interval of the main curve, point by point."""
+    """Draw every detection's Pd up to its last alarm; of the main curve also the exact intervals and chance."""
     figure = Figure(figsize=(5.2, 4.0), layout="constrained")
     axes = figure.subplots()
     for i, one in enumerate(scored):
         curve, targets = one.curve, int(one.curve.attrs["n_targets"])
         far = np.append(curve["far"], curve["far"].iloc[-1] + 1 / one.curve.attrs["area"])
-        label = "recipe as it stands" if one.name == "main" else one.title
+        label = "all targets" if len(scored) == 1 else "recipe as it stands" if one.name == "main" else one.title
         style: dict[str, Any] = {"lw": 2.2 if i == 0 else 1.3, "ls": "-" if i == 0 else "--", "color": f"C{i}"}
         axes.step(far, np.append(curve["pd"], curve["pd"].iloc[-1]), where="post", label=_wrapped(label, 44), **style)
         if i == 0:
             low, high = (np.append(curve[name], curve[name].iloc[-1]) for name in ("pd_low", "pd_high"))
             axes.fill_between(far, low, high, step="post", alpha=0.15, color="C0", lw=0)
+            by_chance = np.append(curve["chance"], curve["chance"].iloc[-1])
+            axes.step(far, by_chance, where="post", color="0.45", ls=":", lw=1.6, label="chance")
     axes.set(xlabel="false alarms per m²", ylabel=f"probability of detection ({targets} targets)", ylim=(-0.02, 1.02))
     axes.set_title(f"Every alarm, {100 * scored[0].rules.level:g} % intervals point by point", fontsize=10)
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
-    if len(scored) > 1:
-        axes.legend(fontsize=8, loc="lower right")
+    axes.legend(fontsize=8, loc="best")
     return figure
 
 

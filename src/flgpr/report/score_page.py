@@ -36,14 +36,14 @@ _COLUMNS = {
 }
 """Title and format of each column of the table of alarms."""
 _POINT = (
-    "{far_allowed:g}", "{threshold:.5g}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}",
-    "{n_detected:.0f} of {n_targets:.0f}", "{far:.4f}", "{far_low:.4f} to {far_high:.4f}", "{n_false:.0f}",
+    "{far_allowed:.4g}", "{n_detected:.0f} of {n_targets:.0f}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}", "{chance}",
+    "{n_false:.0f}", "{far:.4f}", "{far_low:.4f} to {far_high:.4f}", "{threshold:.5g}",
 )  # fmt: skip
 _CURVE = (
-    "{threshold:.5g}", "{n_detected:.0f} of {n_targets:.0f}", "{pd:.2f} ({pd_low:.2f} to {pd_high:.2f})",
+    "{threshold:.5g}", "{n_detected:.0f} of {n_targets:.0f}", "{pd:.2f} ({pd_low:.2f} to {pd_high:.2f})", "{chance}",
     "{n_false:.0f}", "{far:.3g} ({far_low:.3g} to {far_high:.3g})",
 )  # fmt: skip
-_GROUP = ("{n_detected} of {n_targets}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}")
+_GROUP = ("{n_detected} of {n_targets}", "{pd:.3f}", "{pd_low:.3f} to {pd_high:.3f}", "{chance}")
 _MISSED = ("{target_id}", "{kind}", "{deep}", "{x:.2f}, {y:.2f}", "{off}", "{at}")
 _FALSE = ("{key}", "{x:.2f}, {y:.2f}", "{confidence:.5g}", "{found_above}")
 
@@ -189,8 +189,11 @@ def _scored(
     return {
         "last": main.curve.iloc[-1],
         "attrs": main.curve.attrs,
+        "main": main,
         "rules": main.rules,
         "pd_mean": main.pd_mean,
+        "mean_by_chance": _plain(main.pd_mean["chance"], ".3f") if main.pd_mean else "",
+        "last_by_chance": _plain(main.curve["chance"].iloc[-1], ".2f"),
         "survey": main.survey,
         "roc": whole_roc_figure(scored),
         "outcomes": [_outcome_rows(one) for one in scored],
@@ -211,7 +214,9 @@ def _scored(
 
 def _rows(table: pd.DataFrame, cells: Sequence[str], nothing: bool = False) -> list[list[str]]:
     """Write every row of a table by the formats of its cells; those of a Pd say ``none`` where there is nothing."""
-    said = ["none" if nothing and "{pd" in cell else cell for cell in cells]
+    said = ["none" if nothing and ("{pd" in cell or "{chance" in cell) else cell for cell in cells]
+    if "chance" in table:
+        table = table.assign(chance=[_plain(level, ".3f") for level in table["chance"]])
     return [[cell.format_map(row) for cell in said] for row in table.to_dict("records")]
 
 
@@ -236,14 +241,14 @@ def _figures(main: Score) -> dict[str, Any]:
 
 
 def _outcome_rows(one: Score) -> list[list[str]]:
-    """Tell of every target whether it was found, and how."""
+    """Tell of every target whether it is found at the operating point, at which FAR it is first seen, and how."""
     rows = []
     for row in one.outcomes.to_dict("records"):
-        told = ["missed", "", "", "", ""]
+        told = ["found" if row["found"] else "missed", "never", "", "", "", ""]
         if row["detected"]:
-            told = ["found", f"{row['rank']:d}", f"{row['n_false']:d}", f"{row['distance']:.2f}"]
+            told[1:] = [f"{row['far']:.3g}", f"{row['rank']:d}", f"{row['n_false']:d}", f"{row['distance']:.2f}"]
             told.append(f"({row['dx']:+.2f}, {row['dy']:+.2f})")
-        deep = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm deep"
+        deep = "depth not known" if np.isnan(row["depth"]) else f"{100 * row['depth']:.1f} cm"
         cells = [row["target_id"], f"{row['kind']}, {deep}", f"({row['x']:.2f}, {row['y']:.2f})", *told]
         if _knows_shifts(one):
             cells.append(f"{row['expected_shift']:.2f}" if np.isfinite(row["expected_shift"]) else "")

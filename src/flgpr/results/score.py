@@ -19,9 +19,9 @@ from flgpr.scoring import BlindScore, Rules, Score, refraction_shift, score
 ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
 
 
-def score_detections(result: Result, truth: pd.DataFrame) -> list[Score]:
-    """Score the main result and every variant by the halo and the area of the recipe."""
-    rules = Rules(halo=result.recipe.score.halo, area=result.recipe.score.area)
+def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
+    """Score the main result and every variant by the halo and the area of the recipe, at an operating point."""
+    rules = Rules(halo=result.recipe.score.halo, area=result.recipe.score.area, far=far)
     scored = [score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title) for one in result.detections]
     shift = expected_shift(scored[0].matched.truth, result.manifest["run"])
     return [replace(one, outcomes=one.outcomes.assign(expected_shift=shift)) for one in scored]

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from flgpr.io import canonical_json, sha256
 from flgpr.results.result import Result
 from flgpr.results.view_files import plain_json
-from flgpr.scoring import Score, pd_mean, roc_of
+from flgpr.scoring import Score, operating_row, pd_mean, roc_of
 
 SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
 _SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
-_OWN = ("pd", "n_detected", "pd_low", "pd_high")
+_OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
 
 
@@ -96,11 +96,13 @@ def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mappi
 
 def _shared(one: Score) -> dict[str, Any]:
     attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
-    return {**attrs, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
+    point = {"row": int(operating_row(one.curve, one.far)), "far_asked": one.rules.far, "far_allowed": one.far}
+    return {**attrs, "point": point, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
 
 
 def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
-    curve = roc_of(one.matched, chosen if len(chosen) else None, area=one.rules.area, level=one.rules.level)
+    subset = chosen if len(chosen) else None
+    curve = one.chance.beside(roc_of(one.matched, subset, area=one.rules.area, level=one.rules.level), subset)
     mean = pd_mean(curve) if len(chosen) else None
     return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
 

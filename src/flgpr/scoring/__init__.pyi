@@ -4,6 +4,7 @@ from flgpr.scoring.blind import BlindScore, open_truth, score_blind, seal_truth
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.boxes import box_peaks, box_roc, offset_boxes, peak_roc
 from flgpr.scoring.breakdown import decision_curves, decision_table, pd_table
+from flgpr.scoring.chance_level import Chance, chance, random_pd
 from flgpr.scoring.checks import as_lanes
 from flgpr.scoring.comparison import Comparison, compare, mcnemar_test, sign_flip_test
 from flgpr.scoring.curve import (
@@ -32,6 +33,7 @@ __all__ = [
     "CURVE_COLUMNS",
     "HEADLINE",
     "BlindScore",
+    "Chance",
     "Comparison",
     "Convention",
     "Match",
@@ -49,6 +51,7 @@ __all__ = [
     "band",
     "box_peaks",
     "box_roc",
+    "chance",
     "clopper_pearson",
     "compare",
     "content_hash",
@@ -77,6 +80,7 @@ __all__ = [
     "pd_table",
     "peak_roc",
     "poisson_interval",
+    "random_pd",
     "read_register",
     "refraction_shift",
     "register",

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model import check_truth
+from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.checks import LaneLike, as_lanes
 from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import roc_of
@@ -34,8 +35,8 @@ class BlindScore:
     """What a blind scoring tells."""
 
     #: one row per group and allowed FAR: ``group``, ``far_allowed``, ``far``, ``far_low``, ``far_high``, ``pd``,
-    #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``. It has no thresholds: the confidence at
-    #: which Pd rises would tell which alarm lies on a target
+    #: ``pd_low``, ``pd_high``, ``n_detected``, ``n_targets``, ``n_false``, and the Pd that ``chance`` gives. It has no
+    #: thresholds: the confidence at which Pd rises would tell which alarm lies on a target
     points: pd.DataFrame
     counts: dict[str, Any]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
     looks: int  #: how often this truth was scored so far, this time included
@@ -196,19 +197,22 @@ def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: 
     groups: list[tuple[str, Any]] = [("all", None)]
     if rules["by"] is not None:
         groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].dropna().unique())]
-    points = pd.concat([_points(matched, name, subset, rules["area"]) for name, subset in groups], ignore_index=True)
+    level = chance(matched)
+    tables = [_points(matched, level, name, subset, rules["area"]) for name, subset in groups]
+    points = pd.concat(tables, ignore_index=True)
     curve = roc_of(matched, area=rules["area"])
     counts = {name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")}
     return BlindScore(points, counts, len(mine), len({line["alarms"] for line in mine}))
 
 
-def _points(matched: Match, name: str, subset: Any, area: Any) -> pd.DataFrame:
-    curve = roc_of(matched, subset, area=area)
+def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:
+    curve = level.beside(roc_of(matched, subset, area=area), subset)
     rows = curve.iloc[operating_row(curve, np.array(FAR_GRID))].reset_index(drop=True)
     columns = ["far", "far_low", "far_high", "pd", "pd_low", "pd_high", "n_detected", "n_targets", "n_false"]
-    rows = rows[columns].assign(group=name, far_allowed=FAR_GRID)
+    # More digits of the chance level could be held against guesses of where targets stand.
+    rows = rows[[*columns, "chance"]].round({"chance": 2}).assign(group=name, far_allowed=FAR_GRID)
     rows.attrs = {}
-    return rows[["group", "far_allowed", *columns]]
+    return rows[["group", "far_allowed", *columns, "chance"]]
 
 
 def _plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model import check_alarms
+from flgpr.scoring.chance_level import Chance
 from flgpr.scoring.checks import LaneLike
 from flgpr.scoring.curve import operating_row, pd_mean
 from flgpr.scoring.intervals import clopper_pearson
@@ -28,6 +29,7 @@ def pd_table(
     area: AreaRule = "union",
     frame_area: float | None = None,
     level: float = 0.95,
+    chance: Chance | None = None,
 ) -> pd.DataFrame:
     """Tabulate Pd by properties of the targets, all at the one threshold that keeps the FAR of the whole list.
 
@@ -47,12 +49,15 @@ def pd_table(
         Area of the FAR, as for :func:`flgpr.scoring.roc`.
     level : float
         Level of the Clopper-Pearson intervals.
+    chance : Chance, optional
+        Chance level of the same match, see :func:`flgpr.scoring.chance`.
 
     Returns
     -------
     DataFrame
         One row per combination that occurs: the columns of ``by``, ``n_targets``, ``n_detected``, ``pd``, ``pd_low``,
-        ``pd_high``; ``attrs`` hold ``threshold`` and ``far``, the one reached.
+        ``pd_high`` and, with a chance level, ``chance``, the Pd it gives; ``attrs`` hold ``threshold`` and ``far``, the
+        one reached.
 
     Raises
     ------
@@ -69,10 +74,14 @@ def pd_table(
         raise ValueError(f"by must name columns of truth, got {', '.join(missing)}")
     if "depth" in names and depth_edges is not None:
         table["depth"] = depth_classes(table["depth"], depth_edges)
-    grouped = table.groupby(names, sort=True, dropna=False, observed=True)["found"].agg(["size", "sum"]).reset_index()
-    result = grouped.rename(columns={"size": "n_targets", "sum": "n_detected"})
+    groups = table.groupby(names, sort=True, dropna=False, observed=True)
+    result = groups["found"].agg(n_targets="size", n_detected="sum").reset_index()
     low, high = clopper_pearson(result["n_detected"], result["n_targets"], level)
     result = result.assign(pd=result["n_detected"] / result["n_targets"], pd_low=low, pd_high=high)
+    if chance is not None:
+        moved = table.assign(clear=(~np.isnan(chance.best)).sum(axis=1), struck=(chance.best >= threshold).sum(axis=1))
+        sums = moved.groupby(names, sort=True, dropna=False, observed=True)[["clear", "struck"]].sum()
+        result["chance"] = (sums["struck"] / sums["clear"]).to_numpy()
     result.attrs = {"threshold": threshold, "far": float(curve["far"].iloc[row]), "far_allowed": float(far)}
     return result
 

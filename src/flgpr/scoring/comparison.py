@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
 from flgpr.scoring.bootstrap import make_design, make_scores, tails
-from flgpr.scoring.lane_roc import AreaRule
+from flgpr.scoring.chance_level import chance
+from flgpr.scoring.curve import pd_mean
+from flgpr.scoring.lane_roc import AreaRule, roc_of
 from flgpr.scoring.matching import Match, Subset, select_targets
 
 _ENUMERATED = 20  # signs; a million sums
@@ -36,6 +39,9 @@ class Comparison:
     only_b: int
     p_detections: float  #: two-sided p of the exact binomial test on these (McNemar)
     n_targets: int  #: number of targets
+    #: chance_a, chance_b: PD_mean that each one's false alarms give by chance, see :func:`flgpr.scoring.chance`
+    chance_a: float
+    chance_b: float
 
 
 def compare(
@@ -101,7 +107,13 @@ def compare(
         float(share_a.mean()), float(share_b.mean()), float((share_a - share_b).mean()), float(low), float(high),
         p_value, enumerated, far, only_a, only_b, mcnemar_test(only_a, only_b),
         int(select_targets(first.truth, subset).sum()),
+        *(_pd_mean_by_chance(one, subset, far_max, seed, area=area, frame_area=frame_area) for one in (first, second)),
     )  # fmt: skip
+
+
+def _pd_mean_by_chance(matched: Match, subset: Subset, far_max: float, seed: int, **area: Any) -> float:
+    curve = chance(matched, seed=seed).beside(roc_of(matched, subset, **area), subset)
+    return pd_mean(curve.assign(pd=curve["chance"]), far_max)
 
 
 def sign_flip_test(differences: ArrayLike, seed: int = 0) -> tuple[float, bool]:

@@ -29,6 +29,8 @@ def roc_figure(
 ) -> Figure:
     """Draw ROC curves as staircases, with confidence bands where given; three bands or more each in a panel.
 
+    Where a curve has the column ``chance``, see :func:`flgpr.scoring.chance`, it is dotted in the curve's colour.
+
     Parameters
     ----------
     curves : mapping of str to DataFrame
@@ -66,12 +68,16 @@ def roc_figure(
         if name in shown:
             area = shown[name]
             axes.fill_between(area["far"], area["pd_low"], area["pd_high"], color=colour, alpha=0.18, linewidth=0)
-        _draw_steps(axes, curve, far_max, f"{name} ({int(curve.attrs['n_targets'])})", colour, number)
+        label = f"{name} ({int(curve.attrs['n_targets'])})"
+        _draw_steps(axes, curve, "pd", far_max, label=label, color=colour, ls=DASHES[number % len(DASHES)], lw=1.6)
+        if "chance" in curve:
+            label = "chance" if number < panels else "_"  # once in each legend
+            _draw_steps(axes, curve, "chance", far_max, label=label, color=colour, ls=(0, (1, 2)), lw=1.2)
     for axes in plots[:panels]:
         axes.set(xlim=(0, far_max), ylim=(-0.02, 1.02))
         axes.grid(alpha=0.3)
         if curves:
-            axes.legend(title="targets (number)", fontsize=8, title_fontsize=8, loc="lower right")
+            axes.legend(title="targets (number)", fontsize=8, title_fontsize=8, loc="best")
     for axes in plots[panels:]:
         axes.remove()
     figure.supxlabel("false alarms per m²", fontsize=10)
@@ -79,11 +85,11 @@ def roc_figure(
     return figure
 
 
-def _draw_steps(axes: Axes, curve: pd.DataFrame, far_max: float, label: str, colour: str, number: int) -> None:
+def _draw_steps(axes: Axes, curve: pd.DataFrame, column: str, far_max: float, **style: Any) -> None:
     """Draw the Pd that thresholds do reach: level between them, on to the end of the axis."""
     shown = curve[curve["far"] <= far_max]
-    far, found = np.append(shown["far"], far_max), np.append(shown["pd"], shown["pd"].iloc[-1])
-    axes.step(far, found, where="post", color=colour, linestyle=DASHES[number % len(DASHES)], label=label, lw=1.6)
+    far, found = np.append(shown["far"], far_max), np.append(shown[column], shown[column].iloc[-1])
+    axes.step(far, found, where="post", **style)
 
 
 def _new_figure(figsize: tuple[float, float], dpi: int) -> Figure:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.scoring.assignment import assign, label_alarms
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
+from flgpr.scoring.chance_level import SHIFTS, Chance, chance
 from flgpr.scoring.checks import LaneLike
 from flgpr.scoring.curve import operating_row, pd_mean
 from flgpr.scoring.lane_roc import roc_of
@@ -20,6 +23,7 @@ from flgpr.scoring.refraction import Refraction
 from flgpr.scoring.survey import SurveyShare, survey_share
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
+_COUNTED = ("n_targets", "area")  # the same in all rows of a curve
 _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -33,12 +37,12 @@ class Rules:
     area: Literal["union", "paper"] = "union"
     refraction: Refraction | None = None
     survey_error: float | None = None
-    far: float = 0.01  #: operating point at which targets count as missed and Pd is broken down, per m²
+    far: float = 0.05  #: operating point at which targets count as found or missed and Pd is broken down, per m²
     far_max: float = 0.1  #: end of the FAR axis and of the averaging of PD_mean, per m²
     level: float = 0.95  #: level of all intervals and bands
-    #: draws, seed: of the bootstrap
-    draws: int = 1000
-    seed: int = 0
+    draws: int = 1000  #: draws of the bootstrap
+    shifts: int = SHIFTS  #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
+    seed: int = 0  #: seed of both
 
 
 @dataclass(frozen=True)
@@ -50,24 +54,68 @@ class Score:
     title: str
     rules: Rules  #: how
     matched: Match = field(repr=False)  #: alarms and targets
-    curve: pd.DataFrame = field(repr=False)  #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`
-    #: one row per target as :func:`flgpr.scoring.assign` gives it, and its best alarm's offset ``dx``, ``dy``, m
+    #: ROC with its counts and exact intervals, see :func:`flgpr.scoring.roc`, and the Pd that ``chance`` gives
+    curve: pd.DataFrame = field(repr=False)
+    far: float  #: operating point, per m²: that of the rules, or one false alarm where the lane cannot tell less
+    #: one row per target as :func:`flgpr.scoring.assign` gives it, its best alarm's offset ``dx``, ``dy``, m, and
+    #: whether it is ``found`` at the operating point
     outcomes: pd.DataFrame = field(repr=False)
     labels: pd.DataFrame = field(repr=False)  #: one row per alarm as :func:`flgpr.scoring.label_alarms` gives it
+    chance: Chance = field(repr=False)  #: what alarms that know nothing of the targets find
     survey: SurveyShare | None  #: what the error of the survey takes of the halo, if it is known
 
     @cached_property
     def pd_mean(self) -> dict[str, float] | None:
-        """PD_mean, ``value``, with ``low`` and ``high`` by bootstrap and ``far_max``; None without targets."""
+        """PD_mean, ``value``, ``low`` and ``high`` by bootstrap, ``chance`` and ``far_max``; None without targets."""
         if not len(self.matched.truth):
             return None
         far_max = self.rules.far_max
         low, high = pd_mean_interval(self.matched, far_max, **self._bootstrap)
-        return {"value": pd_mean(self.curve, far_max), "low": low, "high": high, "far_max": far_max}
+        value, by_chance = pd_mean(self.curve, far_max), self._pd_mean_by_chance(self.curve)
+        return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
+
+    def _pd_mean_by_chance(self, curve: pd.DataFrame) -> float:
+        return pd_mean(curve.assign(pd=curve["chance"]), self.rules.far_max)
 
     @property
     def _bootstrap(self) -> dict[str, Any]:
         return {name: getattr(self.rules, name) for name in ("area", "level", "draws", "seed")}
+
+    @property
+    def too_small(self) -> bool:
+        """Whether the lane is too small for the operating point of the rules: it allows less than one false alarm."""
+        return self.far > self.rules.far
+
+    @property
+    def point(self) -> dict[str, Any]:
+        """The curve's row at the operating point."""
+        row = self.curve.iloc[[int(operating_row(self.curve, self.far))]]
+        return {str(name): values[0] for name, values in row.to_dict("list").items()}
+
+    def in_words(self) -> str:
+        """Say in a sentence what is found at the operating point, and what chance gives there."""
+        point = self.point
+        if not point["n_targets"]:
+            last = self.curve.iloc[-1]
+            return f"no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²"
+        where = f"{self.far:g} false alarms per m²"
+        if self.too_small:
+            where = (
+                f"one false alarm ({self.far:.2g} per m²; {point['area']:.2f} m² are too small for {self.rules.far:g})"
+            )
+        by_chance = "not known" if math.isnan(point["chance"]) else f"{point['chance']:.2f}"
+        return (
+            f"{point['n_detected']:.0f} of {point['n_targets']:.0f} targets found at {where}: Pd {point['pd']:.2f}, "
+            f"{100 * self.rules.level:g} % interval {point['pd_low']:.2f} to {point['pd_high']:.2f}, chance {by_chance}"
+        )
+
+    def kinds(self) -> dict[str, pd.DataFrame]:
+        """Compute the curve of each kind of target, and the Pd that chance gives for it."""
+        kinds = self.matched.truth["kind"].astype(str)
+        return {name: self._curve_of((kinds == name).to_numpy()) for name in sorted(kinds.unique())}
+
+    def _curve_of(self, rows: NDArray[np.bool_]) -> pd.DataFrame:
+        return self.chance.beside(roc_of(self.matched, rows, area=self.rules.area, level=self.rules.level), rows)
 
     def bands(self, by: Literal["kind", "depth"] | None = None) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Compute curve and simultaneous band of all targets, or of each group of them; none without targets."""
@@ -84,26 +132,24 @@ class Score:
             names = list(groups.cat.categories)
         chosen = {str(name): (groups == name).to_numpy() for name in names}
         return {
-            name: (
-                roc_of(self.matched, rows, area=self.rules.area),
-                band(self.matched, rows, grid, **self._bootstrap),
-            )
+            name: (self._curve_of(rows), band(self.matched, rows, grid, **self._bootstrap))
             for name, rows in chosen.items()
         }
 
-    def operating_points(self) -> pd.DataFrame:
-        """Read the curve at common false alarm rates, ``far_allowed``, up to ``far_max``."""
-        far_max = self.rules.far_max
-        allowed = sorted({*(far for far in _FIRST_POINTS if far <= far_max), far_max})
-        return self.curve.iloc[operating_row(self.curve, allowed)].assign(far_allowed=allowed)
+    def operating_points(self, curve: pd.DataFrame | None = None) -> pd.DataFrame:
+        """Read the curve, or another of this score, at common false alarm rates, ``far_allowed``, and at ``far``."""
+        curve, far_max = self.curve if curve is None else curve, self.rules.far_max
+        allowed = sorted({*(far for far in _FIRST_POINTS if far <= far_max), far_max, self.far})
+        return curve.iloc[operating_row(curve, allowed)].assign(far_allowed=allowed)
 
     def breakdown(self) -> pd.DataFrame:
         """Tabulate Pd by kind, depth and soil, see :func:`flgpr.scoring.pd_table`."""
-        return pd_table(self.matched, self.rules.far, area=self.rules.area, level=self.rules.level)
+        options: dict[str, Any] = {"area": self.rules.area, "level": self.rules.level, "chance": self.chance}
+        return pd_table(self.matched, self.far, **options)
 
     def missed(self) -> pd.DataFrame:
-        """Take the outcomes of the targets that are not found at ``far``, the hardest first."""
-        missed = self.outcomes[self.outcomes["far"] > self.rules.far]
+        """Take the outcomes of the targets that are not found at the operating point, the hardest first."""
+        missed = self.outcomes[~self.outcomes["found"]]
         return missed.sort_values("far", ascending=False, kind="stable")
 
     def worst_false_alarms(self, most: int) -> pd.DataFrame:
@@ -117,19 +163,34 @@ class Score:
     def told_rules(self) -> dict[str, Any]:
         """Tell the convention and all choices, the same for all lists of a lane."""
         convention = {str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS}
-        told = {"far": self.rules.far, "bootstrap": {"draws": self.rules.draws, "seed": self.rules.seed}}
+        told: dict[str, Any] = {
+            "far": self.rules.far,
+            "bootstrap": {"draws": self.rules.draws, "seed": self.rules.seed},
+        }
+        told["chance"] = {"shifts": self.rules.shifts, "seed": self.rules.seed}
         return convention | told | ({} if self.survey is None else {"survey_error": asdict(self.survey)})
 
     def told(self) -> dict[str, Any]:
-        """Tell counts, PD_mean, the points of the curve, and what became of each target."""
+        """Tell counts, operating point, PD_mean, the points of the curve, kinds, and what became of each target."""
         return {
             "title": self.title,
             **{name: self.curve.attrs[name] for name in COUNTS},
             "n_false": self.curve["n_false"].iloc[-1],
+            "operating_point": {
+                "far_asked": self.rules.far,
+                "far_allowed": self.far,
+                **self.point,
+            },
             "pd_mean": self.pd_mean,
-            "points": self.curve.drop(columns=["n_targets", "area"]).to_dict("records"),
+            "points": self.curve.drop(columns=list(_COUNTED)).to_dict("records"),
+            "kinds": {name: self._told_kind(curve) for name, curve in self.kinds().items()},
             "targets": self.outcomes.to_dict("records"),
         }
+
+    def _told_kind(self, curve: pd.DataFrame) -> dict[str, Any]:
+        mean = {"value": pd_mean(curve, self.rules.far_max), "chance": self._pd_mean_by_chance(curve)}
+        points = self.operating_points(curve).drop(columns=["threshold", *_COUNTED])
+        return {"n_targets": curve.attrs["n_targets"], "pd_mean": mean, "points": points.to_dict("records")}
 
 
 def score(
@@ -160,7 +221,7 @@ def score(
     Raises
     ------
     ValueError
-        As :func:`flgpr.scoring.roc`.
+        As :func:`flgpr.scoring.roc`; if the operating point is not positive.
 
     Examples
     --------
@@ -175,14 +236,21 @@ def score(
     ([True, False], ['detection', 'false'])
     >>> scored.missed()["target_id"].tolist()
     ['b']
+    >>> scored.in_words()
+    '1 of 2 targets found at 0.05 false alarms per m²: Pd 0.50, 95 % interval 0.01 to 0.99, chance 0.00'
     """
     rules = rules or Rules()
+    if not (math.isfinite(rules.far) and rules.far > 0):
+        raise ValueError(f"far must be a positive number of false alarms per m², got {rules.far}")
     matched = match(alarms, truth, lane, rules.halo, halo_as=rules.halo_as, refraction=rules.refraction)
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
-    curve = roc_of(matched, area=rules.area, level=rules.level)
+    level = chance(matched, rules.shifts, rules.seed)
+    curve = level.beside(roc_of(matched, area=rules.area, level=rules.level))
+    far = max(rules.far, 1 / curve.attrs["area"])
     outcomes = assign(matched, rules.area)
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
         place = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)[best]  # -1, no alarm, takes the NaN
         outcomes["d" + axis] = place - outcomes[axis]
-    return Score(name, title, rules, matched, curve, outcomes, label_alarms(matched), survey)
+    outcomes["found"] = outcomes["far"] <= far
+    return Score(name, title, rules, matched, curve, far, outcomes, label_alarms(matched), level, survey)

@@ -82,6 +82,7 @@ def score_result(
     *,
     recipe: PathLike | None = None,
     book: PathLike | None = None,
+    far: float = Rules.far,
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
@@ -99,6 +100,8 @@ def score_result(
         Shows progress.
     recipe, book : path, optional
         As for :func:`score_alarms`.
+    far : float
+        Operating point at which targets count as found or missed, per m².
 
     Returns
     -------
@@ -116,7 +119,7 @@ def score_result(
     to = Path(output) if output is not None else score_home(home)
     targets, notes = _open_truth(truth, home / "alarms.csv", recipe, book)
     others = read_table(objects, "objects") if objects is not None else None
-    scored = score_detections(result, targets)
+    scored = score_detections(result, targets, far)
     sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
     files: dict[str, bytes | str] = {}
     for _ in track(["report.html"], "drawing the report", 1):
@@ -193,9 +196,10 @@ def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per detection and target: detection, target_id, kind, detected, rank, n_false, distance.
+        One row per detection and target: detection, target_id, kind, depth, whether it is found at the operating point,
+        whether any alarm detects it, and that alarm's far, rank, n_false and distance.
     """
-    columns = ["target_id", "kind", "depth", "detected", "rank", "n_false", "distance"]
+    columns = ["target_id", "kind", "depth", "found", "detected", "far", "rank", "n_false", "distance"]
     return pd.concat([one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True)
 
 
