@@ -468,7 +468,7 @@ class LaneChain(Chain):
         return BackgroundEstimator(*self.recipe.smoothing, variation.signature)
 
     def _view(self, variation: Variation, block: range | None) -> Accumulator:
-        sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._kept_rows(block)), self._cleaned_by(variation)
+        sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._rows(block)), self._cleaned_by(variation)
         before = self._view_sums(block) if self._explains and variation.name == MAIN and not self.untrained else None
 
         def add(index: int) -> None:
@@ -569,8 +569,10 @@ class LaneChain(Chain):
         near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
         return {int(scan): every[scan] for scan in scans[near]}
 
-    def _rows(self, block: range) -> slice:
+    def _rows(self, block: range | None) -> slice:
         """Tell which of the kept rows of the lane a block reaches."""
+        if block is None:
+            return self._kept
         sums, grid = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0)), self.imager.grid
         poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
         rows = [sums.reach(grid, pose) for pose in poses]
@@ -578,10 +580,7 @@ class LaneChain(Chain):
         return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))
 
     def _view_sums(self, block: range | None) -> RunViewSums:
-        return RunViewSums(self.grid, self.recipe.run_view.y_max, self._kept_rows(block))
-
-    def _kept_rows(self, block: range | None) -> slice:
-        return self._kept if block is None else self._rows(block)
+        return RunViewSums(self.grid, self.recipe.run_view.y_max, self._rows(block))
 
     @property
     def _own(self) -> slice:
