@@ -1,4 +1,5 @@
+from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
-from flgpr.imaging.scan import ScanImager, count_looks
+from flgpr.imaging.scan import ScanImager
 
 __all__ = ["ImagingOperator", "ScanImager", "count_looks"]

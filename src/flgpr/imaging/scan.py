@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.imaging.looks import count_looks
 from flgpr.imaging.operator import ImagingOperator
-from flgpr.model import Grid, check_run, complete_scans, lane_to_scan, vehicle_to_scan
+from flgpr.model import Grid, check_run, complete_scans, vehicle_to_scan
 
 
 class ScanImager:
@@ -139,15 +140,3 @@ class ScanImager:
     def looks(self, points: ArrayLike) -> NDArray[np.int64]:
         """Count the complete scans whose grid holds each point (..., 3) of the lane frame."""
         return count_looks(self._poses[self.scans], self.grid, points)
-
-
-def count_looks(poses: NDArray[np.float64], grid: Grid, points: ArrayLike) -> NDArray[np.int64]:
-    """Count the scans, by their poses, whose image of ``grid`` holds each point (..., 3) of the lane frame."""
-    count = np.zeros(np.shape(points)[:-1], dtype=np.int64)
-    x_min, x_max, y_min, y_max = grid.extent()
-    for pose in poses:
-        local = lane_to_scan(points, pose)
-        count += (
-            (local[..., 0] >= x_min) & (local[..., 0] <= x_max) & (local[..., 1] >= y_min) & (local[..., 1] <= y_max)
-        )
-    return count
