@@ -179,6 +179,16 @@ def test_a_lane_too_small_for_the_operating_point_takes_one_false_alarm():
     assert small.told()["operating_point"]["far_asked"] == 0.05
 
 
+def test_where_few_halos_have_room_the_formula_stands_beside():
+    lane, truth = Lane(-1.0, 1.0, 0.0, 12.0), mines(0.0, [2.0, 9.0])
+    alarms = strewn(np.random.default_rng(10), 12, lane)
+    small, large = (score(alarms, truth, lane, Rules(halo=halo, draws=20)) for halo in (0.7, 0.3))
+    assert small.few_halos == pytest.approx(small.curve.attrs["area"] / (np.pi * 0.49))
+    assert large.few_halos is None
+    assert f"(strewn at random {random_pd(small.point['far'], 0.7):.2f})" in small.in_words()
+    assert "strewn" not in large.in_words()
+
+
 def test_a_comparison_and_a_blind_score_tell_chance(scored, tmp_path):
     weaker = match(scored.matched.alarms.iloc[300:], scored.matched.truth, scored.matched.lanes[""])
     both = compare(scored.matched, weaker, draws=20)

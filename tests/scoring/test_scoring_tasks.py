@@ -1,8 +1,11 @@
 import json
+import re
 
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+from flgpr.cli import app
 from flgpr.io import read_table
 from flgpr.model import Lane
 from flgpr.scoring import content_hash, pd_mean, read_register, register, roc
@@ -34,6 +37,26 @@ def test_an_alarm_list_is_scored_without_a_result_folder(files):
     assert told["notes"]["alarms_sha256"] == content_hash(files / "alarms.csv")
     for name in ("report.html", "roc.json", "roc.png", "roc.pdf"):
         assert (files / "score" / name).stat().st_size > 0
+
+
+def test_the_command_line_tells_what_is_found_at_the_operating_point(files):
+    truth, lane, home = (str(files / name) for name in ("truth.csv", "lane.toml", "score"))
+    given = ["score", str(files / "alarms.csv"), "--truth", truth, "--lane", lane, "-o", home]
+    told = CliRunner().invoke(app, given).stdout
+    assert re.search(r"b: plastic, 5.0 cm +│ found +│ +0.0043 ", told)
+    assert (
+        "main: 2 of 2 targets found at 0.05 false alarms per m²: Pd 1.00, 95 % interval 0.16 to 1.00, chance 0." in told
+    )
+    told = CliRunner().invoke(app, [*given, "--far", "0.001"]).stdout
+    assert re.search(r"b: plastic, 5.0 cm +│ found", told)
+    assert "at one false alarm (0.0043 per m²; 233.72 m² are too small for 0.001)" in told
+    summary = json.loads(CliRunner().invoke(app, [*given, "--far", "0.02", "--json"]).stdout)
+    assert (summary["found"], summary["false_alarms"]) == (2, 1)
+    assert summary["operating_point"]["far_asked"] == summary["rules"]["far"] == 0.02
+    assert [row["found"] for row in summary["outcomes"]] == [True, True]
+    refused = CliRunner().invoke(app, [*given, "--far", "0"])
+    assert refused.exit_code == 2
+    assert "far must be a positive number of false alarms per m², got 0" in refused.stderr
 
 
 def test_the_truth_stays_closed_until_the_recipe_is_registered(files):

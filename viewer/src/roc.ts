@@ -20,9 +20,10 @@ export function thresholdsOf(source: Source, detection: string): (number | null)
 /** At which false alarm rate a detection is shown first, in words. */
 export function pointWords(curve: Curve | undefined): string {
   if (!curve?.point) return "";
-  const { far_asked: asked, far_allowed: allowed } = curve.point;
-  if (allowed <= asked) return `Opened at ${digits(asked)} false alarms per m².`;
-  return `Opened at one false alarm, ${digits(allowed, 2)} per m²: ${fixed(curve.area, 1)} m² are too small for ${digits(asked)}.`;
+  const { far_asked: asked, far_allowed: allowed, few_halos: room } = curve.point;
+  const rough = room ? ` Chance is rough: there is room for ${fixed(room, 0)} halos only.` : "";
+  if (allowed <= asked) return `Opened at ${digits(asked)} false alarms per m².${rough}`;
+  return `Opened at one false alarm, ${digits(allowed, 2)} per m²: ${fixed(curve.area, 1)} m² are too small for ${digits(asked)}.${rough}`;
 }
 
 /** The lowest threshold of another curve that has no more false alarms. */
@@ -180,7 +181,7 @@ export class RocPlot {
     c.restore();
   }
 
-  /** Write under the end of the dotted curve what it is. */
+  /** Write at the end of the dotted curve what it is, on the side where the plot is. */
   private nameChance(u: uPlot): void {
     const curve = this.now.a?.curve;
     const last = curve?.chance?.[curve.far.length - 1];
@@ -189,7 +190,7 @@ export class RocPlot {
     u.ctx.font = `${11 * density}px system-ui`;
     u.ctx.textAlign = "right";
     u.ctx.fillStyle = colour("soft");
-    u.ctx.fillText("chance", u.valToPos(curve.far[curve.far.length - 1]!, "x", true), u.valToPos(last, "y", true) + 14 * density);
+    u.ctx.fillText("chance", u.valToPos(curve.far[curve.far.length - 1]!, "x", true), u.valToPos(last, "y", true) + (last < 0.5 ? -5 : 14) * density);
   }
 }
 

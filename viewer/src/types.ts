@@ -58,8 +58,8 @@ export interface Curve {
   pd_high: (number | null)[];
   /** Pd of alarms that know nothing of the targets; scores of before it was known have none. */
   chance?: (number | null)[];
-  /** Where targets count as found: the row, the rate asked for and the one allowed, which a small lane raises. */
-  point?: { row: number; far_asked: number; far_allowed: number };
+  /** Where targets count as found: the row, the rate asked for and the one allowed, which a small lane raises; how many halos there is room for, if few. */
+  point?: { row: number; far_asked: number; far_allowed: number; few_halos: number | null };
   far_low: number[];
   far_high: number[];
 }

@@ -96,7 +96,8 @@ def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mappi
 
 def _shared(one: Score) -> dict[str, Any]:
     attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
-    point = {"row": int(operating_row(one.curve, one.far)), "far_asked": one.rules.far, "far_allowed": one.far}
+    point: dict[str, Any] = {"row": int(operating_row(one.curve, one.far)), "few_halos": one.few_halos}
+    point |= {"far_asked": one.rules.far, "far_allowed": one.far}
     return {**attrs, "point": point, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
 
 

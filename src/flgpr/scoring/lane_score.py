@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flgpr.scoring.assignment import assign, label_alarms
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
-from flgpr.scoring.chance_level import SHIFTS, Chance, chance
+from flgpr.scoring.chance_level import SHIFTS, Chance, chance, random_pd
 from flgpr.scoring.checks import LaneLike
 from flgpr.scoring.curve import operating_row, pd_mean
 from flgpr.scoring.lane_roc import roc_of
@@ -24,6 +24,7 @@ from flgpr.scoring.survey import SurveyShare, survey_share
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _COUNTED = ("n_targets", "area")  # the same in all rows of a curve
+_FEW_HALOS = 20
 _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -87,10 +88,17 @@ class Score:
         return self.far > self.rules.far
 
     @property
+    def few_halos(self) -> float | None:
+        """How many halos the ground of the FAR has room for, if so few that moved targets tell chance but roughly."""
+        room = float(self.curve.attrs["area"]) / (math.pi * self.matched.halo**2)
+        return room if room < _FEW_HALOS else None
+
+    @property
     def point(self) -> dict[str, Any]:
-        """The curve's row at the operating point."""
+        """The curve's row at the operating point, and ``random``, the Pd of alarms strewn at random at its FAR."""
         row = self.curve.iloc[[int(operating_row(self.curve, self.far))]]
-        return {str(name): values[0] for name, values in row.to_dict("list").items()}
+        told = {str(name): values[0] for name, values in row.to_dict("list").items()}
+        return told | {"random": float(random_pd(told["far"], self.matched.halo))}
 
     def in_words(self) -> str:
         """Say in a sentence what is found at the operating point, and what chance gives there."""
@@ -104,6 +112,8 @@ class Score:
                 f"one false alarm ({self.far:.2g} per m²; {point['area']:.2f} m² are too small for {self.rules.far:g})"
             )
         by_chance = "not known" if math.isnan(point["chance"]) else f"{point['chance']:.2f}"
+        if self.few_halos is not None:
+            by_chance += f" (strewn at random {point['random']:.2f})"
         return (
             f"{point['n_detected']:.0f} of {point['n_targets']:.0f} targets found at {where}: Pd {point['pd']:.2f}, "
             f"{100 * self.rules.level:g} % interval {point['pd_low']:.2f} to {point['pd_high']:.2f}, chance {by_chance}"
