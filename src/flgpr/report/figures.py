@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +27,11 @@ _POSES = 200  # so many stops of the array are drawn
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
 
+def _band(name: str) -> str:
+    """Call a sub-band by its name; those named by their edges are in GHz."""
+    return f"{name} GHz" if re.fullmatch(r"[\d.]+-[\d.]+", name) else name
+
+
 def run_view_figure(
     result: Result, names: list[str], truth: pd.DataFrame | None = None, objects: pd.DataFrame | None = None
 ) -> Figure:
@@ -43,7 +49,7 @@ def run_view_figure(
         axes.set_title(_wrapped(title), fontsize=9)
     figure.legend(handles=_legend(truth, objects), loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     scale = ", not to scale" if _is_long(chosen[0].view) else ""
-    figure.suptitle(f"Run-view {screen.polarization}, {screen.subband} GHz{scale}", fontsize=11)
+    figure.suptitle(f"Run-view {screen.polarization}, {_band(screen.subband)}{scale}", fontsize=11)
     return figure
 
 
@@ -56,7 +62,7 @@ def channel_figure(result: Result) -> Figure:
     for i, polarization in enumerate(view["polarization"].values):
         for j, subband in enumerate(view["subband"].values):
             _show(grid[i, j], view[i, j], result.lane, bar=False)
-            grid[i, j].set_title(f"{polarization}  {subband} GHz", fontsize=9)
+            grid[i, j].set_title(f"{polarization}  {_band(subband)}", fontsize=9)
             grid[i, j].label_outer()
     return figure
 
