@@ -50,7 +50,7 @@ for name, seed in (("teach", 11), ("test", 12)):
 # command line: ``flgpr train teach.zarr --truth teach-truth.csv --lane teach-lane.toml --feature C_HH_F1 --feature
 # M_VV_F1 -o model``.
 
-classifier = tasks.train_runs(
+trained_model = tasks.train_runs(
     [home / "teach.zarr"],
     [home / "teach-truth.csv"],
     "wang2007",
@@ -104,6 +104,6 @@ for kind, mark in (("false", "0.6"), ("detection", "C3"), ("ignored", "C1")):
 axes.set(xlabel="local contrast C_HH, F1", ylabel="magnitude M_VV, F1")
 axes.legend()
 print("weights of the normalised features:")
-weights = classifier.discriminant.direction_
-for name, weight in zip(classifier.features, weights, strict=True):
+classifier = trained_model.detector
+for name, weight in zip(classifier.features, classifier.discriminant.direction_, strict=True):
     print(f"{name:9}{weight:.2f}")
