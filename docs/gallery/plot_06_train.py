@@ -105,5 +105,7 @@ axes.set(xlabel="local contrast C_HH, F1", ylabel="magnitude M_VV, F1")
 axes.legend()
 print("weights of the normalised features:")
 classifier = trained_model.detector
-for name, weight in zip(classifier.features, classifier.discriminant.direction_, strict=True):
+for name, weight in zip(
+    classifier.features, classifier.discriminant.direction_, strict=True
+):
     print(f"{name:9}{weight:.2f}")
