@@ -169,6 +169,8 @@ class LaneChain(Chain):
         Runs taken together with it, by the names that the recipe gives them.
     truth : DataFrame, optional
         Targets of a training lane, for the first stage that has not learnt yet.
+    explains : bool
+        Whether what explains the alarms to the viewer is gathered, too.
 
     Raises
     ------

@@ -75,7 +75,9 @@ def detect_lane(
     sections = plan_sections(sizes_of(first.run), first.recipe, first.lane, job.max_memory, longest)
 
     def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
-        return _planned(open_chain(replace(job, section=section)), wanted)  # not kept: it holds memory
+        opened = first.run, first.recipe, first.lane, first.model
+        chain = LaneChain(*opened, section=section, others=first.setup.others)  # not kept: it holds memory
+        return _planned(chain, wanted)
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     drive = _Drive(executor, track, note)

@@ -137,6 +137,10 @@ def make_job(
 def model_digest(model: str | Path) -> str:
     """SHA-256 of the file of a valid model."""
     load_model(model)
+    return _file_digest(model)
+
+
+def _file_digest(model: str | Path) -> str:
     return sha256(read_limited(Path(model) / MODEL_FILE))
 
 
@@ -225,7 +229,7 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}")
-    if job.model is not None and model_digest(job.model) != job.model_sha256:
+    if job.model is not None and _file_digest(job.model) != job.model_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     return LaneChain(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -49,6 +49,15 @@ def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[flo
     return float(along.min()), float(along.max())
 
 
+class Samples(NamedTuple):
+    """What a scan shows of some pixels of the lane."""
+
+    values: NDArray[np.float32]  #: magnitudes (..., y, x)
+    seen: NDArray[np.bool_]  #: where they are known
+    whole: NDArray[np.bool_]  #: where all channels are known (y, x): there a pixel counts as seen
+    local: NDArray[np.float64]  #: places in the scan frame (y, x, 3), m
+
+
 class LaneSums:
     """Samples of all scans at the pixels of the lane; what becomes of them is told by the kind of look.
 
@@ -82,8 +91,10 @@ class LaneSums:
         values = bilinear(magnitude, row, column).astype(np.float32)
         values[..., local[..., 1] > self.y_max] = np.nan
         seen = np.isfinite(values)
-        self._looks[rows] += seen.all(axis=tuple(range(seen.ndim - 2)))
-        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, values, seen, local)
+        whole = np.asarray(seen.all(axis=tuple(range(seen.ndim - 2))))
+        samples = Samples(values, seen, whole, local)
+        self._looks[rows] += samples.whole
+        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, samples)
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Compute the run-view (..., y, x), NaN where no scan sees the pixel, and the number of looks (y, x)."""
@@ -126,14 +137,8 @@ class LaneSums:
         """Make the arrays (..., y, x) that gather."""
         raise NotImplementedError
 
-    def _take(
-        self,
-        kept: Mapping[str, NDArray[Any]],
-        values: NDArray[np.float32],
-        seen: NDArray[np.bool_],
-        local: NDArray[np.float64],
-    ) -> None:
-        """Take in a scan's samples (..., y, x) of some rows, and where these pixels lie in its frame (y, x, 3)."""
+    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        """Take in a scan's samples of some rows."""
         raise NotImplementedError
 
     def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
@@ -155,14 +160,8 @@ class RunViewSums(LaneSums):
         shape = (*channels, *self._looks.shape)
         return {name: np.full(shape, -np.inf, np.float32) for name in ("first", "second")}
 
-    def _take(
-        self,
-        kept: Mapping[str, NDArray[Any]],
-        values: NDArray[np.float32],
-        seen: NDArray[np.bool_],
-        local: NDArray[np.float64],  # noqa: ARG002
-    ) -> None:
-        values = np.where(seen, values, -np.inf)
+    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        values = np.where(samples.seen, samples.values, -np.inf)
         np.maximum(kept["second"], np.minimum(kept["first"], values), out=kept["second"])
         np.maximum(kept["first"], values, out=kept["first"])
 
@@ -184,15 +183,8 @@ class MeanViewSums(LaneSums):
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
         return {"sum": np.zeros((*channels, *self._looks.shape))}
 
-    def _take(
-        self,
-        kept: Mapping[str, NDArray[Any]],
-        values: NDArray[np.float32],
-        seen: NDArray[np.bool_],
-        local: NDArray[np.float64],  # noqa: ARG002
-    ) -> None:
-        whole = seen.all(axis=tuple(range(seen.ndim - 2)))  # a pixel counts where all channels are seen
-        kept["sum"][...] += np.where(whole, values, 0.0)
+    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        kept["sum"][...] += np.where(samples.whole, samples.values, 0.0)
 
     def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
         own["sum"][...] += theirs["sum"]
@@ -232,17 +224,10 @@ class RangeViewSums(LaneSums):
     def _channels(self, gathered: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
         return gathered["value"].shape[:-3]
 
-    def _take(
-        self,
-        kept: Mapping[str, NDArray[Any]],
-        values: NDArray[np.float32],
-        seen: NDArray[np.bool_],
-        local: NDArray[np.float64],
-    ) -> None:
-        whole = seen.all(axis=tuple(range(seen.ndim - 2)))
-        off = np.abs(local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
-        off = np.where(whole & (off <= self.within), off, np.inf)
-        self._fold(kept, {"value": values[..., None, :, :], "off": off})
+    def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
+        off = np.abs(samples.local[..., 1] - np.reshape(self.ranges, (-1, 1, 1)))
+        off = np.where(samples.whole & (off <= self.within), off, np.inf)
+        self._fold(kept, {"value": samples.values[..., None, :, :], "off": off})
 
     def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
         nearer = theirs["off"] < own["off"]  # of equally near scans the first stays

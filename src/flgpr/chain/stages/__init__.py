@@ -1,6 +1,6 @@
 """Stages: what a recipe names, packaged or from another distribution, and what each kind must be able to do.
 
-A stage is a class of one of five kinds. Its ``Settings`` are the entries of its table in a recipe. A
+A stage is a class of one of four kinds. Its ``Settings`` are the entries of its table in a recipe. A
 distribution offers stages by entry points of the group "flgpr.stages", whose names are those that recipes use.
 """
 
@@ -106,7 +106,7 @@ class Stage:
     Attributes
     ----------
     kind : str
-        "clutter", "map", "screen", "features" or "detector".
+        "clutter", "map", "screen" or "features".
     learns : bool
         Whether it must be trained: it then has ``fit``.
     waits : str
