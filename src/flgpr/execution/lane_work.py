@@ -229,6 +229,7 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}")
+    model = None if job.model is None else load_model(job.model)
     if job.model is not None and _file_digest(job.model) != job.model_sha256:
         raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
@@ -236,7 +237,7 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
         open_run(job.run, job.max_memory),
         parse_recipe(job.recipe),
         Lane(*job.lane),
-        load_model(job.model) if job.model is not None else None,
+        model,
         known,
         job.section,
         others,
