@@ -18,30 +18,12 @@ _TURN = 2 * math.pi
 
 
 def union_area(centre: ArrayLike, radius: float, lane: Lane) -> float:
-    """Compute the area of the part of a lane that equal discs cover, overlaps counted once.
+    """Compute the area, m², of the part of a lane that equal discs (centres (disc, 2) and radius in m) cover.
 
     The border of the covered region consists of circle arcs that no other disc covers and of stretches of the lane's
     border inside a disc. Both are found in closed form as complements and unions of intervals (angles on a circle,
-    lengths on a border), and Green's theorem, A = ½∮(x dy - y dx), sums them. Nothing is sampled.
-
-    Parameters
-    ----------
-    centre : (disc, 2) array_like
-        Centres x, y of the discs in the lane frame, m; coinciding discs count once.
-    radius : float
-        Radius of all discs, m.
-    lane : Lane
-        The rectangle that clips them.
-
-    Returns
-    -------
-    float
-        Covered area, m².
-
-    Raises
-    ------
-    ValueError
-        If the radius is not positive and finite or the centres do not have the shape (disc, 2).
+    lengths on a border), and Green's theorem, A = ½∮(x dy - y dx), sums them. Nothing is sampled. A radius that is not
+    positive, or centres of another shape, are a ValueError.
 
     Examples
     --------

@@ -27,11 +27,6 @@ def assign(matched: Match, area: AreaRule = "union", frame_area: float | None = 
         its best alarm (-1 for none); ``confidence`` (-inf for none); ``distance`` of that alarm, m (NaN); ``rank``
         among all alarms, 1 for the highest, ties sharing the best rank (0 for none); ``n_false``, the false alarms at
         or above that confidence; ``far``, the same per m² (inf for none): the FAR at which the target is found.
-
-    Raises
-    ------
-    ValueError
-        As :func:`flgpr.scoring.far_area`.
     """
     alarm, confidence, distance = matched.best()
     found = alarm >= 0
@@ -50,19 +45,11 @@ def assign(matched: Match, area: AreaRule = "union", frame_area: float | None = 
 
 
 def label_alarms(matched: Match) -> pd.DataFrame:
-    """Tell for every alarm what it counts as.
+    """Tell for every alarm of a match what it counts as.
 
-    Parameters
-    ----------
-    matched : Match
-        Alarms and targets, see :func:`flgpr.scoring.match`.
-
-    Returns
-    -------
-    DataFrame
-        The alarm table's columns and, per alarm: ``label``, one of "detection" (the best alarm of a target), "ignored"
-        (in a halo, but another alarm is better), "false" and "outside" (in no halo and outside the lane);
-        ``target``, row of the nearest target within a halo (-1 for none); ``distance`` to it, m (NaN for none).
+    The alarm table gets ``label``, one of "detection" (the best alarm of a target), "ignored" (in a halo, but another
+    alarm is better), "false" and "outside" (in no halo and outside the lane); ``target``, row of the nearest target
+    within a halo (-1 for none); ``distance`` to it, m (NaN for none).
     """
     best = matched.best()[0]
     label = np.where(matched.in_halo, "ignored", np.where(matched.false, "false", "outside")).astype(object)

@@ -56,38 +56,19 @@ def seal_truth(
     """Write an encrypted truth together with the lane and the rules it is to be scored by.
 
     The key comes from the passphrase by scrypt, the content is encrypted and authenticated with Fernet (AES-128-CBC
-    and HMAC-SHA-256); both from the library ``cryptography``, the extra ``seal``.
+    and HMAC-SHA-256); both from the library ``cryptography``, the extra ``seal``, without which it is a
+    ModuleNotFoundError.
 
     Parameters
     ----------
-    truth : DataFrame
-        Truth table.
-    lane : Lane, mapping, Series or DataFrame
-        The scored lane or lanes.
+    truth, lane, halo, area
+        As for :func:`flgpr.scoring.roc`; area is "union" or "paper".
     path : str or Path
-        File to write; an existing one is refused.
+        File to write, and returned; an existing one is refused.
     passphrase : str
         At least 8 characters.
-    halo : float
-        Halo radius, m.
-    area : {"union", "paper"}
-        Rule of the FAR area.
     by : str, optional
         Column of truth whose groups get curves of their own beside that of all targets.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ValueError
-        If truth, lane or a rule is not valid, or the passphrase is too short.
-    FileExistsError
-        If the file exists.
-    ModuleNotFoundError
-        If ``cryptography`` is not installed.
     """
     lanes = as_lanes(lane)
     if len(passphrase) < _SHORTEST:
@@ -117,28 +98,9 @@ def seal_truth(
 
 
 def open_truth(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
-    """Decrypt a sealed truth.
+    """Decrypt what :func:`seal_truth` wrote: truth table, lanes by name, and the rules ``halo``, ``area`` and ``by``.
 
-    Parameters
-    ----------
-    path : str or Path
-        File that :func:`seal_truth` wrote.
-    passphrase : str
-        Its passphrase.
-
-    Returns
-    -------
-    truth : DataFrame
-        Truth table.
-    lanes : dict
-        Lanes by name, as :func:`flgpr.scoring.as_lanes` takes them.
-    rules : dict
-        ``halo``, ``area`` and ``by``.
-
-    Raises
-    ------
-    ValueError
-        If the file is no sealed truth, was altered, or the passphrase is wrong.
+    A file that is no sealed truth or was altered, or a wrong passphrase, is a ValueError.
     """
     from cryptography.fernet import InvalidToken
 
@@ -164,29 +126,9 @@ def open_truth(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[st
 def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: str | Path | None = None) -> BlindScore:
     """Score an alarm list against a sealed truth: operating points and counts, nothing that shows a position.
 
-    Every call appends the hash of the alarm list to a log beside the sealed file before anything is shown, so that
-    repeated looks show.
-
-    Parameters
-    ----------
-    alarms : DataFrame
-        Alarm table.
-    sealed : str or Path
-        The sealed truth.
-    passphrase : str
-        Its passphrase.
-    log : str or Path, optional
-        The log; ``<sealed>.log.jsonl`` by default.
-
-    Returns
-    -------
-    BlindScore
-        Operating points, counts and the number of looks.
-
-    Raises
-    ------
-    ValueError
-        If the alarms, the sealed file or the passphrase are not valid, or the log was altered.
+    Every call appends the hash of the alarm list to a log beside the sealed file (``<sealed>.log.jsonl`` if no other is
+    named) before anything is shown, so that repeated looks show. Alarms, a file, a passphrase or a log that are not
+    valid are a ValueError.
     """
     truth, lanes, rules = open_truth(sealed, passphrase)
     matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], rules["halo"])

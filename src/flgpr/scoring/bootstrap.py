@@ -96,20 +96,14 @@ def band(
 
     Parameters
     ----------
-    matched : Match
-        Alarms and targets, see :func:`flgpr.scoring.match`.
-    subset : None, str, sequence, mapping or callable
-        Targets to score.
+    matched, subset, area, frame_area
+        As for :func:`flgpr.scoring.roc_of`.
     far : (point,) array_like, optional
         Grid of false alarm rates, per m²; 0 to 0.1 in 51 points by default.
-    area, frame_area
-        Area of the FAR, as for :func:`flgpr.scoring.roc`.
     level : float
         Probability that the band holds the whole curve.
-    draws : int
-        Number of resamplings.
-    seed : int
-        Seed of the draws.
+    draws, seed : int
+        Number of resamplings, and their seed.
     block : float
         Length of the blocks of lane whose false alarms are drawn together, m.
     cluster : str, optional
@@ -119,11 +113,6 @@ def band(
     -------
     DataFrame
         ``far``, ``pd``, ``pd_low``, ``pd_high``.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is out of range or there is no target.
     """
     grid = np.linspace(0, 0.1, 51) if far is None else np.atleast_1d(np.asarray(far, dtype=np.float64))
     if grid.ndim != 1 or not (grid >= 0).all():
@@ -169,24 +158,9 @@ def pd_mean_interval(
     block: float = 10.0,
     cluster: str | None = None,
 ) -> tuple[float, float]:
-    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015).
+    """Bound PD_mean by the percentiles of resampled curves, expanded for few mines (Hesterberg 2015): low, high.
 
-    Parameters
-    ----------
-    matched, subset, area, frame_area, level, draws, seed, block, cluster
-        As for :func:`band`.
-    far_max : float
-        End of the averaging, per m².
-
-    Returns
-    -------
-    low, high : float
-        Bounds.
-
-    Raises
-    ------
-    ValueError
-        As :func:`band`.
+    The average goes up to ``far_max``, per m²; the other parameters are those of :func:`band`.
     """
     design = make_design(matched, subset, block=block, cluster=cluster, area=area, frame_area=frame_area)
     scores = make_scores(matched, design, subset)

@@ -42,16 +42,10 @@ def box_roc(
         distinct samples, as in the paper.
     x, y : (x,), (y,) array_like
         Pixel centres in the lane frame, m, rising.
-    truth : DataFrame
-        Truth table.
-    lane : Lane, mapping, Series or one-row DataFrame
-        The lane.
-    box : float
-        Side of the boxes, m.
-    subset : None, str, sequence, mapping or callable
-        Targets for H1, see :func:`flgpr.scoring.select_targets`.
-    clearance : float
-        Gap between H0 boxes and the box of any target, m.
+    truth, lane, subset
+        As for :func:`flgpr.scoring.roc`; one lane.
+    box, clearance : float
+        Side of the boxes, and gap between H0 boxes and the box of any target, m.
     level : float
         Level of the Clopper-Pearson intervals, row by row.
 
@@ -60,11 +54,6 @@ def box_roc(
     DataFrame
         As of :func:`flgpr.scoring.roc`; ``n_targets`` is the number of H1 peaks, ``n_false`` that of H0 boxes at or
         above the threshold, ``area`` that of all H0 boxes.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, the axes do not rise, or no H0 box is left.
     """
     truth, one = check_truth(truth), as_lane(lane)
     check_place(truth, one, "truth")
@@ -78,24 +67,8 @@ def box_roc(
 def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float, level: float = 0.95) -> pd.DataFrame:
     """Compute the ROC of peaks under H1 and H0, e.g. pooled over lanes; see :func:`box_roc`.
 
-    Parameters
-    ----------
-    target_peaks, clutter_peaks : array_like
-        Peaks in boxes at and off targets; NaN for boxes that were not imaged, which are left out.
-    box_area : float
-        Area of one box, m².
-    level : float
-        Level of the intervals.
-
-    Returns
-    -------
-    DataFrame
-        The curve.
-
-    Raises
-    ------
-    ValueError
-        If there is no H0 peak or the box area is not positive.
+    Peaks that are NaN, of boxes that were not imaged, are left out; at least one must be left under H0. The area of a
+    box is in m².
 
     Examples
     --------
@@ -127,28 +100,10 @@ def peak_roc(target_peaks: ArrayLike, clutter_peaks: ArrayLike, box_area: float,
 
 
 def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, box: float = 1.0) -> FloatArray:
-    """Find the peak of an image in boxes. A box holds the pixel centres from its lower border up to below its upper.
+    """Find the peak of an image in boxes, as (look, box); NaN for a box without an imaged pixel.
 
-    Parameters
-    ----------
-    image : (y, x) or (look, y, x) array_like
-        Detector output; NaN where nothing was imaged.
-    x, y : (x,), (y,) array_like
-        Pixel centres, m, rising.
-    centre : (box, 2) array_like
-        Centres x, y of the boxes, m.
-    box : float
-        Side of the boxes, m.
-
-    Returns
-    -------
-    (look, box) ndarray
-        Peaks; NaN for a box without an imaged pixel.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, the axes do not rise, or the box is not positive.
+    A box of side ``box`` about a ``centre`` (box, 2), m, holds the pixel centres from its lower border up to below its
+    upper. Image and axes are as for :func:`box_roc`.
     """
     values = np.asarray(image, dtype=np.float64)
     across, along = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
@@ -174,26 +129,8 @@ def box_peaks(image: ArrayLike, x: ArrayLike, y: ArrayLike, centre: ArrayLike, b
 def offset_boxes(targets: ArrayLike, lane: LaneLike, box: float = 1.0, clearance: float = 0.0) -> FloatArray:
     """Tile a lane with boxes from its lower left corner and keep those off the boxes of all targets.
 
-    Parameters
-    ----------
-    targets : (target, 2) array_like
-        Positions of all known targets, m.
-    lane : Lane, mapping, Series or one-row DataFrame
-        The lane; only boxes wholly inside are made.
-    box : float
-        Side of the boxes, m.
-    clearance : float
-        Gap to keep to the box of a target, m.
-
-    Returns
-    -------
-    (box, 2) ndarray
-        Centres of the boxes, m.
-
-    Raises
-    ------
-    ValueError
-        If the box is not positive or the clearance is negative.
+    Targets (target, 2), the side of a box and the clearance to a target's box are in m, and so are the centres (box, 2)
+    it gives; only boxes wholly inside the lane are made.
     """
     one = as_lane(lane)
     if not (math.isfinite(box) and box > 0 and clearance >= 0):

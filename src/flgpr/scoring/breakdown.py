@@ -37,16 +37,14 @@ def pd_table(
 
     Parameters
     ----------
-    matched : Match
-        Alarms and targets, see :func:`flgpr.scoring.match`.
+    matched, area, frame_area
+        As for :func:`flgpr.scoring.roc_of`.
     far : float
         Allowed false alarm rate, per m².
     by : sequence of str
         Columns of truth to group by; "soil" is left out where truth does not have it.
     depth_edges : sequence of float, optional
         Borders of depth classes, m; a depth on a border belongs to the deeper class. ``None`` takes depths as they are.
-    area, frame_area
-        Area of the FAR, as for :func:`flgpr.scoring.roc`.
     level : float
         Level of the Clopper-Pearson intervals.
     chance : Chance, optional
@@ -58,11 +56,6 @@ def pd_table(
         One row per combination that occurs: the columns of ``by``, ``n_targets``, ``n_detected``, ``pd``, ``pd_low``,
         ``pd_high`` and, with a chance level, ``chance``, the Pd it gives; ``attrs`` hold ``threshold`` and ``far``, the
         one reached.
-
-    Raises
-    ------
-    ValueError
-        If a column is missing or the edges do not rise.
     """
     curve = roc_of(matched, area=area, frame_area=frame_area, level=level)
     row = int(operating_row(curve, far))
@@ -119,26 +112,17 @@ def decision_curves(
         One row per alarm and scan that saw it: an alarm table with the column ``ahead``, the down-track distance from
         the radar to the alarm in that scan, m. Rows that share ``alarm_id`` (and ``lane``) are one alarm; without that
         column each row is an alarm of its own.
-    truth : DataFrame
-        Truth table.
-    lane : Lane, mapping, Series or DataFrame
-        The scored lane or lanes.
+    truth, lane, **options
+        As for :func:`flgpr.scoring.roc`.
     distances : sequence of float
         Decision distances, m.
     combine : {"max", "mean"}
         How the confidences of one alarm's scans become one; its place is that of its most confident scan.
-    **options
-        For :func:`flgpr.scoring.roc`.
 
     Returns
     -------
     dict of float to DataFrame
         The curve at each decision distance; ``attrs["decision_distance"]`` names it.
-
-    Raises
-    ------
-    ValueError
-        If ``ahead`` is missing or not finite, or as :func:`flgpr.scoring.roc`.
     """
     one_of("combine", combine, ("max", "mean"))
     table = check_alarms(sightings.drop(columns="alarm_id", errors="ignore"))
@@ -165,22 +149,10 @@ def decision_curves(
 
 
 def decision_table(curves: Mapping[float, pd.DataFrame], far: float = 0.01, far_max: float = 0.1) -> pd.DataFrame:
-    """Summarise curves at several decision distances.
+    """Summarise what :func:`decision_curves` gives at the allowed ``far``, per m²: one row per distance.
 
-    Parameters
-    ----------
-    curves : mapping of float to DataFrame
-        As :func:`decision_curves` gives them.
-    far : float
-        Allowed false alarm rate, per m².
-    far_max : float
-        End of the averaging of ``pd_mean``, per m².
-
-    Returns
-    -------
-    DataFrame
-        One row per distance: ``distance`` (m), ``threshold``, ``pd``, ``pd_low``, ``pd_high``, ``far`` at the operating
-        point, ``n_detected``, ``n_targets``, ``pd_mean``.
+    Its columns are ``distance`` (m), ``threshold``, ``pd``, ``pd_low``, ``pd_high``, ``far``, the one reached,
+    ``n_detected``, ``n_targets`` and ``pd_mean``, averaged up to ``far_max``.
     """
     rows = []
     for distance, curve in curves.items():

@@ -28,25 +28,10 @@ class Chance:
     best: FloatArray
 
     def at(self, threshold: ArrayLike, subset: Subset = None) -> FloatArray:
-        """Compute the chance level of Pd.
+        """Compute the chance level of Pd of a subset of the targets at thresholds, such as the column of a curve.
 
-        Parameters
-        ----------
-        threshold : array_like
-            Confidences from which alarms are declared, such as the column ``threshold`` of a curve.
-        subset : None, str, sequence, mapping or callable
-            Targets, see :func:`flgpr.scoring.select_targets`.
-
-        Returns
-        -------
-        ndarray
-            Share of the moved halos that hold an alarm at or above each threshold, shaped like ``threshold``; NaN where
-            no target can be moved clear of all halos.
-
-        Raises
-        ------
-        ValueError
-            If the subset names no target.
+        It is the share of the moved halos that hold an alarm at or above each threshold; NaN where no target can be
+        moved clear of all halos.
         """
         moved = self.best[select_targets(self.truth, subset)]
         moved = moved[~np.isnan(moved)]
@@ -56,25 +41,7 @@ class Chance:
         return np.asarray(count_at(levels, moved) / len(moved), dtype=np.float64)
 
     def beside(self, curve: pd.DataFrame, subset: Subset = None) -> pd.DataFrame:
-        """Put the chance level beside a curve of the same match.
-
-        Parameters
-        ----------
-        curve : DataFrame
-            ROC table, see :func:`flgpr.scoring.roc_of`.
-        subset : None, str, sequence, mapping or callable
-            Targets of the curve.
-
-        Returns
-        -------
-        DataFrame
-            The curve with the column ``chance``.
-
-        Raises
-        ------
-        ValueError
-            If the subset names no target.
-        """
+        """Put the chance level beside a curve of the same match and subset, as the column ``chance``."""
         return curve.assign(chance=self.at(curve["threshold"], subset))
 
 
@@ -86,26 +53,7 @@ def chance(matched: Match, shifts: int = SHIFTS, seed: int = 0) -> Chance:
     FAR counts and those beside the lane; a moved halo that would overlap that of any target, its own included, is left
     out, for nothing that counts can stand in the overlap. Targets keep their place across the lane and alarms stand
     where they do, so that clutter at a lane's edges and alarms that cluster have their own chance level, of which
-    :func:`flgpr.scoring.random_pd` knows nothing.
-
-    Parameters
-    ----------
-    matched : Match
-        Alarms and targets, see :func:`flgpr.scoring.match`.
-    shifts : int
-        Number of shifts.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    Chance
-        The chance level at any threshold, for any subset.
-
-    Raises
-    ------
-    ValueError
-        If there is no shift.
+    :func:`flgpr.scoring.random_pd` knows nothing. The result tells the level at any threshold, for any subset.
 
     Examples
     --------
@@ -142,22 +90,7 @@ def chance(matched: Match, shifts: int = SHIFTS, seed: int = 0) -> Chance:
 def random_pd(far: Any, halo: float) -> Any:
     """Compute what alarms strewn at random and independently would find: ``1 - exp(-FAR·π·r²)``.
 
-    Parameters
-    ----------
-    far : float or array_like
-        False alarm rate, per m².
-    halo : float
-        Halo radius r, m.
-
-    Returns
-    -------
-    float or ndarray
-        Probability that a halo holds an alarm.
-
-    Raises
-    ------
-    ValueError
-        If a rate is negative or the radius not positive.
+    FAR is per m², the halo radius r in m.
 
     Examples
     --------

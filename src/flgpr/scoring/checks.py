@@ -18,23 +18,10 @@ _ENOUGH = 5  # points from which a table's shape says that its axes are swapped
 
 
 def as_lanes(lane: LaneLike) -> dict[str, Lane]:
-    """Take one lane or several.
+    """Take one lane or several, by name; a single nameless lane has the name "".
 
-    Parameters
-    ----------
-    lane : Lane, mapping, Series or DataFrame
-        One lane in any form :func:`flgpr.model.as_lane` takes; or several: a mapping of names to lanes, or a table
-        with one lane per row named in the column ``lane``.
-
-    Returns
-    -------
-    dict of str to Lane
-        The lanes by name; a single nameless lane has the name "".
-
-    Raises
-    ------
-    ValueError
-        If there is no lane, a border is missing, or a name repeats or is missing in a table of several lanes.
+    A lane comes in any form :func:`flgpr.model.as_lane` takes; several as a mapping of names to lanes, or as a table
+    with one lane per row named in the column ``lane``. No lane, a missing border or a repeated name is a ValueError.
     """
     if isinstance(lane, pd.DataFrame):
         if len(lane) == 0:

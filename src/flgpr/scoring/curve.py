@@ -72,24 +72,7 @@ def make_curve(
 
 
 def pd_at(curve: pd.DataFrame, far: Any) -> Any:
-    """Read Pd off a curve: the highest that is reached without exceeding a FAR.
-
-    Parameters
-    ----------
-    curve : DataFrame
-        ROC table.
-    far : float or array_like
-        Allowed false alarm rate, per m².
-
-    Returns
-    -------
-    float or ndarray
-        Pd at the lowest threshold whose FAR is not above it.
-
-    Raises
-    ------
-    ValueError
-        If ``far`` is negative.
+    """Read Pd off a curve: the highest that is reached without exceeding a FAR or several, per m².
 
     Examples
     --------
@@ -104,25 +87,7 @@ def pd_at(curve: pd.DataFrame, far: Any) -> Any:
 
 
 def operating_row(curve: pd.DataFrame, far: Any) -> Any:
-    """Find the row of a curve at an allowed FAR: the lowest threshold that does not exceed it.
-
-    Parameters
-    ----------
-    curve : DataFrame
-        ROC table.
-    far : float or array_like
-        Allowed false alarm rate, per m².
-
-    Returns
-    -------
-    int or ndarray of int
-        Row number.
-
-    Raises
-    ------
-    ValueError
-        If ``far`` is negative.
-    """
+    """Find the row of a curve at an allowed FAR, per m², or several: the lowest threshold that does not exceed it."""
     allowed = np.asarray(far, dtype=np.float64)
     if not (allowed >= 0).all():
         raise ValueError(f"far must not be negative, got {far}")
@@ -130,7 +95,7 @@ def operating_row(curve: pd.DataFrame, far: Any) -> Any:
 
 
 def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["step", "linear"] = "step") -> float:
-    """Average Pd over FAR from 0 to ``far_max`` (Wang et al. 2007, Sec. II-F).
+    """Average Pd over FAR from 0 to ``far_max`` (Wang et al. 2007, Sec. II-F); NaN for a curve without targets.
 
     Parameters
     ----------
@@ -142,23 +107,11 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["s
         Between operating points the curve is a staircase, the Pd that a threshold does reach, or it is joined by
         straight lines, which needs a detector that decides by lot.
 
-    Returns
-    -------
-    float
-        The mean Pd, 0 to 1; NaN for a curve without targets.
-
-    Raises
-    ------
-    ValueError
-        If ``far_max`` is not positive or an option is unknown.
-
     Examples
     --------
     >>> from flgpr.scoring import example_roc, pd_mean
     >>> curve = example_roc([4.0, 3.0, 2.0, 1.0], [True, False, True, True], area=50.0)
     >>> round(pd_mean(curve, far_max=0.1), 4)  # a third up to 0.02 per m², all beyond
-    0.8667
-    >>> round(0.2 * 1 / 3 + 0.8 * 1, 4)
     0.8667
     """
     one_of("interpolation", interpolation, ("step", "linear"))
@@ -177,6 +130,11 @@ def pd_mean(curve: pd.DataFrame, far_max: float = 0.1, interpolation: Literal["s
     return float(np.trapezoid(p, f) / far_max)
 
 
+def pd_mean_by_chance(curve: pd.DataFrame, far_max: float) -> float:
+    """Average the column ``chance`` of a curve as :func:`pd_mean` does Pd."""
+    return pd_mean(curve.assign(pd=curve["chance"]), far_max)
+
+
 def _strictly(far: FloatArray) -> FloatArray:
     """Break ties upwards, so that interpolation at a vertical step yields its top."""
     tied = np.append(far[1:] == far[:-1], False)
@@ -184,27 +142,10 @@ def _strictly(far: FloatArray) -> FloatArray:
 
 
 def with_area(curve: pd.DataFrame, area: float, convention: Literal["lane", "frames", "examples"]) -> pd.DataFrame:
-    """Express the FAR of a curve over another area.
+    """Express the FAR of a curve over another area, m², which is that of another convention.
 
-    Parameters
-    ----------
-    curve : DataFrame
-        ROC table of a convention that counts false alarms.
-    area : float
-        New area, m², e.g. that of all frames.
-    convention : {"lane", "frames", "examples"}
-        What the new area is.
-
-    Returns
-    -------
-    DataFrame
-        The same points with FAR over the new area.
-
-    Raises
-    ------
-    ValueError
-        If either convention does not count false alarms over an area: a fraction of boxes holds no such count, so the
-        conversion has no meaning.
+    Either convention must count false alarms over an area: a fraction of boxes holds no such count, so that the
+    conversion has no meaning and is a ValueError.
     """
     old = str(curve.attrs.get("convention", "unknown"))
     for name in (old, convention):

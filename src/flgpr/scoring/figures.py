@@ -29,28 +29,9 @@ def roc_figure(
 ) -> Figure:
     """Draw ROC curves as staircases, with confidence bands where given; three bands or more each in a panel.
 
-    Where a curve has the column ``chance``, see :func:`flgpr.scoring.chance`, it is dotted in the curve's colour.
-
-    Parameters
-    ----------
-    curves : mapping of str to DataFrame
-        ROC tables of one convention by name.
-    bands : mapping of str to DataFrame, optional
-        Bands by the same names, see :func:`flgpr.scoring.band`.
-    far_max : float
-        End of the FAR axis, per m².
-    title : str
-        Title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-
-    Raises
-    ------
-    ValueError
-        If the curves do not share one convention.
+    Curves and bands (see :func:`flgpr.scoring.band`) go by the same names; the curves must share one convention. The
+    axis ends at ``far_max``, per m². Where a curve has the column ``chance``, see :func:`flgpr.scoring.chance`, it is
+    dotted in the curve's colour.
     """
     conventions = {str(curve.attrs.get("convention")) for curve in curves.values()}
     if len(conventions) > 1:
@@ -100,18 +81,7 @@ def _new_figure(figsize: tuple[float, float], dpi: int) -> Figure:
 
 
 def decision_figure(table: pd.DataFrame) -> Figure:
-    """Draw Pd against the distance at which the decision must stand.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As :func:`flgpr.scoring.decision_table` gives it.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-    """
+    """Draw Pd of :func:`flgpr.scoring.decision_table` against the distance at which the decision must stand."""
     figure = _new_figure(figsize=(5.2, 3.2), dpi=150)
     axes = figure.add_subplot()
     axes.fill_between(table["distance"], table["pd_low"], table["pd_high"], color=COLOURS[0], alpha=0.18, linewidth=0)
@@ -124,27 +94,7 @@ def decision_figure(table: pd.DataFrame) -> Figure:
 
 
 def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: int = 6) -> Figure:
-    """Draw image patches side by side, each on its own grey scale.
-
-    Parameters
-    ----------
-    patches : sequence of (y, x) array_like
-        Values to show, forward upwards; complex ones by modulus.
-    labels : sequence of str
-        One label per patch.
-    columns : int
-        Patches per row.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no patch, a patch has not two dimensions, or labels are missing.
-    """
+    """Draw image patches (y, x), forward upwards, side by side, each on its own grey scale; complex ones by modulus."""
     arrays = [np.asarray(patch) for patch in patches]
     if len(arrays) == 0 or len(arrays) != len(labels):
         raise ValueError(f"patches and labels must be equally many and some, got {len(arrays)} and {len(labels)}")
@@ -162,20 +112,7 @@ def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: i
 
 
 def figure_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Render a figure.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    kind : {"png", "pdf", "svg"}
-        Format.
-
-    Returns
-    -------
-    bytes
-        The file's content; free of dates, so that equal figures give equal files.
-    """
+    """Render a figure as "png", "pdf" or "svg", free of dates, so that equal figures give equal files."""
     stream = io.BytesIO()
     clean: dict[str, Any] = {
         "png": {"Software": None},

@@ -13,26 +13,10 @@ _SMOOTH = 500.0
 
 
 def clopper_pearson(successes: ArrayLike, trials: ArrayLike, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Bound a probability by the exact binomial interval (Clopper & Pearson 1934), equal tails.
+    """Bound a probability by the exact binomial interval (Clopper & Pearson 1934), equal tails: low, high.
 
-    Parameters
-    ----------
-    successes : array_like of int
-        Number of successes.
-    trials : array_like of int
-        Number of trials; broadcast against ``successes``.
-    level : float
-        Confidence level; the interval covers at least this often.
-
-    Returns
-    -------
-    low, high : ndarray
-        Bounds; 0 and 1 without any trial.
-
-    Raises
-    ------
-    ValueError
-        If the level is not in (0, 1), or there are more successes than trials or fewer than none.
+    Successes and trials are broadcast against one another; the bounds cover at least as often as the level says and are
+    0 and 1 without any trial.
 
     Examples
     --------
@@ -53,26 +37,10 @@ def clopper_pearson(successes: ArrayLike, trials: ArrayLike, level: float = 0.95
 
 
 def poisson_interval(count: ArrayLike, exposure: ArrayLike = 1.0, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Bound a rate by the exact Poisson interval (Garwood 1936), equal tails.
+    """Bound a rate by the exact Poisson interval (Garwood 1936), equal tails: low, high.
 
-    Parameters
-    ----------
-    count : array_like
-        Number of events; a mean of repeated counts need not be whole.
-    exposure : array_like
-        What they are counted over, e.g. an area in m²; the bounds are per unit of it.
-    level : float
-        Confidence level; the interval covers at least this often.
-
-    Returns
-    -------
-    low, high : ndarray
-        Bounds of the rate.
-
-    Raises
-    ------
-    ValueError
-        If the level is not in (0, 1), a count is negative, or an exposure is not positive.
+    Events (a mean of repeated counts need not be whole) are counted over an exposure, e.g. an area in m²; the bounds
+    are per unit of it and cover at least as often as the level says.
 
     Examples
     --------

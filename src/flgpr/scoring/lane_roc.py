@@ -41,10 +41,8 @@ def roc(
 
     Parameters
     ----------
-    alarms : DataFrame
-        Alarm table; with several lanes it names them in the column ``lane``.
-    truth : DataFrame
-        Truth table, likewise.
+    alarms, truth : DataFrame
+        Alarm table and truth table; with several lanes they name them in the column ``lane``.
     lane : Lane, mapping, Series or DataFrame
         The scored lane, or several by name, see :func:`flgpr.scoring.as_lanes`.
     halo : float
@@ -92,16 +90,13 @@ def roc(
     >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3, 2, 1]})
     >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
     >>> truth["depth"] = 0.05
-    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> curve = roc(alarms, truth, lane, halo=1.0)
+    >>> curve = roc(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
     >>> curve[["threshold", "pd", "far", "n_detected", "n_false"]].round(4)
        threshold   pd     far  n_detected  n_false
     0        inf  0.0  0.0000           0        0
     1        3.0  0.5  0.0000           1        0
     2        2.0  0.5  0.0043           1        1
     3        1.0  1.0  0.0043           2        1
-    >>> curve[["pd_low", "pd_high", "far_low", "far_high"]].iloc[-1].round(3).to_dict()
-    {'pd_low': 0.158, 'pd_high': 1.0, 'far_low': 0.0, 'far_high': 0.024}
     """
     matched = match(alarms, truth, lane, halo, halo_as=halo_as, assignment=assignment, refraction=refraction)
     curve = roc_of(matched, subset, area=area, frame_area=frame_area, shared=shared, level=level)
@@ -121,25 +116,7 @@ def roc_of(
     shared: Literal["drop", "count"] = "drop",
     level: float = 0.95,
 ) -> pd.DataFrame:
-    """Compute the ROC of alarms that are matched already; see :func:`roc`.
-
-    Parameters
-    ----------
-    matched : Match
-        Alarms and targets.
-    subset, area, frame_area, shared, level
-        As for :func:`roc`.
-
-    Returns
-    -------
-    DataFrame
-        The curve.
-
-    Raises
-    ------
-    ValueError
-        As :func:`roc`.
-    """
+    """Compute the ROC of alarms that are matched already; the rest is as for :func:`roc`."""
     one_of("shared", shared, ("drop", "count"))
     chosen = select_targets(matched.truth, subset)
     scores = matched.best(chosen, shared)[1][chosen]
@@ -167,26 +144,9 @@ def roc_of(
 
 
 def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) -> float:
-    """Compute the area that a FAR refers to.
+    """Compute the area, m², that a FAR refers to, by the rule "union", "paper" or "frames", see :func:`roc`.
 
-    Parameters
-    ----------
-    matched : Match
-        Alarms and targets.
-    area : {"union", "paper", "frames"}
-        The rule.
-    frame_area : float, optional
-        The area of all frames, m², for "frames".
-
-    Returns
-    -------
-    float
-        Area, m².
-
-    Raises
-    ------
-    ValueError
-        If the rule is unknown, ``frame_area`` is missing or superfluous, or the area is not positive.
+    A ``frame_area`` that is missing or superfluous, or an area that is not positive, is a ValueError.
     """
     one_of("area", area, ("union", "paper", "frames"))
     if (area == "frames") != (frame_area is not None):
@@ -208,24 +168,9 @@ def far_area(matched: Match, area: AreaRule, frame_area: float | None = None) ->
 def accumulated_area(
     frames: int, x_span: tuple[float, float] = (-7.0, 7.0), y_span: tuple[float, float] = (5.0, 10.0)
 ) -> float:
-    """Compute the area of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
+    """Compute the area, m², of all frames, the same ground counted again in each (Fuse et al. 2018, Fig. 9).
 
-    Parameters
-    ----------
-    frames : int
-        Number of frames.
-    x_span, y_span : tuple of float
-        Cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
-
-    Returns
-    -------
-    float
-        Area, m².
-
-    Raises
-    ------
-    ValueError
-        If there is no frame or an extent is not positive.
+    The spans are the cross-range and down-track extent of the detection area of one frame, m; the paper's by default.
     """
     width, length = x_span[1] - x_span[0], y_span[1] - y_span[0]
     if frames < 1 or width <= 0 or length <= 0:

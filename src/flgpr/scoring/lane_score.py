@@ -16,7 +16,7 @@ from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
 from flgpr.scoring.chance_level import SHIFTS, Chance, chance, random_pd
 from flgpr.scoring.checks import LaneLike
-from flgpr.scoring.curve import operating_row, pd_mean
+from flgpr.scoring.curve import operating_row, pd_mean, pd_mean_by_chance
 from flgpr.scoring.lane_roc import roc_of
 from flgpr.scoring.matching import Match, match
 from flgpr.scoring.refraction import Refraction
@@ -72,11 +72,8 @@ class Score:
             return None
         far_max = self.rules.far_max
         low, high = pd_mean_interval(self.matched, far_max, **self._bootstrap)
-        value, by_chance = pd_mean(self.curve, far_max), self._pd_mean_by_chance(self.curve)
+        value, by_chance = pd_mean(self.curve, far_max), pd_mean_by_chance(self.curve, far_max)
         return {"value": value, "low": low, "high": high, "chance": by_chance, "far_max": far_max}
-
-    def _pd_mean_by_chance(self, curve: pd.DataFrame) -> float:
-        return pd_mean(curve.assign(pd=curve["chance"]), self.rules.far_max)
 
     @property
     def _bootstrap(self) -> dict[str, Any]:
@@ -108,9 +105,8 @@ class Score:
             return f"no targets, {last['n_false']:.0f} false alarms on {last['area']:.2f} m²"
         where = f"{self.far:g} false alarms per m²"
         if self.too_small:
-            where = (
-                f"one false alarm ({self.far:.2g} per m²; {point['area']:.2f} m² are too small for {self.rules.far:g})"
-            )
+            small = f"{point['area']:.2f} m² are too small for {self.rules.far:g}"
+            where = f"one false alarm ({self.far:.2g} per m²; {small})"
         by_chance = "not known" if math.isnan(point["chance"]) else f"{point['chance']:.2f}"
         if self.few_halos is not None:
             by_chance += f" (strewn at random {point['random']:.2f})"
@@ -173,12 +169,12 @@ class Score:
     def told_rules(self) -> dict[str, Any]:
         """Tell the convention and all choices, the same for all lists of a lane."""
         convention = {str(name): value for name, value in self.curve.attrs.items() if name not in COUNTS}
-        told: dict[str, Any] = {
-            "far": self.rules.far,
-            "bootstrap": {"draws": self.rules.draws, "seed": self.rules.seed},
-        }
-        told["chance"] = {"shifts": self.rules.shifts, "seed": self.rules.seed}
-        return convention | told | ({} if self.survey is None else {"survey_error": asdict(self.survey)})
+        seed = {"seed": self.rules.seed}
+        draws: dict[str, Any] = {
+            "bootstrap": {"draws": self.rules.draws} | seed, "chance": {"shifts": self.rules.shifts} | seed,
+        }  # fmt: skip
+        survey = {} if self.survey is None else {"survey_error": asdict(self.survey)}
+        return convention | {"far": self.rules.far} | draws | survey
 
     def told(self) -> dict[str, Any]:
         """Tell counts, operating point, PD_mean, the points of the curve, kinds, and what became of each target."""
@@ -186,11 +182,7 @@ class Score:
             "title": self.title,
             **{name: self.curve.attrs[name] for name in COUNTS},
             "n_false": self.curve["n_false"].iloc[-1],
-            "operating_point": {
-                "far_asked": self.rules.far,
-                "far_allowed": self.far,
-                **self.point,
-            },
+            "operating_point": {"far_asked": self.rules.far, "far_allowed": self.far, **self.point},
             "pd_mean": self.pd_mean,
             "points": self.curve.drop(columns=list(_COUNTED)).to_dict("records"),
             "kinds": {name: self._told_kind(curve) for name, curve in self.kinds().items()},
@@ -198,7 +190,8 @@ class Score:
         }
 
     def _told_kind(self, curve: pd.DataFrame) -> dict[str, Any]:
-        mean = {"value": pd_mean(curve, self.rules.far_max), "chance": self._pd_mean_by_chance(curve)}
+        far_max = self.rules.far_max
+        mean = {"value": pd_mean(curve, far_max), "chance": pd_mean_by_chance(curve, far_max)}
         points = self.operating_points(curve).drop(columns=["threshold", *_COUNTED])
         return {"n_targets": curve.attrs["n_targets"], "pd_mean": mean, "points": points.to_dict("records")}
 
@@ -214,24 +207,7 @@ def score(
 ) -> Score:
     """Score an alarm list by the halo rules of Wang et al. 2007.
 
-    Parameters
-    ----------
-    alarms, truth, lane
-        As for :func:`flgpr.scoring.roc`.
-    rules : Rules, optional
-        Halo, area, operating point, intervals.
-    name, title : str
-        What the list is called.
-
-    Returns
-    -------
-    Score
-        The score.
-
-    Raises
-    ------
-    ValueError
-        As :func:`flgpr.scoring.roc`; if the operating point is not positive.
+    Tables and lane are as for :func:`flgpr.scoring.roc`; name and title say what the list is called.
 
     Examples
     --------
@@ -244,8 +220,6 @@ def score(
     >>> scored = score(alarms, truth, Lane(-2.0, 2.0, 0.0, 60.0), Rules(halo=0.5, draws=100))
     >>> scored.outcomes["detected"].tolist(), scored.labels["label"].tolist()
     ([True, False], ['detection', 'false'])
-    >>> scored.missed()["target_id"].tolist()
-    ['b']
     >>> scored.in_words()
     '1 of 2 targets found at 0.05 false alarms per m²: Pd 0.50, 95 % interval 0.01 to 0.99, chance 0.00'
     """

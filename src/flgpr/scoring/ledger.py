@@ -13,18 +13,7 @@ import pandas as pd
 
 
 def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
-    """Hash a recipe, a plan or any file.
-
-    Parameters
-    ----------
-    content : bytes, str, Path or mapping
-        Bytes or text as they are; a ``Path``: the file's bytes; a mapping: its JSON with sorted keys.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Hash (SHA-256) bytes or text as they are, the file at a ``Path``, or a mapping as JSON with sorted keys."""
     if isinstance(content, Path):
         data = content.read_bytes()
     elif isinstance(content, bytes):
@@ -35,18 +24,7 @@ def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
 
 
 def alarm_hash(alarms: pd.DataFrame) -> str:
-    """Hash what scoring sees of an alarm list; the order of rows and further columns do not matter.
-
-    Parameters
-    ----------
-    alarms : DataFrame
-        Alarm table.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
+    """Hash what scoring sees of an alarm list; the order of rows and further columns do not matter."""
     names = [name for name in ("lane", "x", "y", "confidence") if name in alarms.columns]
     lines = sorted(
         ",".join(repr(value) for value in row) for row in alarms[names].astype(object).itertuples(index=False)
@@ -55,24 +33,10 @@ def alarm_hash(alarms: pd.DataFrame) -> str:
 
 
 def register(path: str | Path, **entry: Any) -> dict[str, Any]:
-    """Append a line to a register, with the time and the hash of the line before.
+    """Append a line to a register, made if missing, with the time and the hash of the line before; give the line.
 
-    Parameters
-    ----------
-    path : str or Path
-        The register, one JSON object per line; made if missing.
-    **entry
-        What to enter, e.g. ``recipe=content_hash(Path("recipe.toml"))``.
-
-    Returns
-    -------
-    dict
-        The line.
-
-    Raises
-    ------
-    ValueError
-        If the register was altered.
+    The register holds one JSON object per line; an entry is e.g. ``recipe=content_hash(Path("recipe.toml"))``. One that
+    was altered is a ValueError.
     """
     file = Path(path)
     lines = read_register(file)
@@ -85,23 +49,7 @@ def register(path: str | Path, **entry: Any) -> dict[str, Any]:
 
 
 def read_register(path: str | Path) -> list[dict[str, Any]]:
-    """Read a register and check that no line was altered, removed from the middle or put in.
-
-    Parameters
-    ----------
-    path : str or Path
-        The register.
-
-    Returns
-    -------
-    list of dict
-        Its lines; none if the file is missing.
-
-    Raises
-    ------
-    ValueError
-        Names the first line that does not fit.
-    """
+    """Read the lines of a register, none if it is missing; a ValueError names the first that was altered or put in."""
     file = Path(path)
     if not file.exists():
         return []
@@ -120,24 +68,9 @@ def read_register(path: str | Path) -> list[dict[str, Any]]:
 
 
 def require_registered(path: str | Path, recipe: str) -> dict[str, Any]:
-    """Demand that a recipe was registered, before the truth is opened.
+    """Demand that a recipe, by its :func:`content_hash`, was registered before the truth is opened; give its line.
 
-    Parameters
-    ----------
-    path : str or Path
-        The register.
-    recipe : str
-        Hash of the recipe, see :func:`content_hash`.
-
-    Returns
-    -------
-    dict
-        The line that registered it first.
-
-    Raises
-    ------
-    ValueError
-        If no line holds the hash under ``recipe``, or the register was altered.
+    If no line holds the hash under ``recipe``, or the register was altered, that is a ValueError.
     """
     for line in read_register(path):
         if line.get("recipe") == recipe:

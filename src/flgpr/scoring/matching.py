@@ -114,11 +114,6 @@ def match(
     refraction : Refraction, optional
         Move buried targets to where focusing on the surface shows them. Off by default, as in the papers.
 
-    Returns
-    -------
-    Match
-        The result, which all scores are computed from.
-
     Raises
     ------
     ValueError
@@ -131,9 +126,7 @@ def match(
     >>> from flgpr.scoring import assign, label_alarms, match
     >>> alarms = pd.DataFrame({"x": [0.2, 1.0, -1.1], "y": [10.3, 44.0, 30.1], "confidence": [3, 2, 1]})
     >>> truth = pd.DataFrame({"target_id": ["a", "b"], "x": [0.0, -1.0], "y": [10.0, 30.0], "kind": "metal"})
-    >>> truth["depth"] = 0.05
-    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> matched = match(alarms, truth, lane, halo=1.0)
+    >>> matched = match(alarms, truth.assign(depth=0.05), Lane(-2.0, 2.0, 0.0, 60.0), halo=1.0)
     >>> label_alarms(matched)["label"].tolist()
     ['detection', 'false', 'detection']
     >>> assign(matched)[["target_id", "rank", "distance"]].round(2)
@@ -189,26 +182,12 @@ def pairs_within(here: FloatArray, there: FloatArray, radius: float) -> tuple[In
 
 
 def select_targets(truth: pd.DataFrame, subset: Subset) -> BoolArray:
-    """Tell which targets a subset names.
+    """Tell which targets of a truth table a subset names, as a boolean per row.
 
-    Parameters
-    ----------
-    truth : DataFrame
-        Truth table.
-    subset : None, str, sequence, mapping or callable
-        ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of values or a
-        predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``. A
-        predicate of the table that gives one truth value per row. A boolean array with one value per row.
-
-    Returns
-    -------
-    (target,) ndarray of bool
-        True for the targets of the subset.
-
-    Raises
-    ------
-    ValueError
-        If a column or id is not in the table, or the subset names no target of a table that has some.
+    ``None``: all. A ``target_id`` or a sequence of them. A mapping of columns to a value, a list of values or a
+    predicate of the column, all of which must hold, e.g. ``{"kind": "metal", "depth": lambda d: d > 0.05}``. A
+    predicate of the table that gives one truth value per row. A boolean array with one value per row. A column or id
+    that is not there, or no target of a table that has some, is a ValueError.
     """
     if subset is None:
         return np.ones(len(truth), dtype=bool)

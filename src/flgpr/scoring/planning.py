@@ -59,22 +59,9 @@ def sample_size(
     joint : bool
         Whether both claims together shall have the confidence (Bonferroni).
 
-    Returns
-    -------
-    SamplePlan
-        The sizes.
-
-    Raises
-    ------
-    ValueError
-        If a probability is out of range or the detector is assumed no better than the claim.
-
     Examples
     --------
     >>> from flgpr.scoring import sample_size
-    >>> plan = sample_size(0.9, 0.01, 0.95)
-    >>> plan.mines, round(plan.area)
-    (29, 300)
     >>> plan = sample_size(0.9, 0.01, 0.95, true_pd=0.96, true_far=0.005)
     >>> plan.mines, round(plan.area)
     (116, 1944)
@@ -109,26 +96,7 @@ def sample_size(
 
 
 def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
-    """Count the mines after which so many misses still show a Pd.
-
-    Parameters
-    ----------
-    pd : float
-        Pd to be shown.
-    misses : int
-        Misses that may happen.
-    confidence : float
-        Confidence of the one-sided Clopper-Pearson bound.
-
-    Returns
-    -------
-    int
-        Smallest number of mines.
-
-    Raises
-    ------
-    ValueError
-        If a probability is out of range or ``misses`` is negative.
+    """Count the mines after which so many misses still show a Pd, by the one-sided Clopper-Pearson bound.
 
     Examples
     --------
@@ -149,26 +117,7 @@ def mines_needed(pd: float, misses: int, confidence: float = 0.95) -> int:
 
 
 def area_needed(far: float, false_alarms: int, confidence: float = 0.95) -> float:
-    """Compute the area on which so many false alarms still show a FAR.
-
-    Parameters
-    ----------
-    far : float
-        FAR to be shown, per m².
-    false_alarms : int
-        False alarms that may happen.
-    confidence : float
-        Confidence of the one-sided Poisson bound.
-
-    Returns
-    -------
-    float
-        Area, m².
-
-    Raises
-    ------
-    ValueError
-        If ``far`` is not positive, ``confidence`` is out of range or ``false_alarms`` is negative.
+    """Compute the area, m², on which so many false alarms still show a FAR, per m², by the one-sided Poisson bound.
 
     Examples
     --------
@@ -194,22 +143,16 @@ def emplacement_plan(
     targets : DataFrame
         One row per sort: ``kind``, ``depth`` (m), ``count``; further columns (soil, radius, ...) are copied.
     seed : int
-        Seed; the same seed gives the same plan.
-    spacing : float
-        Least distance between two targets, m. At twice the halo radius or more no halos overlap.
-    edge : float
-        Least distance to the lane's border, m.
+        The same seed gives the same plan.
+    spacing, edge : float
+        Least distance between two targets, and to the lane's border, m. At a spacing of twice the halo radius or more
+        no halos overlap.
 
     Returns
     -------
     DataFrame
         Truth table: ``target_id``, ``x``, ``y``, ``kind``, ``depth``, further columns, ``lane`` if the lanes have
         names; ordered by lane and y. ``attrs`` hold seed, spacing and edge.
-
-    Raises
-    ------
-    ValueError
-        If columns are missing, a count is not whole and positive, or the targets do not fit.
     """
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:

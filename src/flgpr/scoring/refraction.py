@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 
 def refraction_shift(depth: ArrayLike, permittivity: float, height: float, distance: ArrayLike) -> Any:
-    """Compute how far behind its place a buried object shows in an image focused on the surface.
+    """Compute how far, m, behind its place a buried object shows in an image focused on the surface.
 
     With θ the incidence angle from the vertical, Δ = d·sqrt(ε - sin²θ)/sinθ: the delay d·sqrt(ε - sin²θ) that the
     soil adds to a one-way path, turned into ground range.
@@ -20,23 +20,11 @@ def refraction_shift(depth: ArrayLike, permittivity: float, height: float, dista
     Parameters
     ----------
     depth : array_like
-        Depth below the mean surface, m. Objects on or above the surface (depth 0 or less) do not move.
+        Depth d below the mean surface, m. Objects on or above the surface (depth 0 or less) do not move; NaN stays.
     permittivity : float
-        Relative permittivity of the soil, at least 1.
-    height : float
-        Height of the antennas, m.
-    distance : array_like
-        Horizontal distance from the antennas to the object, m.
-
-    Returns
-    -------
-    float or ndarray
-        Shift away from the radar, m. NaN where the depth is not known.
-
-    Raises
-    ------
-    ValueError
-        If the permittivity is under 1, or the height or a distance is not positive.
+        Relative permittivity ε of the soil, at least 1.
+    height, distance : float, array_like
+        Height of the antennas, and horizontal distance from them to the object, m, positive.
 
     Examples
     --------

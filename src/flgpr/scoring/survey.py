@@ -22,24 +22,7 @@ class SurveyShare:
 
 
 def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
-    """Tell how much of the halo a survey error takes; errors normal, equal in both axes.
-
-    Parameters
-    ----------
-    sigma : float
-        Standard deviation of a surveyed position per axis, m.
-    halo : float
-        Halo radius, m.
-
-    Returns
-    -------
-    SurveyShare
-        The shares.
-
-    Raises
-    ------
-    ValueError
-        If ``sigma`` is negative or ``halo`` not positive.
+    """Tell how much of the halo (radius, m) a survey error takes: normal, of deviation sigma (m), equal in both axes.
 
     Examples
     --------
@@ -57,44 +40,14 @@ def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
 
 
 def offset_within(offset: float, sigma: float, halo: float) -> float:
-    """Compute the probability that an alarm counts as within the halo of a target that it misses by an offset.
-
-    Parameters
-    ----------
-    offset : float
-        True distance from the alarm to the target, m.
-    sigma : float
-        Standard deviation of the surveyed position per axis, m.
-    halo : float
-        Halo radius, m.
-
-    Returns
-    -------
-    float
-        Probability (Rice distribution).
-    """
+    """Probability that an alarm counts as within the halo of a target that it misses by an offset (Rice); all in m."""
     if sigma == 0:
         return float(offset <= halo)
     return float(special.chndtr((halo / sigma) ** 2, 2, (offset / sigma) ** 2))
 
 
 def jitter(truth: pd.DataFrame, sigma: float, seed: int | np.random.Generator = 0) -> pd.DataFrame:
-    """Draw another survey of the same targets.
-
-    Parameters
-    ----------
-    truth : DataFrame
-        Truth table.
-    sigma : float
-        Standard deviation of a surveyed position per axis, m.
-    seed : int or Generator
-        Seed of the draw.
-
-    Returns
-    -------
-    DataFrame
-        A copy with x and y drawn anew, m.
-    """
+    """Draw another survey of the same targets: truth with x and y moved by normal errors of deviation sigma, m."""
     rng = np.random.default_rng(seed)
     step = rng.normal(0.0, sigma, size=(len(truth), 2))
     return truth.assign(x=truth["x"] + step[:, 0], y=truth["y"] + step[:, 1])
