@@ -60,8 +60,8 @@ class Design:
 class PointSpread:
     """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
 
-    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once: it depends on the difference
-    of paths alone. Antenna patterns and spreading are left out, as image formation leaves them.
+    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once, for it depends on the
+    difference of paths alone; without antenna patterns and spreading, as in image formation.
     """
 
     def __init__(self, sensor: Sensor, band: tuple[float, float] | None = None, window: str = "hann") -> None:

@@ -117,10 +117,9 @@ class Kept:
 
 @contextmanager
 def begin(folder: Path, job: dict[str, Any]) -> Iterator[Checkpoint]:
-    """Begin a job in a work folder, or go on with it where it was interrupted.
+    """Begin a job in a work folder, or go on with it; no other process can begin while the context lasts.
 
     ``job`` holds all that the outcome depends on, as JSON. What belongs to another job, or is damaged, is deleted.
-    While the context lasts no other process can begin. A folder with other files in it is refused.
     """
     folder.mkdir(exist_ok=True)
     with (folder / _LOCK).open("ab") as lock:

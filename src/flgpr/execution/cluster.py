@@ -15,8 +15,8 @@ _PATIENCE = "20s"
 class Cluster:
     """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
 
-    A worker that is lost costs what it was at: what it has finished lies in the work folder. The run, the model and the
-    folder of the output must have the same path on every worker, and the workers the same versions as this process.
+    A lost worker costs what it was at. Run, model and output must have the same path on every worker, and the workers
+    the same versions as this process.
     """
 
     parallel = True
@@ -43,11 +43,7 @@ class Cluster:
             self._client = None
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Submit a task for each set of arguments, and yield what is done first.
-
-        The function's module must be known to the workers. Several workers lost at the same piece are a
-        LostWorkersError.
-        """
+        """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
         futures = [self._client.submit(work, *some, pure=False) for some in arguments]
         try:
             done = self._distributed.as_completed(futures, loop=self._client.loop, with_results=True)

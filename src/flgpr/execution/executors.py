@@ -67,10 +67,9 @@ class Here:
 
 
 class Processes:
-    """Does the work in processes of this machine, which share its processors evenly.
+    """Does the work in processes of this machine, which share its processors evenly and end when this process does.
 
-    They end when this process does, even if it is killed. If one of them is killed, what it worked on is begun anew.
-    A script that uses them does so under ``if __name__ == "__main__"``, since they import it.
+    If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``, since it imports them.
     """
 
     parallel = True

@@ -63,12 +63,10 @@ def detect_lane(
 ) -> list[Path]:
     """Run a recipe on a stored lane, block by block; give its result folder, or those of its sections in their order.
 
-    The work folder beside the output, ``OUTPUT.work``, keeps what is done. After a stop, however hard, the same
-    call goes on there, and the result has the same bits. It is deleted when the result is written.
-
-    A lane that would take more than the job's memory, or is longer than ``longest`` (m; infinity for one piece or
-    not at all), is taken in sections, one after the other. Together they hold the alarms that the whole lane would.
-    ``note`` takes a report of every piece of work that was done.
+    ``OUTPUT.work`` keeps what is done until the result is written: after a stop, however hard, the same call goes on
+    there, to the same bits. A lane that would take more than the job's memory, or is longer than ``longest`` (m;
+    infinity for one piece or not at all), is taken in sections, which together hold the alarms that the whole lane
+    would.
     """
     folder = check_free(job.output)
     first = open_chain(job)  # refuses what does not fit before anything is written
@@ -94,10 +92,9 @@ def detect_lane(
 def passes_of_lane(
     job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, name: str = ""
 ) -> Iterator[LaneChain]:
-    """Do the passes of a stored training lane, but for what explains alarms; keep the work folder, ``OUTPUT.work``.
+    """Do the passes of a stored training lane, but for what explains alarms, and give the chain with their results.
 
-    Nothing is written at the job's output. With a truth it ends where the first stage that has not learnt yet has
-    its examples. The chain has its results as long as the context lasts. ``name`` is what progress is called by.
+    With a truth it ends where the first stage that has not learnt yet has its examples. ``OUTPUT.work`` is kept.
     """
     job = replace(job, explains=False)
     chain = open_chain(job)
@@ -242,10 +239,7 @@ def _check(folder: Path, name: str, digest: str) -> None:
 
 
 def results_at(folder: str | Path) -> list[Path]:
-    """Tell which result folders a lane has: the folder itself, or those of its sections in their order.
-
-    A list of sections that is altered, or misses what belongs to it, is a ResultError.
-    """
+    """Tell which result folders a lane has: the folder itself, or those of its sections in their order."""
     folder = Path(folder)
     if not (folder / SECTIONS).is_file():
         return [folder]

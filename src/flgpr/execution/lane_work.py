@@ -38,45 +38,23 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class LaneJob:
-    """A detection as plain values, so that it can be sent anywhere.
+    """A detection as plain values, so that it can be sent anywhere."""
 
-    Attributes
-    ----------
-    run, recipe : str
-        Run store; text of the recipe.
-    lane : tuple of float
-        x_min, x_max, y_min, y_max, m.
-    model : str or None
-        Folder of a trained model.
-    output : str
-        Result folder to make.
-    store_sha256, model_sha256 : str
-        Digests of the run's manifest and of the model, "" without one.
-    code, cpu : tuple of (str, str), str
-        Versions of the program and of the libraries, and the processor of the machine that drives.
-    max_memory : int
-        Memory that reading the run may take, bytes.
-    section, shared : Section, str
-        The rows of the lane that are worked on, default all, and the work folder that has their background.
-    others, truth : tuple of str
-        Name, store and digest of every run taken together with it; file and digest of a training lane's targets.
-    """
-
-    run: str
-    recipe: str
-    lane: tuple[float, float, float, float]
-    model: str | None
-    output: str
+    run: str  #: run store
+    recipe: str  #: its text
+    lane: tuple[float, float, float, float]  #: x_min, x_max, y_min, y_max, m
+    model: str | None  #: folder of a trained model
+    output: str  #: result folder to make
     report: bool
-    store_sha256: str
-    model_sha256: str
-    code: tuple[tuple[str, str], ...]
-    cpu: str
-    max_memory: int = MAX_MEMORY
-    section: Section | None = None
-    shared: str = ""
-    others: tuple[tuple[str, str, str], ...] = ()
-    truth: tuple[str, str] = ("", "")
+    store_sha256: str  #: digest of the run's manifest
+    model_sha256: str  #: that of the model, "" without one
+    code: tuple[tuple[str, str], ...]  #: versions of the program and of the libraries
+    cpu: str  #: processor of the machine that drives
+    max_memory: int = MAX_MEMORY  #: that reading the run may take, bytes
+    section: Section | None = None  #: rows of the lane that are worked on; None takes all
+    shared: str = ""  #: the work folder that has the background of all sections
+    others: tuple[tuple[str, str, str], ...] = ()  #: name, store and digest of every run taken together with it
+    truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True
 
     @property
@@ -158,10 +136,7 @@ def processor() -> str:
 
 
 def do_part(job: LaneJob, stage: str, number: int) -> Report:
-    """Do one block of a stage and leave it in the work folder; report what was done, where, and what it took.
-
-    A process of other versions, or without the run or the work folder, refuses.
-    """
+    """Do one block of a stage and leave it in the work folder; a process without it, or of other versions, refuses."""
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, work = _open(job)

@@ -26,27 +26,13 @@ PathLike = str | Path
 
 @dataclass(frozen=True)
 class How:
-    """Who works on lanes, and how; the results are the same, bit for bit.
+    """Who works on lanes, and how; the results are the same, bit for bit."""
 
-    Attributes
-    ----------
-    workers : int, optional
-        Number of processes; default this one with all its threads.
-    scheduler : str, optional
-        Address of a Dask scheduler in place of workers.
-    max_memory : int
-        Memory that each process may take, bytes.
-    track : Track
-        Shows progress.
-    note : callable
-        Takes a report of every piece of work that was done.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    max_memory: int = MAX_MEMORY
-    track: Track = silent
-    note: Note = unnoted
+    workers: int | None = None  #: number of processes; None takes this one with all its threads
+    scheduler: str | None = None  #: address of a Dask scheduler in place of workers
+    max_memory: int = MAX_MEMORY  #: that each process may take, bytes
+    track: Track = silent  #: shows progress
+    note: Note = unnoted  #: takes a report of every piece of work that was done
 
     def executor(self) -> Executor:
         """Choose who does the work."""
@@ -74,11 +60,9 @@ def detect_survey(
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
-    Lanes whose result is there already are left out, so that a survey that was stopped goes on; results of lanes that
-    were done stay, whatever fails. ``output`` takes one result folder per lane, named like its run, and
-    ``survey.json``, which lists them; ``lanes`` are TOML files in the runs' order. By default two lanes are worked on
-    at once where others do the work, so that none of them waits for the last block of a stage. ``section`` is the
-    longest section that is wanted of a lane in m, infinity for lanes in one piece or not at all.
+    Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a result folder per
+    lane, named like its run, and ``survey.json``. Where others do the work two lanes are worked on at once by default,
+    so that none of them waits for the last block of a stage.
     """
     recipe, survey, executor = parse_recipe(recipe_text), Path(output), how.executor()
     at_once = at_once or (2 if executor.parallel else 1)

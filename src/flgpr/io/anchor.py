@@ -71,18 +71,14 @@ class Anchor:
     def uncertainty(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Tell how well the anchor knows a place: the standard deviation in the worst horizontal direction, m.
 
-        Across the line from the surveyed points' mean the variance is ``σ²·(1/n + r²/spread) + r²·σ_azimuth²`` with
-        r the distance from there: that of a least-squares fit of shift and direction. Along the line it is less. What
-        the radar itself does not know comes on top.
+        Across the line from the points' mean, at distance r, the variance is ``σ²·(1/n + r²/spread) + r²·σ_azimuth²``,
+        that of a least-squares fit. What the radar itself does not know comes on top.
         """
         r2 = (np.asarray(x, dtype=np.float64) - self.center[0]) ** 2 + (np.asarray(y) - self.center[1]) ** 2
         return np.asarray(np.sqrt(self.sigma**2 * (1 / self.count + r2 / self.spread) + r2 * self.sigma_azimuth**2))
 
     def georeference(self) -> dict[str, float]:
-        """Give the run attribute ``georeference``: where the lane frame's origin lies and which way its y axis points.
-
-        ``latitude`` and ``longitude`` are WGS 84, ``azimuth`` is clockwise from north, all in degrees.
-        """
+        """Give the run attribute ``georeference``: ``latitude``, ``longitude`` and ``azimuth`` of +y, degrees."""
         longitude, latitude, _ = (float(value) for value in self.to_geodetic(np.zeros(3)))
         return {"latitude": latitude, "longitude": longitude, "azimuth": math.degrees(self.azimuth)}
 
@@ -132,21 +128,10 @@ class _AnchorFile(BaseModel):
 def read_anchor(path: str | Path) -> Anchor:
     """Read an anchor from TOML: ``crs``, ``accuracy`` (m) and a ``[[point]]`` for every surveyed point.
 
-    A point has ``lane`` (x, y or x, y, z in m), either ``easting`` and ``northing`` or ``longitude`` and
-    ``latitude`` in the reference system, and optionally an ellipsoidal ``height``. One point alone needs
-    ``azimuth_deg``, the direction of the lane's +y clockwise from true north, and ``azimuth_accuracy_deg``.
-
-    Parameters
-    ----------
-    path : str or Path
-        TOML file.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If an entry is missing or wrong, or the points do not fit one another; the message names it.
+    A point has ``lane`` (x, y or x, y, z in m), either ``easting`` and ``northing`` or ``longitude`` and ``latitude``
+    in the reference system, and optionally an ellipsoidal ``height``. One point alone needs ``azimuth_deg``, the
+    direction of the lane's +y clockwise from true north, and ``azimuth_accuracy_deg``. A ValueError names the entry
+    that is wrong.
     """
     path = Path(path)
     if not path.is_file():
@@ -181,37 +166,24 @@ def fit_anchor(
 ) -> Anchor:
     """Fit an anchor to surveyed points: shift and direction by least squares, never a scale.
 
-    The fit is made in the tangent plane at the points' mean, so a map projection's scale does not enter.
+    The fit is made in the tangent plane at the points' mean, so a map projection's scale does not enter. ``sigma`` is
+    the larger of ``accuracy`` and what the misfit tells; points that misfit by more than five of it (and 5 cm) are a
+    ValueError.
 
     Parameters
     ----------
     lane : (point, 3) array_like
         The points in the lane frame, m.
     position : (point, 2) array_like
-        Easting and northing (m), or longitude and latitude (degrees).
-    crs : str
-        Their reference system, such as ``EPSG:32633``.
+        Easting and northing (m), or longitude and latitude (degrees), in the reference system ``crs``.
     accuracy : float
         Standard deviation of one surveyed coordinate, m.
     height : sequence of float, optional
         Ellipsoidal heights, m; None in it where unknown.
-    azimuth : float, optional
-        Direction of +y clockwise from true north, rad, where one point is given.
-    azimuth_accuracy : float
-        Its standard deviation, rad.
+    azimuth, azimuth_accuracy : float
+        Direction of +y clockwise from true north and its standard deviation, rad, where one point is given.
     geographic : bool, optional
         Whether ``position`` holds longitude and latitude; checked against the reference system if given.
-
-    Returns
-    -------
-    Anchor
-        The anchor; its ``sigma`` is the larger of ``accuracy`` and what the misfit tells.
-
-    Raises
-    ------
-    ValueError
-        If the reference system is not known or of the other kind, points coincide, or they misfit by more than five
-        standard deviations (and 5 cm).
     """
     system = _system(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)

@@ -72,8 +72,7 @@ class ArrayFile:
 def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     """Open a file of named arrays, of at most ``limit`` bytes each, and list what it holds.
 
-    It may be HDF5 (.h5, .hdf5), MATLAB (.mat), .npz, .npy, .csv, .txt or Touchstone (.s2p, .s4p, ...); HDF5 and MATLAB
-    files are known by their content, the others by their ending. An unknown format or a damaged file is a ValueError.
+    HDF5 and MATLAB files are known by their content; .npz, .npy, .csv, .txt and Touchstone (.s2p, ...) by their ending.
     """
     path = Path(path)
     if not path.is_file():

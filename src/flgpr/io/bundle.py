@@ -30,10 +30,9 @@ class BundleError(ValueError):
 def write_bundle(
     path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any] | None = None, lasting: bool = False
 ) -> int:
-    """Write arrays of numbers, booleans or text, and words about them, to a file that appears whole or not at all.
+    """Write arrays of numbers, booleans or text, and words, to a file that appears whole or not at all; give its bytes.
 
-    With ``lasting`` it is on the disk before it appears; otherwise what a crash of the machine tears is found out when
-    it is read. Gives the number of its bytes.
+    With ``lasting`` it is on the disk before it appears; else what a crash of the machine tears is found out when read.
     """
     listed: list[dict[str, Any]] = []
     place, held = 0, []
@@ -64,10 +63,7 @@ def write_bundle(
 
 
 class Bundle(Mapping[str, NDArray[Any]]):
-    """The arrays of a file of :func:`write_bundle`, read and checked when they are first asked for, and then kept.
-
-    ``about`` holds the words. A file that is not whole is a BundleError.
-    """
+    """The arrays of a file of :func:`write_bundle`, read and checked when first asked for, and its words, ``about``."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

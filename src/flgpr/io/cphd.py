@@ -41,26 +41,11 @@ _TIME = "flgpr_time"
 
 
 def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | None = None) -> Path:
-    """Write a run as CPHD.
+    """Write a run with uniform tones as CPHD; the file is whole or absent.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with uniform tones.
-    path : str or Path
-        File to write; it is whole or absent.
-    anchor : Anchor
-        Where the lane lies on Earth: CPHD positions are geocentric.
-    scene : Grid, optional
-        The ground the data are about, in the lane frame; its centre is the reference point. Default: 20 m square ahead
-        of the mean of the poses.
-
-    Raises
-    ------
-    MissingExtraError
-        If sarkit is not installed.
-    ValueError
-        If the run is not valid, has fewer than two tones or uneven ones.
+    The anchor tells where the lane lies: CPHD positions are geocentric. ``scene`` is the ground the data are about, in
+    the lane frame, its centre the reference point; by default 20 m square ahead of the mean of the poses. It needs
+    sarkit (MissingExtraError).
     """
     check_run(run)
     path = Path(path)
@@ -98,29 +83,11 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
 
 
 def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
-    """Read CPHD as a run.
+    """Read CPHD in the FX domain, whose channels have the same vectors and the same uniform tones, as a run.
 
-    Parameters
-    ----------
-    path : str or Path
-        CPHD file in the FX domain, whose channels have the same vectors and the same uniform tones.
-    anchor : Anchor, optional
-        Where the lane lies on Earth. Needed for files of other makers; ours carry theirs.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run. Without poses in the file, the vehicle frame has lane axes and its origin at the mean of the transmit
-        positions of each vector, and the array must keep its form and heading.
-
-    Raises
-    ------
-    MissingExtraError
-        If sarkit is not installed.
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file is damaged, is in another domain, lacks the anchor, or its geometry does not make a run.
+    Files of other makers need the anchor, where the lane lies; ours carry theirs. Without poses in the file, the
+    vehicle frame has lane axes and its origin at the mean of the transmit positions of each vector, and the array must
+    keep its form and heading. It needs sarkit (MissingExtraError).
     """
     path = Path(path)
     if not path.is_file():

@@ -32,10 +32,10 @@ _LARGEST_DESCRIPTION = 16 * 2**20
 def check_declared(
     files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], max_memory: int = MAX_MEMORY
 ) -> dict[str, tuple[int, ...]]:
-    """Check what a store declares against what was committed and against the memory there is; give the arrays' shapes.
+    """Check what a store declares against what was committed and the memory there is; give the arrays' shapes.
 
-    ``files`` are the commit manifest's; ``read`` gives the verified content of a key, None if it was not committed.
-    ``max_memory`` is what the run's small arrays and a few scans may take, bytes. Errors name array, rule and value.
+    ``files`` are the commit manifest's; ``read`` gives the verified content of a key. Errors name array, rule and
+    value.
     """
     _description(files, read, "zarr.json")
     shapes: dict[str, tuple[int, ...]] = {}

@@ -32,21 +32,9 @@ class Explanation:
 
 
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
-    """Tell what a file holds and draft the mapping that imports it.
+    """Tell what a file holds and draft the mapping that imports it; file and arrays may take ``limit`` bytes.
 
-    Parameters
-    ----------
-    path : str or Path
-        HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA.
-    limit : int
-        Largest file and array, bytes.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the format is not known or the file is damaged.
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA; another or damaged one is a ValueError.
     """
     path = Path(path)
     if not path.is_file():
@@ -64,26 +52,10 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
 
 
 def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
-    """Draft the mapping that imports a file.
+    """Draft the mapping (TOML) that imports a file of named arrays.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file of named arrays.
-    limit : int
-        Largest file and array, bytes.
-
-    Returns
-    -------
-    str
-        TOML. What is a guess ends in a question mark, and an import refuses it until it is taken away.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file is damaged, or is of a kind that needs no mapping.
+    What is a guess ends in a question mark, and an import refuses it until that is taken away. A file that needs no
+    mapping is a ValueError.
     """
     explanation = explain_file(path, limit)
     if not explanation.mapping:

@@ -65,10 +65,7 @@ def check_new(path: str | Path | None) -> None:
 
 
 def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Path:
-    """Make sure that nothing lies at a place, or a folder that has one of the files ``marks``, and give its path.
-
-    Anything else there is a FileExistsError that says which ``kind`` may be replaced.
-    """
+    """Refuse a place where something lies that is no ``kind``, a folder with one of ``marks``; give its path."""
     folder = Path(folder)
     known = any((folder / name).is_file() for name in marks)
     if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):

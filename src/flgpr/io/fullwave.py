@@ -34,10 +34,7 @@ class FullwaveLane:
 
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
-    """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each.
-
-    An array that is missing or has the wrong shape, or that does not keep its form from scan to scan, is a ValueError.
-    """
+    """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"full-wave archive not found: {path}")

@@ -33,32 +33,12 @@ _KML = "http://www.opengis.net/kml/2.2"
 def georeference(
     table: pd.DataFrame, anchor: Anchor, kind: str, processing_id: str, time: str | None = None
 ) -> pd.DataFrame:
-    """Put a table with x and y on the Earth.
+    """Put a table with x and y, of the ``kind`` "alarms", "truth" or "objects", on the Earth.
 
-    Parameters
-    ----------
-    table : DataFrame
-        Alarms, truth or objects, lane frame.
-    anchor : Anchor
-        Where the lane lies.
-    kind : {"alarms", "truth", "objects"}
-        What the table holds.
-    processing_id : str
-        What the rows came from, such as the digest of a result's manifest.
-    time : str, optional
-        When, ISO 8601 with a time zone.
-
-    Returns
-    -------
-    DataFrame
-        The table with ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m; NaN where the anchor
-        has none), ``anchor_sigma`` (m, one standard deviation in the worst direction by the anchor alone), ``crs``,
-        ``time``, ``processing_id`` and ``nature``; x and y stay, as ``lane_x`` and ``lane_y``.
-
-    Raises
-    ------
-    ValueError
-        If the table has no x and y, the kind is not known, or the time is not ISO 8601 with a zone.
+    It gets ``longitude``, ``latitude`` (WGS 84, degrees), ``height`` (ellipsoidal, m; NaN where the anchor has none),
+    ``anchor_sigma`` (m, one standard deviation in the worst direction by the anchor alone), ``crs``, ``time`` (ISO 8601
+    with a time zone), ``processing_id`` (what the rows came from, such as a manifest's digest) and ``nature``; x and y
+    stay, as ``lane_x`` and ``lane_y``.
     """
     if kind not in _KEYS:
         raise ValueError(f"kind must be one of {', '.join(_KEYS)}, got {kind!r}")
@@ -80,10 +60,7 @@ def georeference(
 
 
 def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
-    """Write points of :func:`georeference` as GeoJSON (RFC 7946: longitude and latitude, WGS 84).
-
-    ``about`` goes into the collection's member ``flgpr``; the file is whole or absent.
-    """
+    """Write points of :func:`georeference` as GeoJSON (RFC 7946), ``about`` in its member ``flgpr``."""
     features = []
     for row in points.to_dict("records"):
         position = [round(row["longitude"], 9), round(row["latitude"], 9)]
@@ -131,10 +108,7 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:
-    """Write points of :func:`georeference` as a GeoPackage of one layer; the file is whole or absent.
-
-    It needs geopandas and pyogrio (MissingExtraError).
-    """
+    """Write points of :func:`georeference` as a GeoPackage of one layer, whole or absent (geopandas, pyogrio)."""
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
     path = Path(path)
@@ -155,34 +129,12 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
 def write_geotiff(
     view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
 ) -> float:
-    """Write a run-view as GeoTIFF: one band of magnitudes per polarization and sub-band.
+    """Write a run-view (..., y, x) as GeoTIFF: one band of magnitudes per polarization and sub-band.
 
-    The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled.
-
-    Parameters
-    ----------
-    view : xarray.DataArray
-        Run-view (..., y, x) in the lane frame.
-    path : str or Path
-        File to write; it is whole or absent.
-    anchor : Anchor
-        Where the lane lies.
-    processing_id : str
-        Kept as a tag.
-    crs : str, optional
-        Projected reference system. Default: the UTM zone.
-
-    Returns
-    -------
-    float
-        Largest misfit of the geotransform, m: a map is not quite a turned lane.
-
-    Raises
-    ------
-    MissingExtraError
-        If rasterio is not installed.
-    ValueError
-        If the view has no uniform x and y of at least two pixels.
+    The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled; what is given back is the
+    largest misfit of that, m, for a map is not quite a turned lane. ``processing_id`` is kept as a tag, ``crs`` is a
+    projected reference system, by default the UTM zone. The file is whole or absent. It needs rasterio
+    (MissingExtraError), and a view of at least two pixels both ways.
     """
     rasterio = optional("rasterio", "gis")
     path = Path(path)

@@ -238,10 +238,8 @@ _NEEDED = ("title", "polarization", "tones", "tx_position", "rx_position", "pose
 class GprmaxRun:
     """The results of a folder of decks, ``manifest.json`` and all results, as the scans of a run.
 
-    A pair's field over the transmitter's current moment, its direct wave (from the run of air alone) taken off unless
-    ``keep_direct``, times j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr: it is what
-    an ideal receiver records, V/m per A·m, as the simulator's own dipoles do. A damaged manifest, or a result that is
-    missing, is a ValueError.
+    A pair's field over the transmitter's current moment, V/m per A·m, its direct wave (from the run of air alone) taken
+    off unless ``keep_direct``, times j, so that a scatterer at path L gives ``exp(-j2πfL/c)`` as everywhere in flgpr.
     """
 
     def __init__(self, folder: str | Path, keep_direct: bool = False) -> None:
@@ -264,10 +262,7 @@ class GprmaxRun:
         return len(self.manifest["pose"])
 
     def scan(self, index: int) -> NDArray[np.complex64]:
-        """Put a scan together: (polarization, pair, frequency) of field over current moment.
-
-        A sweep with values that are not finite is NaN.
-        """
+        """Put a scan together: (polarization, pair, frequency) of field over current moment, NaN where not finite."""
         labels = self.manifest["polarization"]
         pairs = len(self.manifest["tx_position"])
         signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)

@@ -19,11 +19,9 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GprmaxTold:
-    """What a result file of gprMax does not tell: the tones to keep and the source's polarization.
+    """What a result file of gprMax does not tell: tones to keep, the source's polarization, height of the ground, axes.
 
-    ``ground`` is the height of the mean ground in the model, ``horizontal`` and ``vertical`` name the component of the
-    field that is H, and V. ``waveform`` is type and frequency of the source's; gprMax 4 stores samples, so that it is
-    needed for results of gprMax 3 only.
+    ``waveform`` is type and frequency of the source's; results of gprMax 3 need it, those of gprMax 4 hold samples.
     """
 
     band: tuple[float, float]
@@ -39,9 +37,8 @@ def import_gprmax_files(paths: Sequence[str | Path], told: GprmaxTold) -> xr.Dat
 
     The model's axes are the lane's, its z less ``ground``. The signal is the field over the source's current moment
     where the source is a Hertzian dipole, else over the source's current, times j, as in
-    :class:`flgpr.io.gprmax.GprmaxRun`. The direct wave stays in the data. Tones are those of the time window. Places
-    are the nodes' as the files have them; the field components lie half a cell further along their own axis. Files that
-    differ from the first in time step, window or form of the array are a ValueError.
+    :class:`flgpr.io.gprmax.GprmaxRun`; the direct wave stays. Tones are those of the time window. Places are the
+    nodes'; field components lie half a cell further along their own axis.
     """
     if not paths:
         raise ValueError("files must be one or more, got none")

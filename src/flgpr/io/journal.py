@@ -43,8 +43,8 @@ class OtherRunError(JournalError):
 class Journal:
     """The journal in a folder, held by one process at a time.
 
-    ``about`` says what is being written, in JSON values: a later process must bring the same. One that does not resume
-    empties it. ``scans`` were written before, in order.
+    ``about`` says in JSON values what is being written: a later process must bring the same, or not resume and empty
+    it.
     """
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
@@ -108,11 +108,7 @@ class Journal:
 
 
 def _hold(path: Path) -> BinaryIO:
-    """Open and lock the journal that bears this name.
-
-    Between any two of these steps a writer that commits may take the folder away, and the lock on a journal that has
-    gone keeps nobody out: begin again then.
-    """
+    """Open and lock the journal of this name; begin again where a writer that commits takes its folder away."""
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -44,7 +44,7 @@ def import_mapped(
     track: pd.DataFrame | None = None,
     clock_offset: float = 0.0,
 ) -> Imported:
-    """Import measured data by a mapping.
+    """Import measured data by a mapping; what is missing, damaged or does not fit is an error that names it.
 
     Parameters
     ----------
@@ -57,19 +57,11 @@ def import_mapped(
         data file if one is given.
     limit : int
         Largest array to read, bytes.
-    pose : (scan, 6) array_like, optional
-        Poses in place of the mapping's, such as from :func:`flgpr.io.read_survey`.
-    track : DataFrame, optional
-        Track of the reference point in place of the mapping's, such as from :func:`flgpr.io.read_nmea`.
+    pose, track : (scan, 6) array_like, DataFrame, optional
+        Poses, or a track of the reference point, in place of the mapping's, such as from :func:`flgpr.io.read_survey`
+        or :func:`flgpr.io.read_nmea`.
     clock_offset : float
         With ``track``: time on the track's clock is that of the radar plus this, s.
-
-    Raises
-    ------
-    FileNotFoundError
-        If a file is not there.
-    ValueError
-        If a file is damaged, a variable is missing or does not fit, or a unit is unknown; the message names it.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]

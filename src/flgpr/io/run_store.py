@@ -124,7 +124,7 @@ class RunWriter:
     """Write a run scan by scan; the store appears under its name only when it is whole.
 
     Use as a context manager: leaving it normally commits, leaving it by an exception removes what was written, unless
-    it is to be resumed. ``len(writer)`` tells how many scans are there, so that a resumed run goes on with that one::
+    it is to be resumed (``keeps``). ``len(writer)`` tells how many scans are there, so that a resumed run goes on::
 
         with RunWriter(path, *fixed, resume=True) as writer:
             for scan in range(len(writer), total):
@@ -133,31 +133,15 @@ class RunWriter:
     Parameters
     ----------
     path : str or Path
-        Folder to make.
+        Folder to make; ``overwrite`` replaces a run that is there, else it is a FileExistsError.
     frequency, polarization, tx_position, rx_position, attrs
         As in :func:`flgpr.model.make_run`.
-    overwrite : bool
-        Replace a run that is already there.
     resume : bool
-        Go on where a writer of the same run was stopped, even by a kill: its scans are checked by their digests, and
-        writing continues after the last good one. Without it, what a stopped writer left is thrown away.
+        Go on where a writer of the same run was stopped, even by a kill, after its last good scan. Without it, what a
+        stopped writer left is thrown away. Another run, or one that another process writes, is a RunStoreError.
     inputs : dict, optional
-        What else the scans depend on (digests of input files, versions), as JSON values. Resuming demands the same;
-        they are not stored in the run.
-
-    Attributes
-    ----------
-    keeps : bool
-        Whether an exception leaves what was written, to be resumed.
-
-    Raises
-    ------
-    FileExistsError
-        If the path exists and ``overwrite`` is false.
-    RunStoreError
-        If another process is writing this run, or what is to be resumed is another run.
-    ValueError
-        If the description of the run breaks a rule.
+        What else the scans depend on (digests of input files, versions), as JSON values, not stored in the run.
+        Resuming demands the same.
     """
 
     def __init__(
@@ -321,25 +305,10 @@ class RunWriter:
 
 
 def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False) -> Path:
-    """Write a run as a Zarr v3 store.
+    """Write a run as a Zarr v3 store; a store that exists is refused unless ``overwrite`` is true.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    path : str or Path
-        Folder to make.
-    overwrite : bool
-        Replace a run that is already there.
-    resume : bool
-        Go on where writing exactly this run was stopped, even by a kill; what is left of another run is thrown away.
-
-    Raises
-    ------
-    ValueError
-        If the dataset is no run.
-    FileExistsError
-        If the path exists and ``overwrite`` is false.
+    With ``resume`` it goes on where writing exactly this run was stopped, even by a kill; what is left of another run
+    is thrown away.
     """
     check_run(run)
     frequency, polarization, tx_position, rx_position = (
@@ -376,27 +345,9 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """Open a run; the signal is read scan by scan when it is asked for, and verified each time.
 
     Shapes, chunks, types and sizes are checked before anything is decoded, so that a store from anywhere may be opened.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder of the store.
-    max_memory : int
-        Memory that the run's small arrays and a few of its scans may take, bytes.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run, as :func:`flgpr.model.make_run` describes it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is nothing at the path.
-    RunStoreError
-        If the store was not committed, a file of it is missing, truncated or altered, leads out of the store, or what
-        it declares breaks a rule or takes too much memory. A scan whose file changes later raises when that scan is
-        read.
+    ``max_memory`` is what the run's small arrays and a few of its scans may take, bytes. A store that was not
+    committed, is damaged, leads out of its folder or breaks a rule is a RunStoreError; so is reading a scan whose file
+    has changed.
     """
     root = Path(path)
     manifest = read_manifest(root)
@@ -442,10 +393,7 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
 
 
 def read_manifest(path: str | Path) -> dict[str, Any]:
-    """Read and check a run store's commit manifest: format, version, scans, files (key -> sha256, bytes), sha256.
-
-    If it is missing, altered, or of another format, that is a RunStoreError.
-    """
+    """Read and check a store's commit manifest: format, version, scans, files (key -> sha256, bytes), sha256."""
     root = Path(path)
     if not root.is_dir():
         partial = root.with_name(root.name + ".partial")

@@ -155,11 +155,7 @@ def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> byt
 def encode_scan(
     number: int, signal: ArrayLike, pose: ArrayLike | None, time: float = math.nan, run_id: str | None = None
 ) -> bytes:
-    """Write a scan as a frame: field (polarization, pair, frequency), pose, time.
-
-    A pose that is unknown is None, a time NaN. ``number`` counts from 0; ``run_id`` is that of the run's description,
-    so that scans of another run are told apart.
-    """
+    """Write a scan as a frame: field (polarization, pair, frequency), pose or None, time or NaN, and its run's id."""
     header: dict[str, Any] = {
         "scan": int(number),
         "time": float(time) if math.isfinite(time) else None,
@@ -171,11 +167,7 @@ def encode_scan(
 
 
 def frame_size(head: bytes) -> int:
-    """Tell how many bytes a frame has, from its first :func:`head_size` or more.
-
-    Bytes that do not begin a frame, or one larger than any scan, are a ScanFileError; too few are a
-    TruncatedFrameError.
-    """
+    """Tell how many bytes a frame has, from its first :func:`head_size` or more; too few are a TruncatedFrameError."""
     if len(head) < _HEAD.size:
         raise TruncatedFrameError(f"frame must have at least {_HEAD.size} bytes, got {len(head)}")
     magic, text, payload = _HEAD.unpack(head[: _HEAD.size])
@@ -211,10 +203,7 @@ def decode_frame(data: bytes) -> Frame:
 
 
 def scan_of(frame: Frame, description: RunDescription) -> Scan:
-    """Take the scan out of a frame; a pose that is not finite or out of bounds is none.
-
-    If it is no scan, belongs to another run, has no number, or not the run's samples, that is a ScanFileError.
-    """
+    """Take the scan out of a frame, or raise a ScanFileError; a pose that is not finite or out of bounds is none."""
     header = frame.header
     if frame.kind != "scan":
         raise ScanFileError(f"frame must be a scan, got the kind {frame.kind!r}")

@@ -46,10 +46,7 @@ def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def inside(root: Path, name: str) -> Path:
-    """Find a file of a folder, by a relative name with forward slashes, and make sure that it lies there.
-
-    A name that is absolute or leads upwards, or a symbolic link that leads out of the folder, is a ValueError.
-    """
+    """Find a file of a folder by a relative name with forward slashes; one that leads out of it is a ValueError."""
     pure = PurePosixPath(name)
     if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:
         raise ValueError(f"{root}: names must be relative and stay inside, got {name!r}")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 def impulse_to_frequency(
     samples: ArrayLike, delay: ArrayLike, band: tuple[float, float], pad: int = 1
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Take time-domain (impulse) data to tones.
+    """Take time-domain (impulse) data to tones: the spectrum complex128 (..., frequency), and the frequencies, Hz.
 
     A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis keeps its start. Outside
     the recorded time of ``1/Δf`` delays repeat; padding with zeros makes that time longer and the tones denser.
@@ -24,18 +24,6 @@ def impulse_to_frequency(
         First and last frequency to keep, Hz; below the Nyquist frequency.
     pad : int
         The record is made this many times as long by zeros.
-
-    Returns
-    -------
-    signal : (..., frequency) ndarray of complex128
-        Spectrum.
-    frequency : (frequency,) ndarray
-        Tones, Hz.
-
-    Raises
-    ------
-    ValueError
-        If the axis is not uniform, does not fit the samples, or the band holds no tone.
     """
     values, axis = np.asarray(samples), np.asarray(delay, dtype=np.float64)
     if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:

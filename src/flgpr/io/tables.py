@@ -17,22 +17,7 @@ _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_object
 
 
 def read_table(path: str | Path, kind: str) -> pd.DataFrame:
-    """Read a table from CSV and validate it.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV file with a header line.
-    kind : {"alarms", "truth", "objects"}
-        What it must hold.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file cannot be parsed or breaks the table's rules; the message names the file.
-    """
+    """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{kind} file not found: {path}")
@@ -50,11 +35,7 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table with x and y, m, as GeoJSON points in the lane frame; other columns become properties.
-
-    The lane is not tied to the Earth, so the coordinates are metres in the lane frame; the collection says so in its
-    member ``flgpr_frame``. The file is whole or absent.
-    """
+    """Write a table with x and y as GeoJSON points in the lane frame, m, as ``flgpr_frame`` says; whole or absent."""
     features = []
     for row in table.to_dict("records"):
         properties = {str(k): json_value(v) for k, v in row.items() if k not in ("x", "y")}
@@ -69,20 +50,7 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def read_lane(path: str | Path) -> Lane:
-    """Read a lane from TOML.
-
-    Parameters
-    ----------
-    path : str or Path
-        File with x_min, x_max, y_min and y_max, m.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not TOML or not a lane.
-    """
+    """Read a lane from TOML with x_min, x_max, y_min and y_max, m."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"lane file not found: {path}")

@@ -13,11 +13,10 @@ _MISSING = {"", "nan", "na", "null"}
 
 
 def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
-    """Read a text table; columns are separated by semicolons, commas, tabs or blanks.
+    """Read a text table; columns are separated by semicolons, commas, tabs or blanks, complex numbers are ``a+bi``.
 
-    Complex numbers are written as ``a+bi`` or ``a+bj``. A first line that is not of numbers names the columns; lines
-    that begin with ``#`` or ``%`` are left out. It comes as ``table`` (row, column), and with a header line also as
-    every column that holds numbers, by name.
+    A first line that is not of numbers names the columns; lines that begin with ``#`` or ``%`` are left out. It comes
+    as ``table`` (row, column), and with a header line also as every column that holds numbers, by name.
     """
     rows = _rows(path)
     if not rows:

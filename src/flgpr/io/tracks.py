@@ -24,20 +24,10 @@ FIXED = (4,)
 def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
     """Read a track from CSV with the columns ``time_s``, ``x_m``, ``y_m``, ``z_m`` in the lane frame.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV file. Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad.
-    heading : {"column", "course"}
-        "column": all three angles must be there. "course": the heading is the direction of the way, pitch and roll are
-        taken from columns if there are any and else are zero.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If a column is missing or holds a value that is not finite, or the time does not increase.
+    Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad. With
+    ``heading`` "column" all three must be there; with "course" the heading is the direction of the way, and pitch and
+    roll are zero where there are no such columns. A missing column, a value that is not finite or a time that does not
+    increase is a ValueError.
     """
     path = Path(path)
     columns = _columns(path)
@@ -56,27 +46,12 @@ def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:
-    """Read the poses of stop-and-go scans from points surveyed in the lane, one line per scan in order.
+    """Read the poses (scan, 6) of stop-and-go scans from points surveyed in the lane, one CSV line per scan in order.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV file with either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``,
-        ``pitch_deg``, ``roll_deg`` (or rad), or the places of two marks on the array, ``left_x_m`` ... ``right_z_m``:
-        then the reference point is midway, heading and roll follow from the line between them, and the pitch must be
-        given.
-
-    Returns
-    -------
-    (scan, 6) ndarray
-        x, y, z (m), heading, pitch, roll (rad).
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If a column is missing, a value is not finite, or the two marks coincide.
+    Columns are either ``x_m``, ``y_m``, ``z_m`` of the array's reference point and ``heading_deg``, ``pitch_deg``,
+    ``roll_deg`` (or rad), or the places of two marks on the array, ``left_x_m`` ... ``right_z_m``: then the reference
+    point is midway, heading and roll follow from the line between them, and the pitch must be given. Poses are in m and
+    rad.
     """
     path = Path(path)
     columns = _columns(path)
@@ -111,33 +86,19 @@ def read_nmea(
 ) -> pd.DataFrame:
     """Read a track of a satellite receiver's antenna from NMEA 0183 sentences.
 
-    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the way. Time is in
-    seconds of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard sentence for them.
+    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the way. Time is in seconds
+    of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard sentence for them. For
+    lever arm and latency see :func:`flgpr.model.track.reference_track`. A damaged sentence or fewer than two fixes is a
+    ValueError.
 
     Parameters
     ----------
-    path : str or Path
-        The receiver's log; other sentences are passed over.
-    anchor : Anchor
-        Where the lane lies.
+    path, anchor
+        The receiver's log, and where the lane lies.
     quality : tuple of int
         GGA qualities to take; others are left out and leave gaps.
     height : float, optional
         Height of the antenna over the lane's ground, m. Needed where the anchor has no heights.
-
-    Returns
-    -------
-    DataFrame
-        Track of the antenna; see :func:`flgpr.model.track.reference_track` for lever arm and latency.
-
-    Raises
-    ------
-    MissingExtraError
-        If pynmeagps is not installed.
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If a sentence is damaged, fewer than two fixes have the quality, or the height is not known.
     """
     path = Path(path)
     if not path.is_file():

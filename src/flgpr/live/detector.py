@@ -60,11 +60,10 @@ class LiveSettings:
 
 @dataclass(frozen=True)
 class LiveAlarm:
-    """An alarm as it stands after a scan, at ``x``, ``y`` in m of the lane frame.
+    """An alarm as it stands after a scan, at ``x``, ``y`` in m of the lane frame; ``scans`` entered its confidence.
 
-    ``scans`` entered its confidence. "withdrawn" is what is no longer a maximum, or too weak for the density rule, and
-    "final" what no scan will see again. ``first_left`` is the distance along the heading from the array to the alarm
-    when it was raised, m.
+    "withdrawn" is no longer a maximum, or too weak for the density rule; "final" will not be seen again. ``first_left``
+    is the distance along the heading from the array to the alarm when it was raised, m.
     """
 
     alarm_id: str
@@ -79,10 +78,9 @@ class LiveAlarm:
 
 @dataclass(frozen=True)
 class LiveUpdate:
-    """What a scan changed.
+    """What a scan changed: it was "taken", "warm-up", "still" (not moved) or "late" (its ground is passed).
 
-    ``outcome`` is "taken", "warm-up", "still" (the vehicle has not moved) or "late" (its ground is passed). ``view`` is
-    the run-view of the prescreener's channel, (y, x), where it may have changed, from ``row`` of the lane on; NaN is
+    ``view`` is the prescreener's run-view, (y, x), where it may have changed, from ``row`` of the lane on; NaN is
     unseen.
     """
 
@@ -93,11 +91,10 @@ class LiveUpdate:
 
 
 class LiveDetector:
-    """Raise alarms while scans come in.
+    """Raise alarms while scans come in; only the sub-bands that decide on alarms are imaged.
 
-    Only the sub-bands that decide on alarms are imaged. Without a lane, here or in the recipe, it is 3 m about the
-    first pose and as long as the vehicle drives; without a detector in the model the local contrast is the confidence.
-    A recipe that cannot be run live is a ValueError.
+    Without a lane, here or in the recipe, it is 3 m about the first pose and as long as the vehicle drives; without a
+    detector in the model the local contrast is the confidence. A recipe that cannot be run live is a ValueError.
     """
 
     def __init__(

@@ -55,8 +55,7 @@ def alarm_event(
 ) -> dict[str, Any]:
     """Tell an alarm that ``scan`` raised or changed, ``latency`` s after it arrived; the pose is the newest scan's.
 
-    ``left_m`` is what was left to the vehicle's front when the newest scan was taken; ``in_time`` tells whether the
-    vehicle can stop before the place, and ``margin_m`` by how much.
+    ``left_m`` was left to the vehicle's front then; ``in_time`` tells whether it can stop, ``margin_m`` by how much.
     """
     left = vehicle.left(alarm.x, alarm.y, pose)
     event: Event = {
@@ -80,10 +79,7 @@ def alarm_event(
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> Event:
-    """Tell rows of the run-view (y, x), magnitudes in units of the background, NaN where nothing was seen.
-
-    ``halves`` are dB as little-endian half floats in base64, row by row.
-    """
+    """Tell rows of the run-view (y, x) over the background as ``halves``: dB, little-endian half floats in base64."""
     skip = max(-row, 0)
     values = decibels(view[skip:])
     seen = values[np.isfinite(values)]

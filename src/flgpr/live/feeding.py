@@ -41,15 +41,8 @@ def feed(
         Scans per second; infinity plays as fast as possible.
     first, count : int
         First scan, and how many; default all. The end is announced only after the last scan of the run.
-    lead : float
-        Time between the description and the first scan, s: a radar describes itself when it is switched on.
-    wait : callable
-        Waits for that many seconds.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the run cannot be read, the rate is not positive, or the folder holds another run.
+    lead, wait : float, callable
+        Time between the description and the first scan, s, as when a radar is switched on, and what waits.
     """
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")

@@ -29,10 +29,7 @@ _KNOWN_POSES = 8
 
 
 class Intake:
-    """Decides which scans go on to detection, and counts the others.
-
-    A pose is filled in at most ``longest_gap`` scans after the last known one.
-    """
+    """Decides which scans go on, and counts the others; fills a pose in at most ``longest_gap`` scans away."""
 
     def __init__(self, description: RunDescription, longest_gap: int = 3) -> None:
         self.description, self._longest = description, longest_gap
@@ -41,10 +38,7 @@ class Intake:
         self._poses: list[tuple[int, NDArray[np.float64]]] = []
 
     def admit(self, data: bytes) -> Scan | None:
-        """Give a frame's scan if it is whole, of this run, with a pose and the first of its number; else None.
-
-        What is left out is counted, damaged frames, which raise ScanFileError, too.
-        """
+        """Give a frame's scan if it is whole, of this run, with a pose and the first of its number; else count it."""
         self.counts["received"] += 1
         try:
             scan = scan_of(decode_frame(data), self.description)

@@ -78,19 +78,9 @@ class LiveReport:
 
 
 class LiveRun:
-    """A live run: sources, detector, events and snapshots.
+    """A live run: sources, detector, events and snapshots; ``tell`` is told every line about an alarm.
 
-    Parameters
-    ----------
-    options : LiveOptions
-        What is asked for.
-    tell : callable
-        Told every line about an alarm.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If an option is not valid; nothing has been written then.
+    An option that is not valid is refused before anything is written.
     """
 
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
@@ -126,10 +116,7 @@ class LiveRun:
         self.inbox.stop.set()
 
     def run(self) -> LiveReport:
-        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long.
-
-        A source that cannot be read, or a snapshot that belongs to something else, is a ValueError.
-        """
+        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long."""
         options = self.options
         _check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)

@@ -12,15 +12,7 @@ from flgpr.model import lane_to_scan
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A vehicle and its brakes.
-
-    Stopping distance ``v·t + v²/(2·a)``: it goes on at its speed v while driver and brakes react, then slows evenly.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
-    """
+    """A vehicle and its brakes: it goes on while driver and brakes react, then slows evenly, ``v·t + v²/(2·a)``."""
 
     speed: float | None = None  #: v, m/s; None where no stopping distance is asked for
     #: t, s: from the alarm to brakes that hold. Default 1.5 s, a driver who is alert and brakes that build up
@@ -52,8 +44,7 @@ class Vehicle:
     def margin(self, left: float, latency: float) -> float | None:
         """Room between the stand and an alarm, m, if the brakes are called for now; negative if it cannot stop before.
 
-        ``left`` is the distance left when the scan was taken, ``latency`` seconds ago: the vehicle has gone on since.
-        None without a speed.
+        ``left`` was left when the scan was taken, ``latency`` seconds ago. None without a speed.
         """
         stopping = self.stopping_distance
         return None if stopping is None or self.speed is None else left - self.speed * latency - stopping

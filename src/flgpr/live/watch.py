@@ -27,10 +27,7 @@ SOCKET = "socket"
 
 @dataclass(frozen=True)
 class Arrival:
-    """A run's description, a frame, the run's end, or an error that ends the watch.
-
-    It came whole from ``name``, a file or a place on the socket, at ``when``, s since 1970.
-    """
+    """A description, a frame, the end, or an error that ends the watch, from ``name`` at ``when``, s since 1970."""
 
     kind: Literal["run", "frame", "end", "failed"]
     name: str
@@ -41,10 +38,7 @@ class Arrival:
 
 @dataclass
 class Inbox:
-    """What came and was not taken yet, and whether it is over.
-
-    It holds some tens of arrivals: a source waits rather than filling the memory.
-    """
+    """What came and was not taken yet, and whether it is over; a source waits rather than filling the memory."""
 
     arrivals: queue.Queue[Arrival] = field(default_factory=lambda: queue.Queue(_MOST_WAITING))
     stop: threading.Event = field(default_factory=threading.Event)

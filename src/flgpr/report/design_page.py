@@ -23,31 +23,7 @@ _SHADES = "viridis"
 def design_report(
     sensors: Sequence[str | Path], output: str | Path, question: Question | None = None, track: Track = silent
 ) -> list[Design]:
-    """Study arrays and write the report on them.
-
-    Parameters
-    ----------
-    sensors : sequence of str or path
-        Presets or TOML files; up to four are compared side by side.
-    output : str or Path
-        HTML file to write.
-    question : Question, optional
-        Band, window, site and depth.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    list of Design
-        The findings.
-
-    Raises
-    ------
-    FileExistsError
-        If the output exists.
-    ValueError
-        If there are more sensors or none, or one of them or the question is not valid.
-    """
+    """Study one to four arrays (presets or TOML) side by side, write the page, a new file, and give the findings."""
     if not 1 <= len(sensors) <= 4:
         raise ValueError(f"sensors must be one to four, got {len(sensors)}")
     path = Path(output)

@@ -91,10 +91,7 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
 
 
 def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
-    """Draw in plan and from the side where the antennas stood, and how often each spot was seen; ``beyond`` in m.
-
-    ``run`` is the description of a run that a result's manifest holds.
-    """
+    """Draw in plan and from the side where a manifest's run had its antennas, and how often each spot was seen."""
     pose, tx, rx = (np.asarray(run[name], dtype=float) for name in ("pose", "tx_m", "rx_m"))
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))

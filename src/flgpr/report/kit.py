@@ -18,9 +18,8 @@ _HOME = "flgpr.report"
 def render(template: str, package: str = _HOME, **values: Any) -> str:
     """Fill in a template of a package, which may extend and import those of this one; the page needs nothing beside it.
 
-    Templates know two filters beside Jinja's own: ``fmt``, which is Python's ``format``, and ``data_url``, which
-    turns a figure or its PNG into what an ``img`` shows. Text is escaped, what is asked for and not given is an error,
-    and ``version`` is given to all.
+    Beside Jinja's own filters there are ``fmt``, Python's ``format``, and ``data_url``, which makes of a figure or its
+    PNG what an ``img`` shows. Text is escaped, and what is asked for and not given is an error.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 

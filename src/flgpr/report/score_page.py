@@ -61,36 +61,20 @@ def write_score_report(
     notes: Mapping[str, Any] | None = None,
     **rules: Any,
 ) -> dict[str, Path]:
-    """Score an alarm list and write the report.
+    """Score an alarm list and write the report; give its files: ``html``, ``json``, figures as ``roc_png`` and so on.
 
     Parameters
     ----------
     folder : str or Path
         Where to write; made if missing, files of the same names are replaced.
-    alarms, truth, lane
-        As for :func:`flgpr.scoring.score`.
+    alarms, truth, lane, **rules
+        As for :func:`flgpr.scoring.score` and :class:`flgpr.scoring.Rules`.
     worst : int
         Number of missed targets and of false alarms shown with patches.
-    alarm_patches : mapping, optional
-        Image patches (y, x) by ``alarm_id`` or, without that column, by row number of the alarm table.
-    target_patches : mapping, optional
-        Image patches (y, x) by ``target_id``.
-    title : str
-        Heading.
-    notes : mapping, optional
-        Provenance to print: recipe, hashes, seeds.
-    **rules
-        As for :class:`flgpr.scoring.Rules`.
-
-    Returns
-    -------
-    dict of str to Path
-        The files: ``html``, ``json``, and ``roc``, ``kind``, ``depth`` figures as ``..._png`` and ``..._pdf``.
-
-    Raises
-    ------
-    ValueError
-        As :func:`flgpr.scoring.score`; nothing is written then.
+    alarm_patches, target_patches : mapping, optional
+        Image patches (y, x) by ``alarm_id``, or row number without that column, and by ``target_id``.
+    title, notes : str, mapping
+        Heading, and provenance to print: recipe, hashes, seeds.
     """
     scored = [score(alarms, truth, lane, Rules(**rules))]
     patches = {"alarm_patches": alarm_patches or {}, "target_patches": target_patches or {}}
@@ -128,11 +112,10 @@ def report_html(
     alarm_patches: Mapping[Any, ArrayLike] | None = None,
     target_patches: Mapping[Any, ArrayLike] | None = None,
 ) -> str:
-    """Write the report of a result, of its scores, or of scores alone; it needs nothing beside it.
+    """Write the report of a result, of its scores in the order of its detections, or of scores alone.
 
-    Scores stand in the order of the result's detections; without them the page tells nothing about truth. ``bands`` are
-    curves as PNG by name; ``sections`` the addresses of the pages of a lane's sections, "" where there is none; all
-    else is as for :func:`write_score_report`, and ``objects`` are drawn.
+    ``bands`` are curves as PNG by name, ``sections`` the addresses of the pages of a lane's sections ("" for none); the
+    rest is as for :func:`write_score_report`, and ``objects`` are drawn.
     """
     values: dict[str, Any] = {"result": result, "scored": scored, "title": title, "sections": sections}
     if result is not None:

@@ -74,10 +74,9 @@ def write_result(
     model: Model | Detector | None = None,
     section: dict[str, Any] | None = None,
 ) -> Path:
-    """Write a result folder; it appears whole or not at all.
+    """Write a result folder, whole or not at all; an older result there is replaced, anything else refused.
 
-    An older result there is replaced, anything else is left alone. ``section`` tells what part of a longer lane it is,
-    see :func:`flgpr.chain.sections.section_note`.
+    ``section`` tells what part of a longer lane it is, see :func:`flgpr.chain.sections.section_note`.
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -137,10 +136,9 @@ def _manifest(content: dict[str, Any], added: dict[str, list[str | None]]) -> by
 
 
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
-    """Add files to a result, or replace files added before: pages and scores.
+    """Add pages and scores to a result, or replace some; it can be read whenever this is interrupted.
 
-    The manifest first allows the old and the new digests, then the files are written, then the manifest allows the new
-    ones only. So the result can be read whenever this is interrupted.
+    The manifest first allows the old and the new digests, then, when the files are written, the new ones only.
     """
     folder = Path(folder)
     manifest = read_result_manifest(folder)
@@ -171,23 +169,7 @@ def read_result_manifest(folder: str | Path) -> dict[str, Any]:
 
 
 def read_result(folder: str | Path) -> Result:
-    """Read a result folder.
-
-    Parameters
-    ----------
-    folder : str or Path
-        The folder.
-
-    Returns
-    -------
-    Result
-        Its content.
-
-    Raises
-    ------
-    ResultError
-        If it is no result folder, or one of the files it was written with is missing or altered.
-    """
+    """Read a result folder; if one of the files it was written with is missing or altered, that is a ResultError."""
     folder = Path(folder)
     manifest = read_result_manifest(folder)
     try:

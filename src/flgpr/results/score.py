@@ -30,8 +30,7 @@ def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
     """Estimate how far (m) beyond each buried target its image lies when focused on the surface, a mean over the scans.
 
-    Scoring does not correct for it; it explains what is seen. NaN where depth or soil is unknown. See
-    :func:`flgpr.scoring.refraction_shift`.
+    Scoring does not correct for it; NaN where depth or soil is unknown. See :func:`flgpr.scoring.refraction_shift`.
     """
     if "soil" not in run:
         return np.full(len(truth), np.nan)

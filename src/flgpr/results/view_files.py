@@ -64,8 +64,7 @@ def write_view(
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
     """Yield a run-view at every level, each with half the rows of the one before, until one tile holds it.
 
-    Cross-track keeps its pixels: a lane is long and narrow. Two rows become their maximum, so that a bright spot stays
-    visible from afar.
+    Two rows become their maximum, so that a bright spot stays visible from afar; cross-track keeps its pixels.
     """
     yield level
     while len(level) > TILE_ROWS:

@@ -22,10 +22,9 @@ _PLANE, _GLOBE = ("easting_m", "northing_m"), ("longitude_deg", "latitude_deg")
 def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     """Write an anchor, TOML as :func:`flgpr.io.read_anchor` takes it, from a CSV of surveyed points.
 
-    Its columns are ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
-    ``latitude_deg`` in the reference system ``crs`` (such as ``EPSG:32633``), and perhaps ``height_m``, ellipsoidal.
-    ``accuracy`` is the standard deviation of one surveyed coordinate, m. A column that is missing or not finite is a
-    ValueError.
+    Columns are ``lane_x_m``, ``lane_y_m``, either ``easting_m`` and ``northing_m`` or ``longitude_deg`` and
+    ``latitude_deg`` in the system ``crs``, and perhaps ``height_m``, ellipsoidal. ``accuracy`` is the standard
+    deviation of one surveyed coordinate, m.
     """
     path = Path(points)
     if not path.is_file():
@@ -68,10 +67,7 @@ def write_anchor(text: str, path: PathLike) -> Path:
 def check_request(
     lane: PathLike | None, outline: PathLike | None, run: PathLike | None, output: PathLike | None
 ) -> None:
-    """Check what :func:`tie_lane` is asked for, before anything is written.
-
-    An outline needs a lane, and a run an output (ValueError); what exists is refused (FileExistsError).
-    """
+    """Check what :func:`tie_lane` is asked for before anything is written; what exists is refused."""
     if (outline is not None and lane is None) or (output is None) != (run is None):
         raise ValueError("an outline needs a lane, and a run and its output go together")
     for path in (outline, output):
@@ -85,12 +81,11 @@ def tie_lane(
     run: PathLike | None = None,
     output: PathLike | None = None,
 ) -> dict[str, Any]:
-    """Tell how an anchor (TOML) fits, and tie a lane and a run to it.
+    """Tell how an anchor (TOML) fits, and tie a lane (TOML) and a run to it.
 
-    With a lane (TOML) its corners' uncertainty is told, and its ``outline`` may be written as GeoJSON; with a run,
-    ``output`` is a store of it with where its lane lies. What is told: place and direction, misfit of every point,
-    uncertainty at the surveyed points' mean and at the lane's corners. What exists is refused before anything is
-    written.
+    It tells place and direction, misfit of every point, and the uncertainty at the points' mean and at the lane's
+    corners. The lane's ``outline`` may be written as GeoJSON, and ``output`` as a store of the run that knows where its
+    lane lies.
     """
     check_request(lane, outline, run, output)
     tie = read_anchor(anchor)

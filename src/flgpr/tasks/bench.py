@@ -73,11 +73,7 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.compl
 
 @dataclass(frozen=True)
 class Truth:
-    """Direct double-precision sums on part of the pixels and tones.
-
-    There are the 15 images, the full band of the first polarization, the 15 images with every pixel 10 cm deep, and
-    tones of the forward model of the three images.
-    """
+    """Direct sums in double precision on some pixels and tones: of the images, one channel, 10 cm deep, and forward."""
 
     pixel: NDArray[np.int64]
     tone: NDArray[np.int64]
@@ -133,29 +129,11 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
 
 
 def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> pd.DataFrame:
-    """Time the imaging operator, and other codes beside it, in interleaved rounds.
+    """Time the imaging operator, and perhaps installed other codes, in interleaved rounds, whose medians count.
 
-    Parameters
-    ----------
-    peers : bool
-        Also time the peers that are installed.
-    rounds : int
-        Rounds; every round runs every case once, and the median over rounds counts.
-    device : {"cpu", "cuda"}
-        Device of this package's operator.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per case with ``work``, ``code``, ``time`` (s per scan, median), ``error`` (relative L2 against direct
-        sums), ``rate`` (updates per second; an update is one pixel, pair and image), ``ratio`` (time over this
-        package's at the same work) and ``roofline`` (least time that the measured peaks allow, over the time; this
-        package on the CPU only).
-
-    Raises
-    ------
-    ValueError
-        If ``rounds`` is below one or the device is missing.
+    It gives a row per case: ``work``, ``code``, ``time`` (s per scan), ``error`` (relative L2 against direct sums),
+    ``rate`` (updates per second; an update is one pixel, pair and image), ``ratio`` (time over this package's at the
+    same work) and ``roofline`` (least time that the measured peaks allow, over the time; this package on the CPU only).
     """
     if rounds < 1:
         raise ValueError(f"rounds must be at least 1, got {rounds}")

@@ -45,8 +45,8 @@ def calibrate_clock(
 ) -> ClockFit:
     """Find the clock offset at which a run focuses best, and store the run with the poses that follow.
 
-    ``track`` is a CSV, or an NMEA log with the anchor that it needs, of the array's reference point; by default
-    ``NAME-track.csv`` beside the run, whose times it must cover. An output that exists is refused.
+    ``track`` is a CSV, or an NMEA log with the anchor it needs, of the array's reference point; by default
+    ``NAME-track.csv`` beside the run, whose times it must cover.
     """
     store = Path(run)
     check_new(output)
@@ -80,7 +80,7 @@ def calibrate_range_bias(
     """Find by how much ranges are measured too long, from reflectors at known places, and store the run without it.
 
     ``reflectors`` is a CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame, ``search`` how far from one its echo is
-    looked for, m. The run's poses must have the right clock. An output that exists is refused.
+    looked for, m. The poses must have the right clock.
     """
     check_new(output)
     held = open_run(run).compute()

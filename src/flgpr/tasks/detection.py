@@ -32,48 +32,28 @@ def detect_run(
     max_memory: int = MAX_MEMORY,
     others: Mapping[str, PathLike] | None = None,
 ) -> Result:
-    """Detect on a stored run and write a result folder with its report.
+    """Detect on a stored run block by block and write a result folder with its report; a stopped call goes on.
 
-    This works block by block and can be stopped and gone on with, see :func:`flgpr.execution.lane_run.detect_lane`.
+    An input that is not valid, or an output that would overwrite something else, is refused before anything is written.
 
     Parameters
     ----------
-    run : path
-        Run store.
+    run, output : path
+        Run store, and result folder to make.
     recipe : str or path or None
-        Name of a packaged recipe, or a TOML file; None makes one for the run, see
-        :func:`flgpr.chain.fitting.fit_recipe`.
-    output : path
-        Result folder to make.
+        Packaged recipe or TOML file; None makes one for the run, see :func:`flgpr.chain.fitting.fit_recipe`.
     lane : path, optional
         TOML with x_min, x_max, y_min, y_max (m) in place of the recipe's lane.
-    track : Track
-        Shows progress.
     report : bool
         Whether to write ``report.html`` now; scoring writes it anew anyway.
     model : path, optional
-        Folder of a trained classifier, for recipes with features.
-    workers : int, optional
-        Number of processes; default this one. The result is the same, bit for bit.
-    scheduler : str, optional
-        Address of a Dask scheduler in place of workers.
-    note : callable
-        Takes a report of every piece of work that was done.
+        What training made, for recipes that learn.
+    workers, scheduler, track, note
+        As in :class:`flgpr.execution.survey.How`; the result is the same, bit for bit.
     max_memory : int
-        Memory that each process may take, bytes; a lane that would take more is refused before anything is decoded, see
-        :func:`detect_long`.
+        Memory of each process, bytes; a lane that would take more is refused, see :func:`detect_long`.
     others : mapping of str to path, optional
         Runs taken together with this one, such as a second band, by the names that the recipe gives them.
-
-    Returns
-    -------
-    Result
-        The result as written.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output would overwrite something else; nothing is written then.
     """
     how = How(workers, scheduler, max_memory, track, note)
     return read_result(detect_long(run, recipe, output, lane, model, math.inf, others, report, how)[0])
@@ -90,28 +70,11 @@ def detect_long(
     report: bool = True,
     how: How = PLAINLY,
 ) -> list[Path]:
-    """Detect on a stored run of any length.
+    """Detect on a stored run of any length, and give the result folder, or those of its sections in their order.
 
-    Parameters
-    ----------
-    run, recipe, output, lane, model, others, report
-        As for :func:`detect_run`. A lane that would take more memory is taken in sections, unless the recipe has
-        variants: ``output`` then holds a result folder per section and a table of all alarms, see
-        :mod:`flgpr.execution.lane_run`.
-    section : float, optional
-        Longest section that is wanted, m; default as long as the memory allows; infinity for one piece or not at all.
-    how : How
-        Who does it, with what memory, and who is told.
-
-    Returns
-    -------
-    list of Path
-        The result folder, or those of the sections in their order.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output would overwrite something else; nothing is written then.
+    Arguments are those of :func:`detect_run`. A lane that would take more memory, or is longer than ``section`` (m;
+    infinity for one piece or not at all), is taken in sections unless the recipe has variants: ``output`` then holds a
+    result folder per section and a table of all alarms, see :mod:`flgpr.execution.lane_run`. ``how`` tells who does it.
     """
     text = _text_of(recipe, run, model, how.max_memory)
     parsed = parse_recipe(text, str(recipe))
@@ -133,34 +96,20 @@ def detect_runs(
     lanes_at_once: int | None = None,
     how: How = PLAINLY,
 ) -> list[Path]:
-    """Detect on many stored runs; goes on where it was stopped.
+    """Detect on many stored runs and give their result folders in order; goes on where it was stopped.
 
     Parameters
     ----------
-    runs : sequence of path
-        Run stores with different names.
-    recipe : str or path or None
-        Name of a packaged recipe, or a TOML file. None makes one for the first run, which the others must fit.
+    runs, recipe : sequence of path, path or None
+        Run stores with different names, and a recipe; None makes one for the first run, which the others must fit.
     output : path
         Folder that takes a result folder per run, named like it, and ``survey.json``.
-    lanes : sequence of path, optional
-        TOML of each lane, in the same order, in place of the recipe's.
+    lanes, others : sequence, optional
+        Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
     model, section, report, how
         As for :func:`detect_long`.
-    others : sequence of mapping of str to path, optional
-        Per run, the runs taken together with it.
     lanes_at_once : int, optional
         How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
-
-    Returns
-    -------
-    list of Path
-        The result folders, in the order of the runs; a lane in sections has one for each.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the output would overwrite something else.
     """
     if not runs:
         raise ValueError("runs must hold at least one run, got none")

@@ -41,40 +41,25 @@ def import_with_mapping(
     latency: float = 0.0,
     max_memory: int = MAX_MEMORY,
 ) -> Imported:
-    """Import data files by a mapping and store the run. A stopped import goes on with the scan it was at.
+    """Import data files by a mapping (TOML) and store the run; a stopped import goes on with the scan it was at.
+
+    It gives run, track and notes; a track is also written beside the run as ``NAME-track.csv``. If an input is not
+    valid or the store exists, nothing is written.
 
     Parameters
     ----------
-    mapping : path
-        TOML.
-    output : path
-        Run store to make.
     data : list of path, optional
         Data files in place of the mapping's own.
-    survey : path, optional
-        CSV of surveyed poses, a line per scan; see :func:`flgpr.io.read_survey`.
-    track : path, optional
-        CSV track; any other ending is read as an NMEA log, which needs the anchor.
+    survey, track : path, optional
+        CSV of surveyed poses, see :func:`flgpr.io.read_survey`; or CSV track, or an NMEA log, which needs the anchor.
     anchor : path, optional
         TOML that ties the lane to the Earth.
-    clock_offset : float
-        The track's clock less the radar's, s.
+    clock_offset, latency : float
+        The track's clock less the radar's, and how late its time stamps are, s.
     lever_arm : tuple of float
         Positioning antenna in the vehicle frame, m.
-    latency : float
-        How late the track's time stamps are, s.
     max_memory : int
         Largest array that is read, bytes.
-
-    Returns
-    -------
-    Imported
-        Run, track and notes; a track is also written beside the run as ``NAME-track.csv``.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the store exists; nothing is written then.
     """
     _fresh(Path(output))
     pose = read_survey(survey) if survey is not None else None
@@ -115,7 +100,7 @@ def export_table(
 ) -> Path:
     """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml" or "csv".
 
-    ``time`` is when, ISO 8601 with a time zone. A file that exists is refused.
+    ``time`` is when, ISO 8601 with a time zone.
     """
     rows = read_table(table, kind)
     digest = sha256(Path(table).read_bytes())
@@ -127,8 +112,7 @@ def export_result(
 ) -> Path:
     """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "csv") or its run-view ("geotiff").
 
-    ``detection`` is "main" or the name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone. A
-    file that exists is refused.
+    ``detection`` is "main" or the name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone.
     """
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")

@@ -75,10 +75,9 @@ def write_gprmax_decks(
 def import_gprmax_results(
     folder: str | Path, output: str | Path, keep_direct: bool = False, track: Track = silent
 ) -> list[Path]:
-    """Read the results of a folder of gprMax decks into a run; truth, objects and lane are written beside it.
+    """Read the results of a folder of gprMax decks into a new run; truth, objects and lane are written beside it.
 
-    All input files that :func:`write_gprmax_decks` made must have their result; ``keep_direct`` leaves the direct wave
-    in the data. A store that exists is refused.
+    Every input file must have its result; ``keep_direct`` leaves the direct wave in the data.
     """
     results, store = GprmaxRun(folder, keep_direct), Path(output)
     manifest = results.manifest
@@ -112,10 +111,7 @@ def import_gprmax_models(
     vertical: str = "z",
     waveform: tuple[str, float] | None = None,
 ) -> list[Path]:
-    """Read results of anybody's gprMax models into a run that is not there yet, a file per scan in their order.
-
-    The rest is as in ``GprmaxTold``.
-    """
+    """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
     check_new(output)
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
     return [save_run(import_gprmax_files(paths, known), output)]

@@ -22,9 +22,8 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
     """Tell what a run holds and what follows from it, and perhaps draw it (PNG): plan, coverage and side view.
 
     Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
-    (m), largest step between tones (Hz), span travelled (m) and ``looks`` on a coarse grid. The recipe's scan images
-    and lane decide what counts as covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to
-    either side.
+    (m), largest step between tones (Hz), span travelled (m) and ``looks`` on a coarse grid. The recipe's images and
+    lane decide what is covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to either side.
     """
     dataset = open_run(run)
     description = describe_run(dataset, run)

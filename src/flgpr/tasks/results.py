@@ -24,25 +24,7 @@ PathLike = str | Path
 
 
 def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
-    """Detect on the packaged lane, then score it.
-
-    Parameters
-    ----------
-    output : path
-        Result folder to make.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Result, list of Score
-        The result and its scores.
-
-    Raises
-    ------
-    FileExistsError
-        If something that is no result lies at the path.
-    """
+    """Detect on the packaged lane, then score it; a place where something that is no result lies is refused."""
     lane = sample_lane()
     detect_run(lane / "run.zarr", "demo", output, track=track, report=False)
     return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track)
@@ -51,30 +33,13 @@ def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
 def replay(
     folder: PathLike, run: PathLike | None = None, track: Track = silent, tolerance: float = 1e-3
 ) -> dict[str, Any]:
-    """Run a result's recipe again, with the classifier the result holds, and compare.
+    """Run a result's recipe again, with the model the result holds, and compare.
 
-    Parameters
-    ----------
-    folder : path
-        Result folder.
-    run : path, optional
-        Run store; default the one the result names.
-    track : Track
-        Shows progress.
-    tolerance : float
-        Largest relative L2 difference of a run-view that still counts as agreement, for another machine or version.
-
-    Returns
-    -------
-    dict
-        ``identical``: whether every file has the same bytes; ``agrees``: whether the alarms stand at the same places in
-        the same order and the run-views differ by at most ``tolerance``; ``files`` that differ; ``difference``, the
-        largest of the run-views' relative differences.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If the result or the run is not valid, or the run is not the one the result was made of.
+    ``run`` is its store, by default where the result says; ``tolerance`` the largest relative L2 difference of a
+    run-view that still counts as agreement, for another machine or version. It tells ``identical``: whether every file
+    has the same bytes; ``agrees``: whether the alarms stand at the same places in the same order and the run-views
+    agree; ``files`` that differ; and ``difference``, the largest of the run-views'. A run that is not the result's is a
+    ValueError.
     """
     old = read_result(folder)
     described = old.manifest["run"]

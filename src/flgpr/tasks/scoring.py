@@ -40,25 +40,10 @@ PathLike = str | Path
 
 
 def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
-    """Read one lane or several from TOML or CSV.
+    """Read one lane or several from TOML or CSV; several come by name.
 
-    Parameters
-    ----------
-    path : path
-        TOML with ``x_min``, ``x_max``, ``y_min``, ``y_max`` (m), or with a table of these per lane; or CSV with these
-        columns, one row per lane, named in the column ``lane``.
-
-    Returns
-    -------
-    Lane or dict of str to Lane
-        The lane, or lanes by name.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file does not hold lanes; the message names it.
+    TOML holds ``x_min``, ``x_max``, ``y_min``, ``y_max`` (m), or a table of these per lane; CSV has these columns, one
+    row per lane, named in the column ``lane``. A file that holds no lanes is a ValueError.
     """
     path = Path(path)
     if not path.is_file():
@@ -86,32 +71,20 @@ def score_result(
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
+    If an input is not valid or altered, or the recipe is not registered, nothing is written.
+
     Parameters
     ----------
-    folder : path
-        Result folder, or folder of sections.
-    truth : path
-        CSV of the targets.
+    folder, truth : path
+        Result folder or folder of sections, and CSV of the targets.
     objects : path, optional
         CSV of what else stands there, for the pictures.
     output : path, optional
         Folder for the files; default :func:`score_home`.
-    track : Track
-        Shows progress.
     recipe, book : path, optional
         As for :func:`score_alarms`.
     far : float
         Operating point at which targets count as found or missed, per m².
-
-    Returns
-    -------
-    Result, list of Score
-        The result and its scores.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If an input is not valid or altered, or the recipe is not registered; nothing is written then.
     """
     home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
@@ -150,33 +123,19 @@ def score_alarms(
     title: str = "Detection report",
     **rules: Any,
 ) -> list[Score]:
-    """Score an alarm list of any detector and write the report.
+    """Score an alarm list of any detector and write the report; the list has the one score.
 
     Parameters
     ----------
-    alarms, truth : path
-        CSV tables.
-    lane : path
-        The scored lane or lanes, see :func:`read_lanes`.
+    alarms, truth, lane : path
+        CSV tables, and the scored lane or lanes, see :func:`read_lanes`.
     output : path
         Folder for ``report.html``, ``roc.json`` and the figures as PNG and PDF; made if missing.
     recipe, book : path, optional
-        A recipe and the register that must hold its hash before the truth is opened; only both together. The opening
-        is entered into the register.
-    title : str
-        Heading of the page.
-    **rules
-        As for :class:`flgpr.scoring.Rules`.
-
-    Returns
-    -------
-    list of Score
-        The one score.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError
-        If an input is not valid or the recipe is not registered; nothing is written then.
+        A recipe and the register that must hold its hash before the truth is opened; only both together. The opening is
+        entered into the register.
+    title, **rules
+        Heading of the page; as for :class:`flgpr.scoring.Rules`.
     """
     table, where = read_table(alarms, "alarms"), read_lanes(lane)
     targets, notes = _open_truth(truth, alarms, recipe, book)
@@ -186,18 +145,10 @@ def score_alarms(
 
 
 def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
-    """Gather what became of each target in every detection.
+    """Gather what became of each target in every detection, a row per detection and target.
 
-    Parameters
-    ----------
-    scored : sequence of Score
-        Scores.
-
-    Returns
-    -------
-    DataFrame
-        One row per detection and target: detection, target_id, kind, depth, whether it is found at the operating point,
-        whether any alarm detects it, and that alarm's far, rank, n_false and distance.
+    Columns are detection, target_id, kind, depth, whether it is found at the operating point, whether any alarm detects
+    it, and that alarm's far, rank, n_false and distance.
     """
     columns = ["target_id", "kind", "depth", "found", "detected", "far", "rank", "n_false", "distance"]
     return pd.concat([one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True)
@@ -231,13 +182,7 @@ def _write(home: Path, files: Mapping[str, bytes | str]) -> None:
 
 
 def require_seal() -> None:
-    """Refuse before anybody types a passphrase if what sealing needs is not installed.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If the library cryptography is missing.
-    """
+    """Refuse before anybody types a passphrase if the library that sealing needs is not installed."""
     if importlib.util.find_spec("cryptography") is None:
         raise ModuleNotFoundError("sealed truth needs the library cryptography: pip install 'flgpr[seal]'")
 
@@ -252,28 +197,9 @@ def seal(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
 ) -> Path:
-    """Encrypt a truth with its lane and rules for blind scoring.
+    """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring; a file that exists is refused.
 
-    Parameters
-    ----------
-    truth : path
-        CSV of the targets.
-    lane : path
-        The scored lane or lanes, see :func:`read_lanes`.
-    output : path
-        File to write; an existing one is refused.
-    passphrase, halo, area, by
-        As for :func:`flgpr.scoring.seal_truth`.
-
-    Returns
-    -------
-    Path
-        The sealed file.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError, ModuleNotFoundError
-        As :func:`flgpr.scoring.seal_truth`.
+    The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`.
     """
     return seal_truth(
         read_table(truth, "truth"), read_lanes(lane), output, passphrase, halo=halo, area=area, by=by
@@ -283,30 +209,10 @@ def seal(
 def score_sealed(
     alarms: PathLike, sealed: PathLike, passphrase: str, output: PathLike | None = None, log: PathLike | None = None
 ) -> BlindScore:
-    """Score an alarm list against a sealed truth; tells operating points and counts, nothing that shows a position.
+    """Score an alarm list (CSV) against a sealed truth; tells points and counts, nothing that shows a position.
 
-    Parameters
-    ----------
-    alarms : path
-        CSV table.
-    sealed : path
-        File that :func:`seal` wrote.
-    passphrase : str
-        Its passphrase.
-    output : path, optional
-        Folder for ``roc.json`` with what the score tells.
-    log : path, optional
-        Log of all looks; beside the sealed file by default.
-
-    Returns
-    -------
-    BlindScore
-        The score.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, ModuleNotFoundError
-        As :func:`flgpr.scoring.score_blind`.
+    ``output`` is a folder for ``roc.json`` with what the score tells, ``log`` the log of all looks, beside the sealed
+    file by default. Errors are those of :func:`flgpr.scoring.score_blind`.
     """
     if not Path(sealed).is_file():
         raise FileNotFoundError(f"sealed truth not found: {sealed}")
@@ -326,25 +232,7 @@ def plan_mines(
     power: float = 0.8,
     joint: bool = False,
 ) -> tuple[SamplePlan, list[str]]:
-    """Plan how many mines and how much ground a claim takes, and say it in words.
-
-    Parameters
-    ----------
-    pd_claim, far, confidence, true_pd, true_far, power, joint
-        As for :func:`flgpr.scoring.sample_size`.
-
-    Returns
-    -------
-    plan : SamplePlan
-        The sizes.
-    lines : list of str
-        The same in words.
-
-    Raises
-    ------
-    ValueError
-        As :func:`flgpr.scoring.sample_size`.
-    """
+    """Plan how many mines and how much ground a claim takes, also in words; see :func:`flgpr.scoring.sample_size`."""
     plan = sample_size(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint)
     sure = f"{100 * confidence:g} %" + (" for both together" if joint else " each")
     lines = [
@@ -372,34 +260,18 @@ def plan_lane(
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Draw an emplacement plan, write it as a truth table and register it with the recipe that will be scored.
 
+    It gives the truth table and what was registered. A plan that exists is refused.
+
     Parameters
     ----------
-    lane : path
-        The lane or lanes, see :func:`read_lanes`.
-    targets : path
-        CSV with ``kind``, ``depth`` (m) and ``count``, one row per sort.
-    seed : int
-        Seed of the draw.
-    output : path
-        CSV to write; an existing file is refused.
-    spacing, edge : float
+    lane, targets : path
+        The lane or lanes, see :func:`read_lanes`, and CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort.
+    seed, spacing, edge
         As for :func:`flgpr.scoring.emplacement_plan`, m.
+    output, book : path
+        CSV to write, and the register; ``<output>.register.jsonl`` by default.
     recipe : path, optional
         Recipe whose hash is registered beside the plan's, before anybody can open the truth.
-    book : path, optional
-        The register; ``<output>.register.jsonl`` by default.
-
-    Returns
-    -------
-    plan : DataFrame
-        Truth table.
-    line : dict
-        What was registered.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid or the plan exists.
     """
     place = Path(output)
     if place.exists():

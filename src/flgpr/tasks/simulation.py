@@ -31,10 +31,9 @@ def simulate_to_store(
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store, and give the paths of all that was written.
 
-    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names, GeoJSON beside it), ``NAME-objects.csv`` and
-    ``NAME-lane.toml``. Stopped at any moment, even by a kill, it goes on when called again with the same arguments, and
-    the store is the same to the bit; without ``resume`` it begins again. What another lane's call left is a
-    RunStoreError.
+    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
+    ``NAME-lane.toml``. A stopped call goes on when made again with the same arguments, to the same bits; without
+    ``resume`` it begins again. What another lane's call left is a RunStoreError.
     """
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)

@@ -28,10 +28,10 @@ def simulate_lane(
     resume: bool = True,
     truth: PathLike | None = None,
 ) -> list[Path]:
-    """Simulate a scene (TOML) seen by a sensor (preset or TOML) into a run store, or draw it as PNG.
+    """Simulate a scene (TOML) seen by a sensor (preset or TOML) into a new run store, or draw it as PNG.
 
-    Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of the truth in place of that beside
-    the store. A store that exists is refused.
+    Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of it in place of that beside the
+    store.
     """
     world, array = load_scene(scene), load_sensor(sensor)
     written = []
@@ -45,10 +45,10 @@ def simulate_lane(
 def make_signature(
     body: PathLike, output: PathLike | None = None, workers: int = 1, track: Track = silent
 ) -> list[Path]:
-    """Compute the table of a body's scattering in the ground, which a scene's targets may name.
+    """Compute the table of a body's scattering in the ground, which a scene's targets may name; a stopped call goes on.
 
-    It is written to the body's name with ``.npz`` unless told; ``OUTPUT.work`` beside it keeps what a stopped call has
-    done, and goes when the table is whole. An output that exists is refused.
+    It is written to the body's name with ``.npz`` unless told, which must not exist; ``OUTPUT.work`` keeps what is
+    done.
     """
     described = load_body(body)
     path = Path(f"{described.name}.npz" if output is None else output)
@@ -92,10 +92,7 @@ def write_gprmax_lane(
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
 ) -> tuple[list[Path], list[str]]:
-    """Write a scene file as gprMax input files into a folder that is not there yet, or draw it.
-
-    It gives what was written, and in words the size of the model and what was left out.
-    """
+    """Write a scene file as gprMax input files into a new folder, or draw it; give what was written, and words."""
     world, array = load_scene(scene), load_sensor(sensor)
     written, lines = [], []
     if preview is not None:
@@ -113,10 +110,9 @@ def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
 
 
 def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
-    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`): run, and truth and objects if the archive tells.
+    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`) into a new run store, and give what was written.
 
-    ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside the run store, which must not exist; their paths are
-    given.
+    ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
     """
     store = Path(output)
     check_new(store)

@@ -46,40 +46,24 @@ def train_runs(
 ) -> Model:
     """Train a recipe on stored runs and write its model.
 
-    What is found in the runs is kept beside the output until the model is written (``OUTPUT-1-1.work`` and so on), so
-    that a training that was stopped goes on.
+    What is found in the runs is kept beside the output (``OUTPUT-1-1.work`` and so on) until the model is written, so
+    that a stopped training goes on. If an input is not valid or nothing in the recipe learns, nothing is written.
 
     Parameters
     ----------
-    runs : sequence of path
-        Run stores, one lane each.
-    truths : sequence of path
-        CSV of the targets of each run, in the same order. Truth is read here and in scoring, nowhere else.
-    recipe : str or path
-        Name of a packaged recipe, or a TOML file.
-    output : path
-        Folder to make.
+    runs, truths : sequence of path
+        Run stores, one lane each, and CSV of each one's targets. Truth is read here and in scoring, nowhere else.
+    recipe, output : path
+        Packaged recipe or TOML file, and folder to make.
     features : sequence of str, optional
-        Columns the detector reads; default those of the recipe's table detector, else those of Wang et al. 2007's
-        classifier B. Names may end in ``*``.
-    lanes : sequence of path, optional
-        TOML of each lane, in the same order, in place of the recipe's.
+        Columns the detector reads, which may end in ``*``; default those of the recipe's table detector, else those of
+        Wang et al. 2007's classifier B.
+    lanes, others : sequence, optional
+        Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
     label_radius : float
         Alarms this near to a target are its hits, m.
     track, workers, scheduler, max_memory
-        As for ``detect_run``.
-    others : sequence of mapping of str to path, optional
-        Per run, the runs taken together with it.
-
-    Returns
-    -------
-    Model
-        As written.
-
-    Raises
-    ------
-    ValueError, FileNotFoundError, FileExistsError
-        If an input is not valid, or nothing in the recipe learns; nothing is written then.
+        As for :func:`flgpr.tasks.detection.detect_run`.
     """
     if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
         raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")

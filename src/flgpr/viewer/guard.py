@@ -37,9 +37,8 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """Lets a request through only if host, origin and token are right; answers GET only.
 
-    The token is the first part of the path, so that no cookie is needed, which other ports of this machine would share;
-    the app that is guarded sees the path without it. On a wildcard address any literal address and this machine's own
-    name are right: rebinding a foreign name to it stays wrong.
+    The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
+    a cookie. On a wildcard address any literal address and this machine's own name are right, foreign names are not.
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:

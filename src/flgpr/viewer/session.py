@@ -165,8 +165,8 @@ class LiveFile:
     def after(self, offset: int) -> dict[str, Any]:
         """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
 
-        ``bad`` counts lines that were no JSON object. A line without its end is left for the next time; a file that was
-        begun anew is read from its start (``restarted``); ``more`` tells that there is more already.
+        ``bad`` counts lines that were no JSON object; a file begun anew is ``restarted``; ``more`` tells that there is
+        more.
         """
         try:
             with self._path.open("rb") as file:
