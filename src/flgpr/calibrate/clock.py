@@ -39,36 +39,17 @@ class BiasFit:
 
 
 def with_track(run: xr.Dataset, track: pd.DataFrame, offset: float, rate: float = 1.0) -> xr.Dataset:
-    """Give a run the poses of a track.
+    """Give a run with times the poses of a track of the array's reference point.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with times.
-    track : DataFrame
-        Track of the array's reference point.
-    offset, rate : float
-        Time on the track's clock is ``offset + rate·(radar's time)``, s and 1.
-
-    Raises
-    ------
-    ValueError
-        If a time is missing or lies outside the track.
+    Time on the track's clock is ``offset + rate·(radar's time)``, s; a time that is missing or outside the track is a
+    ValueError.
     """
     pose = poses_at(track, run["time"].values, offset, rate)
     return run.assign(pose=(("scan", "component"), pose))
 
 
 def remove_range_bias(run: xr.Dataset, bias: float) -> xr.Dataset:
-    """Make all one-way ranges of a run shorter.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    bias : float
-        By how much ranges are measured too long, m.
-    """
+    """Make all one-way ranges of a run shorter by ``bias`` (m), by how much they are measured too long."""
     signal = lengthen(run["signal"].values, run["frequency"].values, -2.0 * bias)
     return run.assign(signal=(run["signal"].dims, signal))
 
@@ -127,25 +108,14 @@ def estimate_clock(
 
     Parameters
     ----------
-    run : xarray.Dataset
-        A run with times.
-    track : DataFrame
-        Track of the array's reference point.
+    run, track : xarray.Dataset, DataFrame
+        A run with times, and the track of the array's reference point.
     pixels : (..., 3) array_like
         Where to look, in the lane frame, m.
-    offsets : (trial,) array_like
-        Clock offsets to try, s; those that leave the track are passed over.
+    offsets, rates : (trial,), (rate,) array_like
+        Clock offsets (s) and rates to try. Offsets that leave the track are passed over; if all do, it is a ValueError.
     operator : callable
         ``flgpr.imaging.ImagingOperator``.
-    rates : (rate,) array_like
-        Clock rates to try.
-    refine : int
-        How often the step is halved.
-
-    Raises
-    ------
-    ValueError
-        If no offset lies within the track.
     """
     trials: list[tuple[float, float, float]] = []
     grid = np.asarray(pixels, dtype=np.float64)
@@ -177,12 +147,7 @@ def estimate_clock(
 
 
 def estimate_range_bias(
-    run: xr.Dataset,
-    points: ArrayLike,
-    operator: Operator,
-    search: float = 0.6,
-    spacing: float = 0.02,
-    passes: int = 3,
+    run: xr.Dataset, points: ArrayLike, operator: Operator, search: float = 0.6, spacing: float = 0.02, passes: int = 3
 ) -> BiasFit:
     """Find the range bias from reflectors at known places.
 
@@ -193,25 +158,15 @@ def estimate_range_bias(
     Parameters
     ----------
     run : xarray.Dataset
-        A run with the poses of the right clock.
+        A run with the poses of the right clock; one without a complete scan is a ValueError.
     points : (reflector, 3) array_like
-        Places of the reflectors in the lane frame, m.
+        Places of the reflectors in the lane frame, m, at least one.
     operator : callable
         ``flgpr.imaging.ImagingOperator``.
     search, spacing : float
         Half width of the squares searched and their pixel spacing, m.
     passes : int
         How often the bias found is removed and looked for again.
-
-    Returns
-    -------
-    BiasFit
-        The bias, and what every reflector tells.
-
-    Raises
-    ------
-    ValueError
-        If there is no reflector or the run has no complete scan.
     """
     places = np.asarray(points, dtype=np.float64)
     if places.ndim != 2 or places.shape[1] != 3 or not len(places):
@@ -238,10 +193,9 @@ def estimate_range_bias(
 
 
 def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> NDArray[np.float64]:
-    """Find the brightest pixels that lie apart: ``count`` or fewer rows of x, y, z (m) and magnitude.
+    """Find the brightest pixels, ``apart`` m or more from each other: at most ``count`` rows of x, y, z (m), magnitude.
 
-    ``pixels`` (..., 3) are those of the image (...); they are at least ``apart`` m from each other, the brightest
-    first.
+    ``pixels`` (..., 3) are those of the image (...); the brightest come first.
     """
     level = np.abs(np.asarray(image)).ravel().astype(np.float64)
     places = np.asarray(pixels, dtype=np.float64).reshape(-1, 3)

@@ -22,20 +22,13 @@ def channel_health(run: xr.Dataset, quiet: float = QUIET) -> pd.DataFrame:
     complex factor by which it changes is the channel's drift in gain and phase. It is told only where the standing part
     stands out: the ``coherence`` says how much of the power it is.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    quiet : float
-        Level under the median of the polarization's pairs that makes a channel dead, dB.
-
     Returns
     -------
     DataFrame
         A row per polarization and pair: ``polarization``, ``pair``, ``level_db`` (re the median pair), ``missing``
         (sweeps), ``stuck`` (share of the band with one and the same value in all scans), ``coherence`` (0 to 1),
         ``gain_drift_db`` and ``phase_drift_rad`` (last quarter of the scans against the first; NaN for fewer than four
-        scans), ``dead`` (true if silent, stuck or without any sweep).
+        scans), ``dead`` (true if under ``quiet`` dB, stuck or without any sweep).
     """
     check_run(run)
     rows = []

@@ -26,7 +26,7 @@ def vehicle_velocity(run: xr.Dataset) -> FloatArray:
 def remove_in_scan_motion(
     run: xr.Dataset, focus: ArrayLike, pair_time: ArrayLike, tone_time: ArrayLike, velocity: ArrayLike | None = None
 ) -> xr.Dataset:
-    """Bring all tones and pairs of a scan to the scan's time.
+    """Bring all tones and pairs of a scan to the scan's time, as if the vehicle had stood still in it.
 
     A sample taken at ``pair_time + tone_time`` after the pose was measured with the antennas displaced by velocity
     times that. Its phase is turned by the difference of the path to the focus: exact there, and elsewhere off by the
@@ -35,25 +35,13 @@ def remove_in_scan_motion(
     Parameters
     ----------
     run : xarray.Dataset
-        A run.
+        A run. A shape below that does not fit it, or a value that is not finite, is a ValueError.
     focus : (3,) array_like
         The place that stays exact, in the vehicle frame, m; on the ground in the middle of the images.
-    pair_time : (pair,) array_like
-        When each pair is measured, after the time of the pose, s.
-    tone_time : (frequency,) array_like
-        When each tone is sent, after that, s.
+    pair_time, tone_time : (pair,), (frequency,) array_like
+        When each pair is measured after the time of the pose, and each tone sent after that, s.
     velocity : (scan, 3) array_like, optional
         Velocity in the vehicle frame, m/s. Default: from poses and times.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run as if it had stood still in every scan.
-
-    Raises
-    ------
-    ValueError
-        If a shape does not fit or a value is not finite.
     """
     check_run(run)
     speed = vehicle_velocity(run) if velocity is None else np.asarray(velocity, dtype=np.float64)

@@ -45,9 +45,10 @@ def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
 def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int = 500) -> Distortion:
     """Find receive and transmit distortion from reflectors of known scattering matrix and unknown strength.
 
-    Least squares in R, T and the strengths in turn, from the undistorted pair. Three reflectors are needed, such as a
-    trihedral, a dihedral and a dihedral turned by 45°. As strengths are free, the sign of both imbalances together
-    stays open; the one nearer to no distortion is taken.
+    Least squares in R, T and the strengths in turn, from the undistorted pair, in at most ``iterations`` rounds. Three
+    reflectors are needed, such as a trihedral, a dihedral and a dihedral turned by 45°; a ValueError says where the
+    known matrices do not tell R and T. As strengths are free, the sign of both imbalances together stays open; the one
+    nearer to no distortion is taken.
 
     Parameters
     ----------
@@ -55,18 +56,6 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
         Measured matrices, rows receive, columns transmit; leading axes such as pair or frequency are fitted one by one.
     known : (reflector, 2, 2) array_like
         Scattering matrices.
-    iterations : int
-        Most rounds.
-
-    Returns
-    -------
-    Distortion
-        R and T for every leading index.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, values are not finite, or the known matrices do not tell R and T.
     """
     m, s = np.asarray(measured, dtype=np.complex128), np.asarray(known, dtype=np.complex128)
     if s.ndim != 3 or s.shape[1:] != (2, 2) or m.shape[-3:] != s.shape:
@@ -92,19 +81,10 @@ def estimate_distortion(measured: ArrayLike, known: ArrayLike, iterations: int =
 
 
 def remove_distortion(run: xr.Dataset, distortion: Distortion) -> xr.Dataset:
-    """Turn measured into scattering matrices: ``S = R⁻¹·M·T⁻¹``.
+    """Turn a run's measured matrices into scattering matrices: ``S = R⁻¹·M·T⁻¹``.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with HH, HV, VH and VV.
-    distortion : Distortion
-        Its leading axes must broadcast against (pair, frequency).
-
-    Raises
-    ------
-    ValueError
-        If a polarization is missing or a matrix cannot be inverted.
+    The distortion's leading axes must broadcast against (pair, frequency). A polarization that is missing, or a matrix
+    that cannot be inverted, is a ValueError.
     """
     try:
         left, right = np.linalg.inv(distortion.rx), np.linalg.inv(distortion.tx)

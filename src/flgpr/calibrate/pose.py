@@ -27,23 +27,15 @@ def estimate_lever_arm(
     """Find lever arm and latency by least squares.
 
     Latency and the lever arm along the way are told apart only by turns and changes of speed: a straight drive at one
-    speed is refused.
+    speed is refused, and so are tracks that do not overlap.
 
     Parameters
     ----------
-    antenna : DataFrame
-        Track of the positioning antenna.
-    reference : DataFrame
-        Track of the array's reference point with attitude, such as by a total station; it may be shorter.
+    antenna, reference : DataFrame
+        Tracks of the positioning antenna, and of the array's reference point with attitude, such as by a total station,
+        which may be shorter.
     latencies : (trial,) array_like
         Latencies to try, s; more than one makes it be found, with steps halved ``refine`` times.
-    refine : int
-        How often.
-
-    Raises
-    ------
-    ValueError
-        If the tracks do not overlap or the latency cannot be told.
     """
     check_track(antenna)
     check_track(reference)

@@ -29,7 +29,7 @@ class PairFit:
 
 
 def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", search: float = 0.5) -> PairFit:
-    """Find delay and gain of every pair from the echo of a reflector at a known place.
+    """Find delay and gain of every pair, in HH and VV, from the echo of a reflector at a known place.
 
     The echo of a unit reflector is ``f^slope·exp(-j2πfL/c)/(R_t·R_r)``, R in metres and f over its mean. Scans are
     averaged after each is brought to its own path, so that clutter at other places averages out. A corner sends its
@@ -38,23 +38,13 @@ def estimate_pairs(run: xr.Dataset, point: ArrayLike, kind: str = "sphere", sear
     Parameters
     ----------
     run : xarray.Dataset
-        A run.
+        A run; without a complete scan, or with neither HH nor VV, it is a ValueError.
     point : (3,) array_like
         Phase centre of the reflector in the lane frame, m.
     kind : {"sphere", "corner"}
         The reflector.
     search : float
         Path lengths to either side of the right one where the echo is looked for, m.
-
-    Returns
-    -------
-    PairFit
-        Delays and gains for HH and VV, as far as the run has them.
-
-    Raises
-    ------
-    ValueError
-        If the run has no complete scan or neither HH nor VV, or an argument is not valid.
     """
     check_run(run)
     place = np.asarray(point, dtype=np.float64)
@@ -104,17 +94,8 @@ def _fit(
 def apply_pairs(run: xr.Dataset, fit: PairFit) -> xr.Dataset:
     """Take delays out and make the gains equal, to their root mean square.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run of the same array.
-    fit : PairFit
-        From :func:`estimate_pairs`. Polarizations it does not hold stay as they are.
-
-    Raises
-    ------
-    ValueError
-        If the run has another number of pairs or a gain is zero.
+    Polarizations that the fit does not hold stay as they are; another number of pairs, or a gain of zero, is a
+    ValueError.
     """
     if fit.delay.shape[1] != run.sizes["pair"]:
         raise ValueError(f"run must have {fit.delay.shape[1]} pairs as the calibration has, got {run.sizes['pair']}")

@@ -11,44 +11,23 @@ from flgpr.model.phase import lengthen
 
 
 def subtract_standard(run: xr.Dataset, standard: xr.Dataset) -> xr.Dataset:
-    """Subtract sweeps taken with a short, a load or the empty sky in place of the scene.
+    """Subtract the mean of sweeps taken with a short, a load or the empty sky in place of the scene.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    standard : xarray.Dataset
-        Sweeps of the same pairs, polarizations and tones; its scans are averaged.
-
-    Raises
-    ------
-    ValueError
-        If tones, pairs or polarizations differ, or the standard lacks sweeps.
+    They are of the same pairs, polarizations and tones, with no sweep missing; others are a ValueError.
     """
     return run.assign(signal=run["signal"] - _mean(run, standard))
 
 
 def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 0.0) -> xr.Dataset:
-    """Divide by the through connection: cables, switches and amplifiers drop out.
+    """Divide by the through connection: cables, switches and amplifiers drop out, and paths begin at the antennas.
 
     Parameters
     ----------
-    run : xarray.Dataset
-        A run.
-    through : xarray.Dataset
-        Sweeps of the same pairs, polarizations and tones with the antennas' cables joined; its scans are averaged.
+    run, through : xarray.Dataset
+        A run, and sweeps of the same pairs, polarizations and tones with the antennas' cables joined, which are
+        averaged; others, or ones that are missing or zero somewhere, are a ValueError.
     length : (pair,) array_like or float
         Electrical length of the joint that takes the antennas' place, m.
-
-    Returns
-    -------
-    xarray.Dataset
-        The run; its paths begin and end at the antennas.
-
-    Raises
-    ------
-    ValueError
-        If tones, pairs or polarizations differ, or the through lacks sweeps or is zero somewhere.
     """
     mean = _mean(run, through).values
     if (mean == 0).any():
@@ -60,20 +39,7 @@ def divide_by_through(run: xr.Dataset, through: xr.Dataset, length: ArrayLike = 
 
 
 def remove_delay(run: xr.Dataset, delay: ArrayLike) -> xr.Dataset:
-    """Take the delay of cables out.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-    delay : (pair,) array_like or float
-        Delay of both cables of a pair together, s.
-
-    Raises
-    ------
-    ValueError
-        If the shape does not fit or a delay is not finite.
-    """
+    """Take the delay of cables out: of both cables of a pair together, s, one or for each pair; it must be finite."""
     check_run(run)
     value = np.asarray(delay, dtype=np.float64)
     if value.shape not in ((), (run.sizes["pair"],)) or not np.isfinite(value).all():

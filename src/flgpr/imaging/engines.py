@@ -188,13 +188,7 @@ def make_engine(
     layout: Layout, frequency: FloatArray, weight: FloatArray, offset: FloatArray, tolerance: float,
     dtype: np.dtype[Any], device: str, method: str,
 ) -> Engine:  # fmt: skip
-    """Choose and prepare the engine for a device, a precision and a method.
-
-    Raises
-    ------
-    ValueError
-        If the device or the method is not known.
-    """
+    """Choose and prepare the engine for a device, a precision and a method; a ValueError names what it cannot be."""
     if device not in ("cpu", "cuda"):
         raise ValueError(f"device must be 'cpu' or 'cuda', got {device!r}")
     if method not in ("auto", "profile", "direct"):

@@ -29,6 +29,9 @@ class ImagingOperator:
         adjoint   x_s(p)  = Σ_pair Σ_f w_s(f) g(pair, p) b(pair, f) exp(+j2πf L(pair, p)/c)   (Fuse et al. 2018, Eq. 1)
         forward   b(pair, f) = Σ_s Σ_p w_s(f) g(pair, p) x_s(p) exp(-j2πf L(pair, p)/c)
 
+    A parameter that breaks its rule is a ValueError that names it, the rule and the value; a sub-band without a tone is
+    one of the cases.
+
     Parameters
     ----------
     frequency : (frequency,) array_like
@@ -61,11 +64,6 @@ class ImagingOperator:
         "profile" interpolates range profiles, "direct" sums term by term in double precision, "auto" takes the one that
         needs less work.
 
-    Raises
-    ------
-    ValueError
-        Names the parameter, the rule and the value; a sub-band without a tone is one of the cases.
-
     References
     ----------
     Fuse et al. 2018, Eq. 1-3 and 5.
@@ -73,7 +71,6 @@ class ImagingOperator:
     Examples
     --------
     A point's data, modelled and imaged: nothing is normalised, so the image peaks at the number of pairs times tones.
-    The two directions are exact transposes.
 
     >>> import numpy as np
     >>> from flgpr.imaging import ImagingOperator
@@ -84,18 +81,10 @@ class ImagingOperator:
     >>> grid = Grid.spanning((-1.0, 1.0), (4.0, 6.0), 0.05)
     >>> point = ImagingOperator(frequency, tx, rx, [[[0.25, 5.0, 0.0]]], method="direct")
     >>> data = point.forward(np.ones((1, 1, 1, 1)))  # polarization, pair, frequency
-    >>> operator = ImagingOperator(frequency, tx, rx, grid.points())
-    >>> image = np.abs(operator.adjoint(data)[0, 0])  # y, x
+    >>> image = np.abs(ImagingOperator(frequency, tx, rx, grid.points()).adjoint(data)[0, 0])  # y, x
     >>> row, column = np.unravel_index(image.argmax(), image.shape)
-    >>> float(grid.x[column]), float(grid.y[row])
-    (0.25, 5.0)
-    >>> round(float(image.max())), 9 * 101
-    (909, 909)
-    >>> other = np.random.default_rng(0).normal(size=(1, 1, *grid.shape)).astype(np.complex64)
-    >>> there = np.vdot(operator.forward(other), data)
-    >>> back = np.vdot(other, operator.adjoint(data))
-    >>> bool(abs(there - back) < 1e-5 * abs(back))
-    True
+    >>> float(grid.x[column]), float(grid.y[row]), round(float(image.max())) == 9 * 101
+    (0.25, 5.0, True)
     """
 
     def __init__(
@@ -170,22 +159,9 @@ class ImagingOperator:
     def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
 
-        Parameters
-        ----------
-        data : (..., polarization, pair, frequency) array_like of complex
-            Received field; leading axes are scans taken with one geometry.
-        out : (..., polarization, subband, ``*pixels.shape[:-1]``) ndarray, optional
-            Contiguous array of the operator's dtype to put the images in.
-
-        Returns
-        -------
-        (..., polarization, subband, ``*pixels.shape[:-1]``) ndarray of complex64 or complex128
-            One image per polarization and sub-band.
-
-        Raises
-        ------
-        ValueError
-            If the shape does not fit or a value is not finite.
+        ``data`` (..., polarization, pair, frequency) are received fields, finite; leading axes are scans taken with one
+        geometry. Returns an image per polarization and sub-band, (..., polarization, subband, pixels), put in ``out``
+        if given, a contiguous array of the operator's dtype.
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
         shape = (*lead, len(self.subbands), *self.pixel_shape)
@@ -194,22 +170,10 @@ class ImagingOperator:
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:
-        """Model data: apply A, summed over sub-bands.
+        """Model data (..., polarization, pair, frequency), summed over sub-bands: apply A.
 
-        Parameters
-        ----------
-        image : (..., polarization, subband, ``*pixels.shape[:-1]``) array_like of complex
-            Reflectivity of every pixel; leading axes are scans.
-
-        Returns
-        -------
-        (..., polarization, pair, frequency) ndarray of complex64 or complex128
-            The field the pairs would receive.
-
-        Raises
-        ------
-        ValueError
-            If the shape does not fit or a value is not finite.
+        ``image`` (..., polarization, subband, pixels) is the reflectivity of every pixel, finite; leading axes are
+        scans.
         """
         block, lead = self._checked(image, "image", (len(self.subbands), *self.pixel_shape))
         out = np.empty((block.shape[0], self.pairs, self.frequency.size), self.dtype)

@@ -17,27 +17,17 @@ class ScanImager:
     """Make the images of a run, one scan at a time.
 
     A scan image is the coherent sum over the array's pairs (Wang et al. 2007, Sec. II), on a grid that moves with the
-    vehicle: the scan frame of ``model.frames``. While height and attitude stay the same, so does the operator.
+    vehicle: the scan frame of ``model.frames``. While height and attitude stay the same, so does the operator. A run
+    that is not valid or has no complete scan, or a sub-band without a tone, is a ValueError.
 
     Parameters
     ----------
-    run : xarray.Dataset
-        A run.
-    grid : Grid
-        Pixels in the scan frame.
+    run, grid : xarray.Dataset, Grid
+        A run, and the pixels in the scan frame.
     subbands : mapping of str to (lo, hi)
         Names and edges in Hz.
-    window : str or (frequency,) array_like, optional
+    window, tolerance, device
         As in :class:`ImagingOperator`.
-    tolerance : float
-        As in :class:`ImagingOperator`.
-    device : str
-        As in :class:`ImagingOperator`.
-
-    Raises
-    ------
-    ValueError
-        If the run is not valid, no scan of it is complete, or a sub-band holds no tone.
 
     Examples
     --------
@@ -47,8 +37,7 @@ class ScanImager:
     >>> run = open_run(sample_lane() / "run.zarr")
     >>> grid = Grid.spanning((-1.0, 1.0), (2.0, 5.0), 0.05)
     >>> imager = ScanImager(run, grid, {"all": (0.45e9, 1.5e9), "low": (0.45e9, 0.8e9)}, window="hann")
-    >>> image = imager.image(0)
-    >>> dict(image.sizes)
+    >>> dict(imager.image(0).sizes)
     {'polarization': 4, 'subband': 2, 'y': 61, 'x': 41}
     >>> sum(1 for scan in imager)  # an iteration makes all scans, one at a time
     3

@@ -60,19 +60,7 @@ def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
 
 
 def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points from the vehicle frame to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
-
-    Parameters
-    ----------
-    position : (..., 3) array_like
-        Points in the vehicle frame, m.
-    pose : (6,) array_like
-        x, y, z (m), heading, pitch, roll (rad).
-
-    Returns
-    -------
-    (..., 3) ndarray
-        Points in the lane frame, m.
+    """Take points (..., 3), m, from the vehicle to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
 
     Examples
     --------
@@ -95,14 +83,10 @@ class Grid:
     --------
     >>> from flgpr.model import Grid
     >>> grid = Grid.spanning((-1.0, 1.0), (7.0, 8.0), 0.5)
-    >>> grid.shape
-    (3, 5)
-    >>> grid.x
-    array([-1. , -0.5,  0. ,  0.5,  1. ])
+    >>> grid.shape, grid.extent()
+    ((3, 5), (-1.25, 1.25, 6.75, 8.25))
     >>> grid.points()[0, -1]
     array([1., 7., 0.])
-    >>> grid.extent()
-    (-1.25, 1.25, 6.75, 8.25)
     """
 
     x_min: float  #: centre of the first pixel, m

@@ -21,10 +21,8 @@ class Lane:
     --------
     >>> from flgpr.model import Lane
     >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> lane.area
-    240.0
-    >>> lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
-    array([ True,  True, False])
+    >>> lane.area, lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
+    (240.0, array([ True,  True, False]))
     """
 
     #: x_min, x_max, y_min, y_max: its borders in the lane frame, m. A point on the border is inside
@@ -55,10 +53,7 @@ class Lane:
 
 
 def as_lane(lane: Lane | Mapping[str, float] | pd.DataFrame | pd.Series[Any]) -> Lane:
-    """Take a lane in any of the forms users have it in: what holds x_min, x_max, y_min and y_max, m, once.
-
-    A border that is missing or not finite, or an empty lane, is a ValueError.
-    """
+    """Take a lane, or what holds x_min, x_max, y_min and y_max (m) once; a border missing or wrong is a ValueError."""
     if isinstance(lane, Lane):
         return lane
     row: Any = lane

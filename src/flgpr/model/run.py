@@ -25,7 +25,7 @@ def make_run(
     time: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Assemble and validate a run.
+    """Assemble and validate a run: a ValueError names the parameter, the rule it breaks and the value received.
 
     Parameters
     ----------
@@ -50,11 +50,6 @@ def make_run(
     xarray.Dataset
         Variables ``signal`` (complex64), ``valid`` (scan, polarization, pair), ``tx_position``, ``rx_position``,
         ``pose``; coordinates ``frequency``, ``polarization``, ``time``.
-
-    Raises
-    ------
-    ValueError
-        Names the parameter, the rule it breaks and the value received.
 
     Examples
     --------
@@ -124,17 +119,9 @@ def check_frequency(frequency: ArrayLike, count: int | None = None) -> NDArray[n
 
 
 def check_run(run: xr.Dataset) -> xr.Dataset:
-    """Validate that a dataset is a run, as :func:`make_run` makes it.
+    """Validate that a dataset is a run, as :func:`make_run` makes it, and give it back; the signal itself is not read.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        Candidate.
-
-    Raises
-    ------
-    ValueError
-        If a variable or dimension is missing or holds values a run may not hold. The signal itself is not read.
+    A variable or dimension that is missing or holds values a run may not hold is a ValueError.
     """
     needed = ("signal", "valid", "tx_position", "rx_position", "pose", "frequency", "polarization", "time")
     missing = [name for name in needed if name not in run.variables]
@@ -152,20 +139,10 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 
 
 def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
-    """Tell which scans have every sweep.
+    """Tell which scans have every sweep, (scan,).
 
     A missing sweep changes what the array sees of its own self-signature, so a scan with a gap is left out of
     processing rather than imaged with a hole in its aperture.
-
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run.
-
-    Returns
-    -------
-    (scan,) ndarray of bool
-        True where no sweep of any polarization and pair is missing.
     """
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
 
@@ -225,17 +202,9 @@ def _times(value: ArrayLike | None, scans: int) -> NDArray[np.float64]:
 
 
 def check_shared_poses(runs: Mapping[str, xr.Dataset]) -> None:
-    """Make sure that runs were taken together: one vehicle, each at its own height.
+    """Make sure that runs, by name and at least one, were taken together: one vehicle, each at its own height.
 
-    Parameters
-    ----------
-    runs : mapping of str to xarray.Dataset
-        Runs by name, at least one.
-
-    Raises
-    ------
-    ValueError
-        If their scans, poses or times differ by more than the height at which they are mounted.
+    Scans, poses or times that differ by more than that height are a ValueError.
     """
     (first, one), *others = runs.items()
     for name, other in others:

@@ -49,9 +49,8 @@ class Antenna(BaseModel):
     def exponents(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
         """Give n of a horn's power pattern cos^n at every frequency.
 
-        The pattern's directivity is ``2(n + 1)``, so that a constant aperture has ``n + 1`` grow as f². Where that
-        would make n negative the aperture is too small for any beam: n stays 0, and the gain that f² lacks there is
-        mismatch.
+        Its directivity is ``2(n + 1)``: a constant aperture has ``n + 1`` grow as f². Where that would make n negative
+        the aperture is too small for any beam: n stays 0, and the gain that f² lacks there is mismatch.
         """
         if self.beam == "constant":
             return np.full(np.shape(frequency), self.exponent)
@@ -185,17 +184,7 @@ def sensor_presets() -> list[str]:
 
 
 def load_sensor(name: str | Path) -> Sensor:
-    """Load a sensor from a preset or a TOML file.
-
-    Parameters
-    ----------
-    name : str or Path
-        Name of a preset, or path of a TOML file.
-
-    Raises
-    ------
-    ValueError
-        If there is no such preset or file, or it breaks a rule; the message names the entry.
+    """Load a sensor from a preset's name or a TOML file; an entry that breaks a rule is a ValueError that names it.
 
     Examples
     --------

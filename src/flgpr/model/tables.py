@@ -51,27 +51,20 @@ OBJECT_COLUMNS = (
 
 
 def check_alarms(alarms: pd.DataFrame) -> pd.DataFrame:
-    """Validate an alarm table (``ALARM_COLUMNS``, further ones are allowed), and give a copy with float64 numbers.
+    """Give a copy with float64 numbers of a valid alarm table: ``ALARM_COLUMNS`` and any others, or no row.
 
-    A missing column, a position or confidence that is not finite, or an ``alarm_id`` twice is a ValueError; no alarm is
-    fine.
+    A missing column, a position or confidence that is not finite, or an ``alarm_id`` twice is a ValueError.
     """
     return _check(alarms, ALARM_COLUMNS, "alarms", "alarm_id")
 
 
 def check_truth(truth: pd.DataFrame) -> pd.DataFrame:
-    """Validate a truth table (``TRUTH_COLUMNS``, further ones are allowed), and give a copy with float64 numbers.
-
-    A missing column, a position that is not finite, or a ``target_id`` twice is a ValueError.
-    """
+    """Give a copy of a valid truth table (``TRUTH_COLUMNS``), as :func:`check_alarms` does, with ``target_id``."""
     return _check(truth, TRUTH_COLUMNS, "truth", "target_id")
 
 
 def check_objects(objects: pd.DataFrame) -> pd.DataFrame:
-    """Validate a table of objects that are no targets: rocks, posts, fiducials. They never score.
-
-    ``OBJECT_COLUMNS`` and further ones; as for :func:`check_truth`, with ``object_id``.
-    """
+    """Give a copy of a valid table of objects (``OBJECT_COLUMNS``), which never score, as :func:`check_alarms` does."""
     return _check(objects, OBJECT_COLUMNS, "objects", "object_id")
 
 

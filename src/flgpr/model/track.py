@@ -22,11 +22,7 @@ TRACK_COLUMNS = (
 
 
 def make_track(
-    time: ArrayLike,
-    position: ArrayLike,
-    heading: ArrayLike = 0.0,
-    pitch: ArrayLike = 0.0,
-    roll: ArrayLike = 0.0,
+    time: ArrayLike, position: ArrayLike, heading: ArrayLike = 0.0, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0
 ) -> pd.DataFrame:
     """Assemble and validate a track: times on the positions' clock, and positions (fix, 3) in the lane frame."""
     times, points = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
@@ -58,11 +54,7 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
 
 
 def poses_at(
-    track: pd.DataFrame,
-    time: ArrayLike,
-    clock_offset: float = 0.0,
-    clock_rate: float = 1.0,
-    max_gap: float = np.inf,
+    track: pd.DataFrame, time: ArrayLike, clock_offset: float = 0.0, clock_rate: float = 1.0, max_gap: float = np.inf
 ) -> NDArray[np.float64]:
     """Interpolate a track at the radar's times, linearly between fixes, to poses (scan, 6) with headings within ±π.
 
