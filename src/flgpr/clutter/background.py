@@ -1,13 +1,22 @@
-"""Self-signature and gain background (Wang et al. 2007, Sec. II-A).
+"""Self-signature and gain background, equation by equation (Wang et al. 2007, Sec. II-A).
 
-Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is, so they are estimated
-over the scans of a run, for each polarization and sub-band on its own.
+With v_k = m_k exp(iθ_k) the image of scan k, of one polarization and sub-band, μ_k and σ_k the mean and the standard
+deviation of m_k over its pixels, and r_k the rms of the lowest 75 % of m_k:
+
+- B1 = 1/N Σ_k 1/r_k min[m_k, μ_k + 5σ_k] exp(iθ_k)  (Eq. 2) is :func:`self_signature`,
+- m'_k = |v_k/r_k - B1|  (Eq. 3) is filtered, first by the median and then by the mean, in
+- B2 = 1/N Σ_k m'_k  (Eq. 4), which is :func:`gain_background`, and
+- m''_k = |(v_k/r_k - B1)/B2|  (Eq. 5) is the modulus of :func:`remove_background`.
+
+Both are patterns of the radar, fixed in the scan frame and independent of where the vehicle is. Here all stands as it
+is written; :mod:`flgpr.clutter.streaming` does the same for all channels at once, one scan in memory at a time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal
+from itertools import chain, islice
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,53 +27,48 @@ ComplexArray = NDArray[np.complex64]
 SelfSignature = Literal["none", "mean", "median"]
 
 
+def check_method(method: str) -> None:
+    """Refuse a self-signature that is none of those known."""
+    if method not in get_args(SelfSignature):
+        raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
+
+
+def check_windows(median_size: tuple[int, int], mean_size: tuple[int, int]) -> None:
+    """Refuse windows (y, x) of the gain background that are not odd numbers of pixels."""
+    for name, size in (("median_size", median_size), ("mean_size", mean_size)):
+        if any(n < 1 or n % 2 == 0 for n in size):
+            raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
+
+
+def check_gain(gain: NDArray[np.float64]) -> None:
+    """Refuse a scan without a gain r_k."""
+    if not (np.isfinite(gain).all() and (gain > 0).all()):
+        raise ValueError(f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}")
+
+
 def scan_gain(image: ComplexArray) -> NDArray[np.float64]:
-    """Scan-to-scan gain r_k: rms of the lowest 75 % of the magnitudes (Wang et al. 2007, below Eq. 2).
+    """Scan-to-scan gain r_k (..., 1, 1): rms of the lowest 75 % of the magnitudes (Wang et al. 2007, below Eq. 2).
 
-    Parameters
-    ----------
-    image : (..., y, x) ndarray of complex
-        Images of one scan.
-
-    Returns
-    -------
-    (..., 1, 1) ndarray
-        Gain of every image.
-
-    Raises
-    ------
-    ValueError
-        If an image is zero or not finite, so that it has no gain.
+    An image (..., y, x) that is zero or not finite has none, which is a ValueError.
     """
     magnitude = np.sort(np.abs(image).reshape(*image.shape[:-2], -1).astype(np.float64), axis=-1)
     lowest = magnitude[..., : max(1, int(0.75 * magnitude.shape[-1]))]
-    gain = np.sqrt(np.mean(lowest**2, axis=-1))
-    if not (np.isfinite(gain).all() and (gain > 0).all()):
-        raise ValueError(f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}")
-    return np.asarray(gain[..., None, None])
+    r_k = np.sqrt(np.mean(lowest**2, axis=-1))
+    check_gain(r_k)
+    return np.asarray(r_k[..., None, None])
 
 
 def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean") -> ComplexArray:
-    """Estimate the self-signature B1, in units of the scan gain.
+    """Estimate the self-signature B1 (..., y, x), in units of the scan gain (Wang et al. 2007, Eq. 2).
 
     Parameters
     ----------
     images : iterable of (..., y, x) ndarray of complex
-        Scan images of a run.
+        Scan images of a run, at least two unless the method is "none".
     method : {"none", "mean", "median"}
-        "mean" is Eq. 2 of Wang et al. 2007: the mean of the images with magnitudes clipped at μ + 5σ. "median" takes
-        the median of the real and of the imaginary part, which a target that is elsewhere in the other scans does not
-        enter; it holds all images in memory. "none" is zero: for windows that keep the direct coupling out of sight.
-
-    Returns
-    -------
-    (..., y, x) ndarray of complex64
-        B1.
-
-    Raises
-    ------
-    ValueError
-        If there is no image, only one and the method is not "none", or the method is unknown.
+        "mean" is Eq. 2: the mean of the images with magnitudes clipped at μ + 5σ. "median" takes the median of the real
+        and of the imaginary part, which a target that is elsewhere in the other scans does not enter; it holds all
+        images in memory. "none" is zero: for windows that keep the direct coupling out of sight.
 
     Examples
     --------
@@ -80,27 +84,31 @@ def self_signature(images: Iterable[ComplexArray], method: SelfSignature = "mean
     >>> [round(float(abs(one[2, 2] / one[0, 0])), 2) for one in (signature, robust)]
     [2.0, 1.0]
     """
-    if method not in ("none", "mean", "median"):
-        raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
-    total: NDArray[np.complex128] | None = None
-    stack: list[NDArray[np.complex128]] = []
-    count = 0
-    for image in images:
-        if method == "none":
-            return np.zeros(np.shape(image), np.complex64)
-        scaled = _clipped(image) / scan_gain(image)
-        if method == "median":
-            stack.append(np.asarray(image / scan_gain(image), dtype=np.complex128))
-        total = scaled if total is None else total + scaled
-        count += 1
-    if total is None:
+    check_method(method)
+    scans = iter(images)
+    first = list(islice(scans, 2))
+    if not first:
         raise ValueError("images must hold at least one scan, got none")
-    if count == 1:
+    if method == "none":
+        return np.zeros(np.shape(first[0]), np.complex64)
+    if len(first) == 1:
         raise ValueError(f"self_signature by {method} needs at least two scans, got one: it would be all of the image")
+    scans = chain(first, scans)
     if method == "median":
-        together = np.stack(stack)
-        return (np.median(together.real, axis=0) + 1j * np.median(together.imag, axis=0)).astype(np.complex64)
+        return complex_median(np.stack([v_k / scan_gain(v_k) for v_k in scans]))
+    total, count = np.zeros(np.shape(first[0]), np.complex128), 0
+    for v_k in scans:
+        m_k = np.abs(v_k).astype(np.float64)
+        limit = m_k.mean(axis=(-2, -1), keepdims=True) + 5 * m_k.std(axis=(-2, -1), keepdims=True)
+        clipped = v_k * np.minimum(1.0, limit / np.maximum(m_k, np.finfo(np.float64).tiny))
+        total += clipped / scan_gain(v_k)
+        count += 1
     return (total / count).astype(np.complex64)
+
+
+def complex_median(stack: NDArray[Any]) -> ComplexArray:
+    """Take the median of the real and of the imaginary part over the first axis."""
+    return np.asarray(np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64)
 
 
 def gain_background(
@@ -109,71 +117,30 @@ def gain_background(
     median_size: tuple[int, int] = (21, 21),
     mean_size: tuple[int, int] = (51, 51),
 ) -> NDArray[np.float32]:
-    """Estimate the gain background B2 (Wang et al. 2007, Eq. 3 and 4).
+    """Estimate the gain background B2 (..., y, x), which must come out positive (Wang et al. 2007, Eq. 3 and 4).
 
-    The paper does not say how it filters at the border; here both windows shrink there to the pixels that exist.
-
-    Parameters
-    ----------
-    images : iterable of (..., y, x) ndarray of complex
-        Scan images of a run.
-    signature : (..., y, x) ndarray of complex
-        B1 from :func:`self_signature`.
-    median_size, mean_size : tuple of int
-        Windows (y, x) in pixels, odd; the paper's are 1 m and 2.5 m at 5 cm.
-
-    Returns
-    -------
-    (..., y, x) ndarray of float32
-        B2, positive.
-
-    Raises
-    ------
-    ValueError
-        If a window is not odd, there is no image, or the background vanishes somewhere.
+    The windows (y, x) are odd numbers of pixels; the paper's are 1 m and 2.5 m at 5 cm. It does not say how it filters
+    at the border; here both windows shrink there to the pixels that exist.
     """
-    for name, size in (("median_size", median_size), ("mean_size", mean_size)):
-        if any(n < 1 or n % 2 == 0 for n in size):
-            raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
-    total: NDArray[np.float64] | None = None
-    count = 0
-    for image in images:
-        magnitude = np.abs(image / scan_gain(image) - signature)
-        flat = magnitude.reshape(-1, *magnitude.shape[-2:])
+    check_windows(median_size, mean_size)
+    total, count = np.zeros(signature.shape), 0
+    for v_k in images:
+        m_k = np.abs(v_k / scan_gain(v_k) - signature)  # Eq. 3
+        flat = m_k.reshape(-1, *m_k.shape[-2:])
         smooth = np.stack([mean_filter(median_filter(one, median_size), mean_size) for one in flat])
-        smooth = smooth.reshape(magnitude.shape)
-        total = smooth if total is None else total + smooth
+        total += smooth.reshape(m_k.shape)
         count += 1
-    if total is None:
+    if not count:
         raise ValueError("images must hold at least one scan, got none")
-    background = total / count
-    if not (background > 0).all():
+    B2 = total / count
+    if not (B2 > 0).all():
         raise ValueError("gain background must be positive everywhere, got zero: the images equal their self-signature")
-    return background.astype(np.float32)
+    return B2.astype(np.float32)
 
 
 def remove_background(image: ComplexArray, signature: ComplexArray, gain: NDArray[np.float32]) -> ComplexArray:
-    """Subtract the self-signature and divide by the gain background; the modulus is Wang et al. 2007, Eq. 5.
+    """Subtract the self-signature B1 and divide by the gain background B2, all (..., y, x).
 
-    Parameters
-    ----------
-    image : (..., y, x) ndarray of complex
-        Scan image.
-    signature : (..., y, x) ndarray of complex
-        B1.
-    gain : (..., y, x) ndarray
-        B2.
-
-    Returns
-    -------
-    (..., y, x) ndarray of complex64
-        Cleaned image, in units of the background.
+    The modulus, in units of the background, is Eq. 5 of Wang et al. 2007.
     """
     return ((image / scan_gain(image) - signature) / gain).astype(np.complex64)
-
-
-def _clipped(image: ComplexArray) -> NDArray[np.complex128]:
-    magnitude = np.abs(image).astype(np.float64)
-    limit = magnitude.mean(axis=(-2, -1), keepdims=True) + 5 * magnitude.std(axis=(-2, -1), keepdims=True)
-    factor = np.minimum(1.0, limit / np.maximum(magnitude, np.finfo(np.float64).tiny))
-    return np.asarray(image * factor, dtype=np.complex128)

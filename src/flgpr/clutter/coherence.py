@@ -21,17 +21,7 @@ FloatArray = NDArray[np.float64]
 class FrameStack:
     """Operators of several frames as one: its adjoint is the coherent sum over frames (Fuse et al. 2018, Eq. 4).
 
-    The image is one reflectivity that all frames share.
-
-    Parameters
-    ----------
-    operators : sequence of Operator
-        A of every frame, all on the same pixels.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
+    The image is one reflectivity that all frames share; ``operators`` are A of every frame, on the same pixels.
     """
 
     def __init__(self, operators: Sequence[Operator]) -> None:
@@ -65,21 +55,8 @@ def iterate_frames(
     """Suppress frame by frame under one mask, with a reflectivity of its own in every frame.
 
     It asks for no coherence from frame to frame: what stands above the ground, turns its side to the radar or is seen
-    from a pose that is a little wrong still fits.
-
-    Parameters
-    ----------
-    data : (frame, polarization, pair, frequency) array_like of complex
-        Received field.
-    operator_on : sequence of callable
-        For every frame, as in :func:`iterate_suppression`.
-    pixels, mask, region, iterations
-        As in :func:`iterate_suppression`.
-
-    Returns
-    -------
-    list of Iterated
-        One per frame.
+    from a pose that is a little wrong still fits. Data have a leading axis of frames, each with its ``operator_on``;
+    the rest is as in :func:`iterate_suppression`.
     """
     frames = zip(np.asarray(data), operator_on, strict=True)
     return [iterate_suppression(one, make, pixels, mask, region, iterations) for one, make in frames]
@@ -91,23 +68,11 @@ def averaged_frames(courses: Sequence[Iterated], combination: int) -> ComplexArr
 
 
 def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
-    """Loss of a coherent sum over many frames whose ranges are wrong.
+    """Loss, dB, of a coherent sum over many frames whose ranges are wrong (deviation σ, m), for tones in Hz.
 
     An error δ along the line of sight turns a tone by 4πfδ/c; with independent normal errors of deviation σ the mean
     field over the frames falls by ``exp(-(4πfσ/c)²/2)``, averaged over the tones. An error of the heading turns the
     array about its middle: it shifts the image across and hardly changes its phase, so it does not enter.
-
-    Parameters
-    ----------
-    error : (...) array_like
-        σ, m.
-    frequency : (frequency,) array_like
-        Tones, Hz.
-
-    Returns
-    -------
-    (...) ndarray
-        Loss, dB.
 
     Examples
     --------
@@ -125,22 +90,8 @@ def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:
 def accuracy_needed(frequency: ArrayLike, loss_db: float = 1.0) -> float:
     """Compute the accuracy of the range that a coherent sum over frames needs (Fuse et al. 2018, Eq. 4).
 
-    Parameters
-    ----------
-    frequency : (frequency,) array_like
-        Tones, Hz.
-    loss_db : float
-        Loss that is put up with, dB.
-
-    Returns
-    -------
-    float
-        Standard deviation along the line of sight from frame to frame, m.
-
-    Raises
-    ------
-    ValueError
-        If ``loss_db`` is not positive.
+    It is the standard deviation along the line of sight from frame to frame, m, for tones in Hz and the loss, dB, that
+    is put up with.
 
     Examples
     --------
@@ -167,29 +118,11 @@ class Coherence:
 
 
 def measured_coherence(images: ArrayLike, reach: int = 2, apart: int = 10, most: int = 20) -> Coherence:
-    """Measure the loss of the coherent sum at the strongest pixels.
+    """Measure the loss of the coherent sum at the strongest pixels of images (frame, y, x), at least two.
 
-    Parameters
-    ----------
-    images : (frame, y, x) array_like of complex
-        Images of the frames on the same pixels.
-    reach : int
-        How far from a peak of the sum a frame's own peak may lie, pixels.
-    apart : int
-        Least distance between the peaks taken, pixels.
-    most : int
-        How many.
-
-    Returns
-    -------
-    Coherence
-        Losses. Pose errors are one cause; an object above the ground that is focused on it, or one that glints, is
-        another, so this is an upper bound of what poses cost.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two frames.
+    A frame's own peak may lie ``reach`` pixels from one of the sum; at ``most`` so many peaks, that many pixels
+    ``apart``, are taken. Pose errors are one cause; an object above the ground that is focused on it, or one that
+    glints, is another, so this is an upper bound of what poses cost.
     """
     frames = np.asarray(images)
     if frames.ndim != 3 or len(frames) < 2:

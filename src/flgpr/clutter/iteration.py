@@ -13,15 +13,7 @@ from flgpr.clutter.suppression import Operator
 ComplexArray = NDArray[np.complex64]
 OperatorOn = Callable[[NDArray[np.float64]], Operator]
 
-TABLE_II: dict[int, tuple[int, ...]] = {
-    0: (0,),
-    1: (1, 2),
-    2: (2, 3),
-    3: (3, 4),
-    4: (4, 5),
-    5: (5, 6),
-    6: (6, 7),
-}
+TABLE_II: dict[int, tuple[int, ...]] = {0: (0,), 1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (5, 6), 6: (6, 7)}
 """Iterations whose images each combination averages (Table II); 0 is the original."""
 _ROUNDING = 1e-3
 
@@ -63,10 +55,11 @@ def iterate_suppression(
 ) -> Iterated:
     """Suppress what lies under a mask by iterating Eq. 5 to 8 of Fuse et al. 2018.
 
-    With m_r the part of the mask in sub-region r, an iteration takes x = A^H b and subtracts, all at once,
-    ``B_r b̂_r`` with ``b̂_r = A (m_r∘x)`` (Eq. 5) and ``B_r = max|m_r∘x| / max|A^H b̂_r|`` (Eq. 7 and 8), the second
-    maximum over all pixels of the sub-region. The paper wants B "in each sub-region area, respectively"; here each
-    B_r is made of its own sub-region's response alone, so that sidelobes of a strong one do not enter.
+    With m_r the part of the mask in sub-region r, an iteration takes x = A^H b and ``x̂_r = m_r∘x``, and subtracts, all
+    at once, ``B_r b̂_r`` with ``b̂_r = A x̂_r`` (Eq. 5) and ``B_r = max|x̂_r| / max|x'_2|``, ``x'_2 = A^H b̂_r`` (Eq. 7
+    and 8), the second maximum over all pixels of the sub-region. The paper wants B "in each sub-region area,
+    respectively"; here each B_r is made of its own sub-region's response alone, so that sidelobes of a strong one do
+    not enter.
 
     The iteration is stable while the spectrum of ``Σ B_r m_r A^H A m_r`` lies within 0 to 2, which Eq. 7 does not
     warrant. The residual of every polarization is watched: an iteration that would raise one is dropped, none
@@ -81,22 +74,10 @@ def iterate_suppression(
         Gives A, one band without a window, on any pixels (pixel, 3).
     pixels : (y, x, 3) array_like
         Pixel centres, m.
-    mask : (y, x) array_like of bool
-        Where to suppress.
-    region : (y, x) array_like of int
-        Sub-region of every pixel, -1 for none.
+    mask, region : (y, x) array_like of bool, of int
+        Where to suppress, and the sub-region of every pixel: -1 for none, which the mask must not hold.
     iterations : int
         How many.
-
-    Returns
-    -------
-    Iterated
-        Data after every iteration.
-
-    Raises
-    ------
-    ValueError
-        If ``iterations`` is not positive, shapes do not fit, or the mask holds a pixel of no sub-region.
     """
     points, chosen, part = np.asarray(pixels, dtype=np.float64), np.asarray(mask, dtype=bool), np.asarray(region)
     if iterations < 1:
@@ -108,34 +89,34 @@ def iterate_suppression(
         )
     if (part[chosen] < 0).any():
         raise ValueError(f"mask must lie within the sub-regions, got {int((part[chosen] < 0).sum())} pixels outside")
-    count = int(part.max(initial=-1)) + 1
+    b = np.array(data, dtype=np.complex64)
     used = np.unique(part[chosen])
     under = [points[chosen & (part == r)] for r in used]
-    masked = operator_on(np.concatenate(under)) if under else None
+    on_mask = operator_on(np.concatenate(under)) if under else None
+    on_mask_of = {int(r): operator_on(one) for r, one in zip(used, under, strict=True)}
+    on_region = {int(r): operator_on(points[part == r]) for r in used}
     ends = np.cumsum([len(one) for one in under])[:-1]
-    here = {int(r): operator_on(one) for r, one in zip(used, under, strict=True)}
-    area = {int(r): operator_on(points[part == r]) for r in used}
-    rest = np.array(data, dtype=np.complex64)
-    start = _norms(rest)
-    kept, course = [rest], [np.where(start > 0, 1.0, 0.0)]
-    amplitudes: list[NDArray[np.float64]] = []
-    for _ in range(iterations):
-        response, amplitude = np.zeros_like(rest), np.zeros((count, rest.shape[-3]))
-        images = [] if masked is None else np.split(masked.adjoint(rest), ends, axis=-1)
-        for r, image in zip(here, images, strict=True):
-            modelled = here[r].forward(image)
-            amplitude[r] = _ratio(_peaks(image), _peaks(area[r].adjoint(modelled)))
-            response += amplitude[r].astype(np.float32)[:, None, None] * modelled
-        change, size = _energy_change(rest, response)
+    rise: float | None = None
+    start = _norms(b)
+    kept, course = [b], [np.where(start > 0, 1.0, 0.0)]
+    amplitudes = np.zeros((iterations, int(part.max(initial=-1)) + 1, b.shape[-3]))
+    for B in amplitudes:
+        subtracted = np.zeros_like(b)
+        masked = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)
+        for r, x_hat in zip(on_mask_of, masked, strict=True):
+            b_hat = on_mask_of[r].forward(x_hat)  # Eq. 5
+            x_2 = on_region[r].adjoint(b_hat)  # Eq. 8
+            B[r] = _ratio(_peaks(x_hat), _peaks(x_2))  # Eq. 7
+            subtracted += B[r].astype(np.float32)[:, None, None] * b_hat
+        change, size = _energy_change(b, subtracted)
         power = np.maximum(course[-1] ** 2 + _ratio(change, start**2), 0.0)
         if (change > _ROUNDING * size).any():
             rise = float((_ratio(np.sqrt(power), course[-1]) - 1).max())
-            return Iterated(tuple(kept), np.array(course), _stacked(amplitudes, amplitude), iterations, rise)
-        rest = (rest - response).astype(np.complex64)
-        kept.append(rest)
+            break
+        b = (b - subtracted).astype(np.complex64)  # Eq. 6, whose image is x'
+        kept.append(b)
         course.append(np.sqrt(power))
-        amplitudes.append(amplitude)
-    return Iterated(tuple(kept), np.array(course), np.array(amplitudes), iterations)
+    return Iterated(tuple(kept), np.array(course), amplitudes[: len(kept) - 1].copy(), iterations, rise)
 
 
 def averaged(course: Iterated, combination: int) -> ComplexArray:
@@ -192,7 +173,3 @@ def _peaks(image: ComplexArray) -> NDArray[np.float64]:
 
 def _ratio(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 0)
-
-
-def _stacked(kept: list[NDArray[np.float64]], shape_of: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.array(kept) if kept else np.zeros((0, *shape_of.shape))

@@ -22,40 +22,20 @@ _NEIGHBOURS = np.ones((3, 3), dtype=bool)
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Magnitudes that a pixel must exceed, one per sub-region.
+    """Magnitudes that a pixel must exceed, one per sub-region."""
 
-    Attributes
-    ----------
-    vv, vh : (region,) ndarray
-        Of the fundamental mask.
-    low_vh : (region,) ndarray
-        Of the extended mask.
-    second : (region,) ndarray or None
-        Of the second band in the fundamental mask; None for a single-band radar.
-    """
-
+    #: vv, vh: (region,) of the fundamental mask
     vv: FloatArray
     vh: FloatArray
-    low_vh: FloatArray
-    second: FloatArray | None = None
+    low_vh: FloatArray  #: (region,) of the extended mask
+    second: FloatArray | None = None  #: (region,) of the second band; None for a single-band radar
 
 
 def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0) -> BoolArray:
-    """Find the ground beside a lane that outshines everything in it.
+    """Find the ground beside a lane that outshines everything in it, as a mask (y, x).
 
-    Parameters
-    ----------
-    level : (y, x) ndarray
-        Run-view of magnitudes; NaN where nothing was seen.
-    inside : (y, x) ndarray of bool
-        Pixels of the lane.
-    grow : int
-        Pixels by which the mask is grown, never into the lane.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The mask; empty where nothing beside the lane outshines it.
+    ``level`` is a run-view of magnitudes, NaN where nothing was seen, and ``inside`` the pixels of the lane; the mask
+    is grown by ``grow`` pixels, never into the lane.
 
     Examples
     --------
@@ -74,24 +54,10 @@ def roadside_mask(level: NDArray[np.floating], inside: BoolArray, grow: int = 0)
 
 
 def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
-    """Divide pixels into sub-regions in range (Fuse et al. 2018, Sec. 2.2, which takes four).
+    """Tell the sub-region in range of pixels (Fuse et al. 2018, Sec. 2.2, which takes four), -1 outside all.
 
-    Parameters
-    ----------
-    distance : (...) array_like
-        Range of every pixel, m.
-    edges : (region + 1,) array_like
-        Borders, m, rising; a lower border is within, the last one too.
-
-    Returns
-    -------
-    (...) ndarray of int
-        Number of the sub-region, -1 outside all.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two edges or they do not rise.
+    ``distance`` is the range of every pixel and ``edges`` are the borders, m, rising; a lower border is within, the
+    last one too.
 
     Examples
     --------
@@ -108,26 +74,9 @@ def subregions(distance: ArrayLike, edges: ArrayLike) -> IntArray:
 
 
 def above(image: ArrayLike, threshold: ArrayLike, region: IntArray) -> BoolArray:
-    """Mark the pixels whose magnitude exceeds their sub-region's threshold.
+    """Mark the pixels (y, x) whose magnitude exceeds their sub-region's threshold: the binary mask m (Sec. 2.2).
 
-    Parameters
-    ----------
-    image : (y, x) array_like
-        Image, complex or a magnitude.
-    threshold : (region,) array_like
-        One per sub-region.
-    region : (y, x) ndarray of int
-        From :func:`subregions`; pixels of no sub-region are never marked.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The binary mask.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or a threshold is negative or NaN.
+    Of pixels in no sub-region, see :func:`subregions`, none is marked.
     """
     magnitude, limit = np.abs(np.asarray(image)), np.asarray(threshold, dtype=np.float64)
     if magnitude.shape != region.shape:
@@ -178,16 +127,6 @@ def fundamental_mask(
         Image of the second band on the same pixels. Without it the mask is VV∩VH alone.
     by : {"pixel", "region"}
         As for :func:`intersect`.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The mask.
-
-    Raises
-    ------
-    ValueError
-        If a second image comes without its thresholds, or shapes do not fit.
     """
     shape = above(vv, thresholds.vv, region)
     mask = intersect(shape, above(vh, thresholds.vh, region), by)
@@ -201,32 +140,10 @@ def fundamental_mask(
 def extended_mask(
     vh: ArrayLike, thresholds: Thresholds, region: IntArray, across: ArrayLike, roadside: tuple[float, float] = ROADSIDE
 ) -> BoolArray:
-    """Make the extended mask of the roadside (Fuse et al. 2018, Fig. 2b).
+    """Make the extended mask of the roadside (Fuse et al. 2018, Fig. 2b) from a VH image (y, x) and its low threshold.
 
-    The paper unites (VV_low ∩ VH_low) with VH_low. That union is VH_low, whatever VV_low is, so VV does not enter.
-
-    Parameters
-    ----------
-    vh : (y, x) array_like
-        VH image.
-    thresholds : Thresholds
-        ``low_vh`` is used.
-    region : (y, x) ndarray of int
-        From :func:`subregions`.
-    across : (y, x) array_like
-        Distance of every pixel from the middle of the road, m, of either sign.
-    roadside : (least, greatest)
-        Where the mask holds, m.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The mask.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or the roadside has no width.
+    The paper unites (VV_low ∩ VH_low) with VH_low. That union is VH_low, whatever VV_low is, so VV does not enter. It
+    holds where a pixel's distance ``across`` from the middle of the road, m, of either sign, lies in ``roadside``.
     """
     least, greatest = roadside
     if not 0 <= least < greatest:
@@ -247,17 +164,7 @@ def mixed_mask(
 ) -> BoolArray:
     """Unite the fundamental and the extended mask (Fuse et al. 2018, Fig. 6).
 
-    Parameters
-    ----------
-    vv, vh, thresholds, region, second, by
-        As for :func:`fundamental_mask`.
-    across, roadside
-        As for :func:`extended_mask`.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        The mask.
+    See :func:`fundamental_mask` and :func:`extended_mask` for the parameters.
     """
     return fundamental_mask(vv, vh, thresholds, region, second, by) | extended_mask(
         vh, thresholds, region, across, roadside
@@ -272,18 +179,6 @@ class ThresholdCalibration:
     holds it. That of VV is the smallest peak of any target: what is weaker cannot be mistaken for one. The low
     threshold of VH is the mean magnitude at the roadside, mean over frames; the paper takes that from the lane
     under test, here it comes from the calibration lane too.
-
-    Parameters
-    ----------
-    regions : int
-        Number of sub-regions.
-    response_db : float
-        How far below its peak in VV a target's response is followed, dB.
-
-    Raises
-    ------
-    ValueError
-        If there is no sub-region or ``response_db`` is not positive.
     """
 
     def __init__(self, regions: int, response_db: float = 6.0) -> None:
@@ -342,7 +237,7 @@ class ThresholdCalibration:
         """Take in what another gathered of other frames or lanes."""
         self.targets = self.targets + state["targets"]
         self._vv = np.minimum(self._vv, state["vv"])
-        self._vh, self._second = (np.maximum(self._vh, state["vh"]), np.maximum(self._second, state["second"]))
+        self._vh, self._second = np.maximum(self._vh, state["vh"]), np.maximum(self._second, state["second"])
         self._has_second |= bool(state["has_second"])
         self._roadside += list(state["roadside"])
 

@@ -11,20 +11,8 @@ ComplexArray = NDArray[np.complex64]
 def standing_field(signal: ArrayLike) -> ComplexArray:
     """Estimate what is the same in all scans: direct coupling and echoes of the vehicle itself.
 
-    Parameters
-    ----------
-    signal : (scan, polarization, pair, frequency) array_like of complex
-        Received field.
-
-    Returns
-    -------
-    (polarization, pair, frequency) ndarray of complex64
-        Median of the real and of the imaginary part of every sample: ground that passes by does not enter it.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than three scans, of which a median would be ground as well.
+    Of a signal (scan, polarization, pair, frequency) of at least three scans it is the median of the real and of the
+    imaginary part of every sample: ground that passes by does not enter it.
     """
     data = np.asarray(signal, dtype=np.complex64)
     if len(data) < 3:
@@ -33,19 +21,7 @@ def standing_field(signal: ArrayLike) -> ComplexArray:
 
 
 def subtract_standing(data: ArrayLike, field: ComplexArray) -> ComplexArray:
-    """Subtract the standing field, fitted to every scan's and polarization's complex gain.
-
-    Parameters
-    ----------
-    data : (..., polarization, pair, frequency) array_like of complex
-        Received field.
-    field : (polarization, pair, frequency) ndarray of complex64
-        From :func:`standing_field`.
-
-    Returns
-    -------
-    (..., polarization, pair, frequency) ndarray of complex64
-        What is left.
+    """Subtract the standing field, fitted to the complex gain of every scan and polarization of the data.
 
     Examples
     --------

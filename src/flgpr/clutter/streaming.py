@@ -1,8 +1,9 @@
 """Background estimation over runs of any length: one scan in memory at a time, all channels together.
 
 Two normalisations go side by side. Each polarization and sub-band has its *own* gain, self-signature and background
-(Wang et al. 2007, Eq. 2-5), which serve magnitudes. The *shared* ones are common to the polarizations of a sub-band, so
-that the ratios and phases between polarizations, which polarimetry looks at, survive.
+(Wang et al. 2007, Eq. 2-5, as ``background.py`` writes them), which serve magnitudes. The *shared* ones are common to
+the polarizations of a sub-band, so that the ratios and phases between polarizations, which polarimetry looks at,
+survive.
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.clutter.background import ComplexArray, SelfSignature
+from flgpr.clutter.background import (
+    ComplexArray,
+    SelfSignature,
+    check_gain,
+    check_method,
+    check_windows,
+    complex_median,
+)
 from flgpr.kernels.background import (
     add_clipped,
     gain_and_limit,
@@ -43,12 +51,7 @@ class Background:
 
     def cropped(self, rows: int) -> Background:
         """Give the background of the nearest ``rows`` image rows."""
-        return Background(
-            np.ascontiguousarray(self.signature[..., :rows, :]),
-            np.ascontiguousarray(self.gain[..., :rows, :]),
-            np.ascontiguousarray(self.shared_signature[..., :rows, :]),
-            np.ascontiguousarray(self.shared_gain[..., :rows, :]),
-        )
+        return Background(**{name: np.ascontiguousarray(one[..., :rows, :]) for name, one in vars(self).items()})
 
     def magnitude(self, image: ComplexArray, gain: FloatArray) -> MagnitudeArray:
         """Clean an image by channel with its scan gain: m'', in units of the background (Wang et al. 2007, Eq. 5)."""
@@ -83,22 +86,10 @@ class BackgroundEstimator:
     """Estimate a run's background in two passes over its images.
 
     Call :meth:`add_signature` with every scan, then :meth:`add_gain` with every scan in the same order, then
-    :meth:`result`.
-
-    Parameters
-    ----------
-    median_size, mean_size : tuple of int
-        Windows (y, x) of the gain background in pixels, odd.
-    step : int
-        The median is taken at every ``step``-th pixel both ways, and the mean over those: the gain background is smooth
-        over the mean's window, so that little is lost (see the tests for how little) and most of the time is saved.
-    method : {"mean", "median", "none"}
-        Self-signature, as :func:`flgpr.clutter.self_signature` has it; the median keeps all images.
-
-    Raises
-    ------
-    ValueError
-        If a window is not odd, the step is not between 1 and half the mean's window, or the method is unknown.
+    :meth:`result`. The median is taken at every ``step``-th pixel both ways, and the mean over those: the gain
+    background is smooth over the mean's window, so that little is lost (see the tests for how little) and most of the
+    time is saved. Windows (y, x) are odd pixels; ``method`` is that of :func:`flgpr.clutter.self_signature`, whose
+    median keeps all images.
     """
 
     def __init__(
@@ -108,13 +99,10 @@ class BackgroundEstimator:
         step: int = 1,
         method: SelfSignature = "mean",
     ) -> None:
-        for name, size in (("median_size", median_size), ("mean_size", mean_size)):
-            if any(n < 1 or n % 2 == 0 for n in size):
-                raise ValueError(f"{name} must be odd numbers of pixels, got {size}")
+        check_windows(median_size, mean_size)
+        check_method(method)
         if not 1 <= step <= max(1, min(mean_size) // 2):
             raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
-        if method not in ("none", "mean", "median"):
-            raise ValueError(f"self_signature method must be none, mean or median, got {method!r}")
         self.median_size, self.mean_size, self.step, self.method = median_size, mean_size, step, method
         self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
@@ -162,7 +150,7 @@ class BackgroundEstimator:
             elif self.method == "median":
                 gains, scaled = np.stack(self.gains), np.stack(self._scaled)
                 shared = scaled * (gains / shared_gain(gains))[..., None, None].astype(np.float32)
-                self._signature, self._shared = _complex_median(scaled), _complex_median(shared)
+                self._signature, self._shared = complex_median(scaled), complex_median(shared)
             else:
                 self._signature = self._shared = np.zeros(self._shape, np.complex64)
         return self._signature
@@ -180,8 +168,8 @@ class BackgroundEstimator:
 
         ``gains`` (scan, polarization, subband) and ``shape`` of the images; for the mean the totals ``own`` and
         ``shared``, for the median the images over their gains, ``scaled``. With ``exact`` the totals keep complex128,
-        so that another estimator goes on with the very same bits; otherwise they are rounded to complex64: what is
-        estimated from them has that precision anyway.
+        so that another goes on with the very same bits, else complex64: what is estimated from them has that precision
+        anyway.
         """
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
@@ -242,8 +230,7 @@ class BackgroundEstimator:
         gain, limit = np.empty(image.shape[:2]), np.empty(image.shape[:2])
         pixels = image.shape[2] * image.shape[3]
         gain_and_limit(_flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel())
-        if not (np.isfinite(gain).all() and (gain > 0).all()):
-            raise ValueError(f"image must be finite and not zero everywhere to have a gain, got a gain of {gain.min()}")
+        check_gain(gain)
         return gain, limit
 
     def _smooth(self, image: ComplexArray, gain: FloatArray, signature: ComplexArray) -> FloatArray:
@@ -265,10 +252,6 @@ class BackgroundEstimator:
         return level.reshape(self._shape)
 
 
-def _complex_median(stack: ComplexArray) -> ComplexArray:
-    return np.asarray(np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0), dtype=np.complex64)
-
-
 def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
     """Gain background B̄2 common to the polarizations: the root mean square of theirs, brought to the shared gain.
 
@@ -283,21 +266,8 @@ class CausalBackground:
 
     Self-signature and medians are running means, over all scans or, with ``span``, fading with that many scans, which
     follows a self-signature that drifts. The residuals of earlier scans are not made anew when the self-signature
-    improves. A scan enters the estimate before it is cleaned with it.
-
-    Parameters
-    ----------
-    median_size, mean_size, step
-        As for :class:`BackgroundEstimator`.
-    span : int, optional
-        Number of scans that the running mean remembers.
-    warm_up : int
-        Number of scans before the first one is cleaned, at least 2.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is out of range.
+    improves. A scan enters the estimate before it is cleaned with it; the first is cleaned after ``warm_up`` scans, at
+    least 2. The windows are those of :class:`BackgroundEstimator`.
     """
 
     def __init__(

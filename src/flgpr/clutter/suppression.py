@@ -34,9 +34,9 @@ def suppress_by_model(
     """Subtract the best fit of data by reflectivities under a mask.
 
     Minimises ``||w (b - A x)||`` over the reflectivity x of the operator's pixels, which are the mask, by conjugate
-    gradients on the normal equations (Hestenes and Stiefel 1952), stopped after a few iterations: what converges
-    first is what is strong under the mask. This is the least-squares form of Fuse et al. 2018, Eq. 5-6; it needs no
-    amplitude B. The iterates are those of LSQR (Paige and Saunders 1982) on A restricted to the mask.
+    gradients on the normal equations (Hestenes and Stiefel 1952), stopped after a few iterations: what converges first
+    is what is strong under the mask. This is the least-squares form of Fuse et al. 2018, Eq. 5-6; it needs no amplitude
+    B. The iterates are those of LSQR (Paige and Saunders 1982) on A restricted to the mask. The residual never rises.
 
     Parameters
     ----------
@@ -49,16 +49,6 @@ def suppress_by_model(
     weight : (frequency,) array_like, optional
         w, a taper over the band: it keeps strong echoes far from the mask, such as the direct coupling between
         antennas, from leaking into the fit. Default: one.
-
-    Returns
-    -------
-    Suppression
-        Cleaned data and the course of the residual, which never rises.
-
-    Raises
-    ------
-    ValueError
-        If ``iterations`` is not positive.
 
     Examples
     --------

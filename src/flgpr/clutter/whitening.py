@@ -15,26 +15,10 @@ BASES = ("eigen", "cholesky", "symmetric")
 
 
 def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any]:
-    """Matrix W with ``W C W^H = I``.
+    """Matrix W with ``W C W^H = I``, of a covariance C (n_features, n_features), Hermitian and positive definite.
 
-    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind.
-
-    Parameters
-    ----------
-    covariance : (n_features, n_features) array_like
-        C, Hermitian and positive definite.
-    basis : {"eigen", "cholesky", "symmetric"}
-        Scaled eigenvectors, inverse Cholesky factor, or ``C^(-1/2)``.
-
-    Returns
-    -------
-    (n_features, n_features) ndarray
-        W.
-
-    Raises
-    ------
-    ValueError
-        If the basis is unknown or the covariance is not Hermitian and positive definite to the working precision.
+    All such matrices differ by a unitary factor, to which linear-quadratic detectors are blind: the ``basis`` is
+    "eigen", scaled eigenvectors, "cholesky", the inverse Cholesky factor, or "symmetric", ``C^(-1/2)``.
 
     Examples
     --------
@@ -63,31 +47,23 @@ def whitening_matrix(covariance: ArrayLike, basis: str = "eigen") -> NDArray[Any
 
 
 class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Take mean and covariance of the clutter from samples, so that clutter becomes CN(0, I).
+    """Learn mean and covariance of the clutter, so that it becomes CN(0, I) (Cosgrove et al. 2004, Sec. II).
 
     Parameters
     ----------
     moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
         Estimator of mean and covariance: sample moments, two ways to shrink the covariance to a multiple of the
-        identity, the minimum covariance determinant, or sample moments of vectors whose energy is clipped at the
-        median.
+        identity (Ledoit & Wolf 2004; Chen et al. 2010), the minimum covariance determinant (Rousseeuw & Van Driessen
+        1999), or sample moments of vectors whose energy is clipped at the median.
     basis : {"eigen", "cholesky", "symmetric"}
         As in :func:`whitening_matrix`.
 
     Attributes
     ----------
-    mean_ : (n_features,) ndarray
-        Clutter mean.
-    covariance_ : (n_features, n_features) ndarray
-        Clutter covariance.
+    mean_, covariance_ : (n_features,), (n_features, n_features) ndarray
+        Clutter mean and covariance.
     matrix_ : (n_features, n_features) ndarray
         Whitening matrix.
-    n_features_in_ : int
-        Number of features.
-
-    References
-    ----------
-    Cosgrove et al. 2004, Sec. II; Ledoit & Wolf 2004; Chen et al. 2010; Rousseeuw & Van Driessen 1999.
     """
 
     def __init__(self, moments: str = "sample", basis: str = "eigen") -> None:

@@ -13,27 +13,13 @@ from flgpr.detect.linear_quadratic import LinearQuadraticForm
 
 @dataclass(frozen=True)
 class ChipDetector:
-    """Linear-quadratic forms on raw image chips, whitening included.
-
-    Attributes
-    ----------
-    forms : tuple of LinearQuadraticForm
-        The score is the largest of their values.
-    channels : tuple of str
-        Names of the image channels in the order of the features, such as ("HH", "VV").
-    shape : (int, int)
-        Pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut.
-    spacing : (float, float)
-        Pixel spacing down-track and cross-track, m.
-    notes : dict
-        How it was trained.
-    """
+    """Linear-quadratic forms on raw image chips, whitening included; the score is the largest of their values."""
 
     forms: tuple[LinearQuadraticForm, ...]
-    channels: tuple[str, ...]
-    shape: tuple[int, int]
-    spacing: tuple[float, float]
-    notes: dict[str, Any] = field(default_factory=dict)
+    channels: tuple[str, ...]  #: names of the image channels in the order of the features, such as ("HH", "VV")
+    shape: tuple[int, int]  #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
+    spacing: tuple[float, float]  #: pixel spacing down-track and cross-track, m
+    notes: dict[str, Any] = field(default_factory=dict)  #: how it was trained
 
     def __post_init__(self) -> None:
         if not self.forms:
@@ -48,27 +34,11 @@ class ChipDetector:
     def likelihood(
         self, image: NDArray[Any], channels: tuple[str, ...] | None = None, spacing: tuple[float, float] | None = None
     ) -> NDArray[np.float32]:
-        """Score the chip around every pixel (the "likelihood map" of Cosgrove et al. 2004, Sec. IV-B).
+        """Score the chip around every pixel of an image (channel, y, x) (Cosgrove et al. 2004, Sec. IV-B).
 
-        Parameters
-        ----------
-        image : (channel, y, x) ndarray
-            Image; not finite where nothing was imaged.
-        channels : tuple of str, optional
-            Names of the image's channels, compared with the detector's when given.
-        spacing : (float, float), optional
-            Pixel spacing down-track and cross-track, m, compared with the detector's when given. A chip one pixel wide
-            fits any cross-track spacing.
-
-        Returns
-        -------
-        (y, x) ndarray of float32
-            Scores; NaN where the chip leaves the image or touches a pixel that is not finite.
-
-        Raises
-        ------
-        ValueError
-            If the image has other channels or pixels than the detector was trained for.
+        The image's channels and pixel spacing (down-track and cross-track, m) are compared with the detector's when
+        given; others are a ValueError. A chip one pixel wide fits any cross-track spacing. Scores (y, x) are NaN where
+        the chip leaves the image or touches a pixel that is not finite.
         """
         if channels is not None and tuple(channels) != self.channels:
             raise ValueError(f"channels must be {self.channels}, got {tuple(channels)}")

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.complex_data import check_samples
-from flgpr.detect.linear_quadratic import LinearQuadraticForm, hermitian_form
+from flgpr.detect.linear_quadratic import LinearQuadraticForm, as_moments, hermitian_form
 from flgpr.kernels.moments import ESTIMATORS
 
 
@@ -27,25 +27,14 @@ def deflection_form(
 
     Parameters
     ----------
-    mean : (n_features,) array_like
-        μ, whitened.
-    covariance : (n_features, n_features) array_like
-        C, Hermitian; positive semidefinite for γ < 1.
+    mean, covariance : (n_features,), (n_features, n_features) array_like
+        μ, whitened, and C, Hermitian; positive semidefinite for γ < 1.
     gamma : float
         γ, from 0 (variance under H1 only) to 1 (under H0 only).
     rank : int, optional
         Number of eigenvectors of A kept: the largest eigenvalues, for γ < 1 the largest in magnitude. None keeps all.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or ``gamma`` lies outside 0 to 1.
     """
-    mu, C = np.asarray(mean), np.asarray(covariance)
-    if mu.ndim != 1 or C.shape != (mu.size, mu.size):
-        raise ValueError(
-            f"mean and covariance must have the shapes (n,) and (n, n), got {np.shape(mu)} and {np.shape(C)}"
-        )
+    mu, C = as_moments(mean, covariance)
     if not 0 <= gamma <= 1:
         raise ValueError(f"gamma must lie between 0 and 1, got {gamma}")
     outer = np.outer(mu, mu.conj())
@@ -83,10 +72,9 @@ def _generalised(mu: NDArray[Any], C: NDArray[Any], gamma: float) -> tuple[NDArr
 
 
 def standardize(form: LinearQuadraticForm) -> LinearQuadraticForm:
-    """Scale a form without offsets to mean zero and variance one under CN(0, I).
+    """Scale a form without offsets to mean zero and variance one under CN(0, I), so that forms can be compared.
 
-    There ``E(T) = tr A`` and ``Var(T) = ||A||² + 2||b||²``, so that forms trained on different targets can be compared.
-    Its vectors are orthonormal.
+    There ``E(T) = tr A`` and ``Var(T) = ||A||² + 2||b||²``, as its vectors are orthonormal.
     """
     spread = float(np.sqrt(np.sum(form.strength**2) + 2 * np.sum(np.abs(form.linear) ** 2)))
     scale = 1 / spread if spread > 0 else 1.0
@@ -133,15 +121,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
     n_unseen_ : int or (n_classes,) ndarray
         Number of directions that no example reaches.
     forms_ : tuple of LinearQuadraticForm
-        One form, or one per class.
-    labels_ : ndarray
-        The classes of ``classes="separate"``; empty otherwise.
-    n_features_in_ : int
-        Number of features.
-
-    References
-    ----------
-    Cosgrove et al. 2004, Sec. II-B and IV-A.
+        One form, or one per class of ``labels_``, which is empty unless classes are separate.
 
     Examples
     --------
@@ -150,8 +130,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
     >>> import numpy as np
     >>> from flgpr.detect import DeflectionDetector
     >>> rng = np.random.default_rng(0)
-    >>> targets = rng.normal(size=(16, 4))
-    >>> targets[:, 0] *= 5
+    >>> targets = rng.normal(size=(16, 4)) * [5, 1, 1, 1]
     >>> detector = DeflectionDetector(rank=1).fit(targets)
     >>> scores = detector.decision_function([[5.0, 0, 0, 0], [0, 5.0, 0, 0]])
     >>> bool(scores[0] > scores[1])

@@ -75,6 +75,16 @@ class LinearQuadraticForm:
         return np.asarray(value)
 
 
+def as_moments(mean: ArrayLike, covariance: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Take a mean μ (n,) and a covariance C (n, n); others are a ValueError."""
+    mu, C = np.asarray(mean), np.asarray(covariance)
+    if mu.ndim != 1 or C.shape != (mu.size, mu.size):
+        raise ValueError(
+            f"mean and covariance must have the shapes (n,) and (n, n), got {np.shape(mu)} and {np.shape(C)}"
+        )
+    return mu, C
+
+
 def hermitian_form(
     A: NDArray[Any], b: NDArray[Any], rank: int | None = None, by_magnitude: bool = False
 ) -> LinearQuadraticForm:

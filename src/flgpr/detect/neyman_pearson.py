@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from flgpr.detect.complex_data import check_samples
-from flgpr.detect.linear_quadratic import LinearQuadraticForm
+from flgpr.detect.linear_quadratic import LinearQuadraticForm, as_moments
 from flgpr.kernels.moments import ESTIMATORS, sample_moments
 
 
@@ -18,27 +18,11 @@ def neyman_pearson_form(mean: ArrayLike, covariance: ArrayLike, rank: int | None
     """Log-likelihood ratio of CN(μ, C + I) to CN(0, I), without its constant determinant.
 
     ``T = -(x-μ)^H (C+I)^-1 (x-μ) + x^H x = Σ λ_j/(1+λ_j) |u_j^H (x-μ)|² + 2 Re(μ^H x) - |μ|²`` with the eigenvalues λ
-    and eigenvectors u of C (Cosgrove et al. 2004, Eq. 2): no large matrix is inverted.
-
-    Parameters
-    ----------
-    mean : (n_features,) array_like
-        μ, whitened.
-    covariance : (n_features, n_features) array_like
-        C, Hermitian with eigenvalues above -1.
-    rank : int, optional
-        Number of eigenvectors of C kept, those of the largest eigenvalues. None keeps all.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or C + I is not positive definite.
+    and eigenvectors u of C (Cosgrove et al. 2004, Eq. 2): no large matrix is inverted. ``mean`` is μ, whitened, and
+    ``covariance`` C, Hermitian with eigenvalues above -1; ``rank`` is the number of its eigenvectors kept, those of the
+    largest eigenvalues, None for all.
     """
-    mu, C = np.asarray(mean), np.asarray(covariance)
-    if mu.ndim != 1 or C.shape != (mu.size, mu.size):
-        raise ValueError(
-            f"mean and covariance must have the shapes (n,) and (n, n), got {np.shape(mu)} and {np.shape(C)}"
-        )
+    mu, C = as_moments(mean, covariance)
     values, vectors = np.linalg.eigh(C)
     if values[0] <= -1:
         raise ValueError(f"covariance must have eigenvalues above -1, got {values[0]:g}")
@@ -52,7 +36,7 @@ def _from_eigenvectors(mu: NDArray[Any], values: NDArray[np.float64], vectors: N
 
 
 class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
-    """Gaussian likelihood ratio with moments estimated from whitened target examples.
+    """Gaussian likelihood ratio (Cosgrove et al. 2004, Eq. 2) with moments estimated from whitened target examples.
 
     The covariance of the examples less I estimates C. As a covariance has no negative eigenvalue, negative ones are set
     to zero; a low rank and shrinkage keep the inverse in Eq. 2 from following the noise of a few examples.
@@ -74,12 +58,6 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
         Eigenvalues of the estimate of C from the largest down, before negative ones are set to zero.
     forms_ : tuple of LinearQuadraticForm
         The form.
-    n_features_in_ : int
-        Number of features.
-
-    References
-    ----------
-    Cosgrove et al. 2004, Eq. 2.
     """
 
     def __init__(self, rank: int | None = 3, shrinkage: float = 0.0, ddof: int = 0, moments: str = "sample") -> None:

@@ -20,13 +20,7 @@ class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator)
     ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values share the mean of
     their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.)
     Between training values the map is linear; beyond them it goes on along the line through the two end pairs.
-
-    Attributes
-    ----------
-    knots_ : list of (2, n) ndarray
-        Per feature the values a (rising) and the b they go to.
-    n_features_in_ : int
-        Number of features.
+    ``knots_`` holds per feature the values a (rising) and the b they go to, (2, n).
 
     Examples
     --------

@@ -33,10 +33,8 @@ class GaussianMixtureNovelty(OutlierMixin, BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    n_components_ : int
-        Number of components chosen.
-    mixture_ : GaussianMixture
-        The mixture, of standardised features.
+    mixture_, n_components_ : GaussianMixture, int
+        The mixture, of standardised features, and the number of its components.
     center_, scale_ : (feature,) ndarray
         Standardisation.
     offset_ : float

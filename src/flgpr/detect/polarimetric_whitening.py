@@ -17,26 +17,14 @@ from flgpr.kernels.moments import ESTIMATORS
 class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
     """Energy of a pixel after its polarizations are decorrelated: ``x^H Σ^-1 x`` (Novak et al. 1993).
 
-    Σ is the second moment of clutter pixels, as the clutter is taken to have no mean. Any set of polarizations will do;
-    Cosgrove et al. 2004 use HH and VV.
+    Σ, ``covariance_``, is the second moment of clutter pixels, as the clutter is taken to have no mean. Any set of
+    polarizations will do; Cosgrove et al. 2004 (Sec. III-C and IV-B) use HH and VV. The form, for chips of one pixel,
+    is the only one in ``forms_``.
 
     Parameters
     ----------
     moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
         Estimator of Σ; all but "sample" estimate a mean, whose outer product is added.
-
-    Attributes
-    ----------
-    covariance_ : (n_features, n_features) ndarray
-        Σ.
-    forms_ : tuple of LinearQuadraticForm
-        The form, for chips of one pixel.
-    n_features_in_ : int
-        Number of polarizations.
-
-    References
-    ----------
-    Novak et al. 1993; Cosgrove et al. 2004, Sec. III-C and IV-B.
     """
 
     def __init__(self, moments: str = "sample") -> None:

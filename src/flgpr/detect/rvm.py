@@ -113,7 +113,7 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
 
 
 class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ignore[misc]
-    """Relevance vector machine for two classes (Tipping 2001, Sec. 3; flsar2004, Sec. 3.4).
+    """Relevance vector machine for two classes (Tipping 2001, Sec. 3; Tipping & Faul 2003; flsar2004, Sec. 3.4).
 
     p(second class | f) = σ(Σ w_n K(f, f_n) + w_0), where an evidence maximum leaves few w_n that are not zero.
 
@@ -140,37 +140,25 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         local maxima.
     moderated : bool
         Whether probabilities average over the weights' posterior, σ(κ m), or use their mode, σ(m).
-    tol : float
-        What is left to gain at the end, as in ``fit_sparse``.
-    max_iter : int
-        Most iterations of one ascent.
+    tol, max_iter : float, int
+        What is left to gain at the end, as in ``fit_sparse``, and most iterations of one ascent.
 
     Attributes
     ----------
     classes_ : (2,) ndarray
         Labels; the second is the positive class.
-    relevance_ : (k,) ndarray of int
-        Indices of the relevance vectors.
-    relevance_vectors_ : (k, feature) ndarray
-        The vectors.
-    dual_coef_ : (k,) ndarray
-        Their weights w_n.
+    relevance_, relevance_vectors_, dual_coef_ : (k,), (k, feature), (k,) ndarray
+        Indices of the relevance vectors, the vectors, and their weights w_n.
     intercept_ : float
         w_0.
     alpha_, covariance_ : ndarray
         Prior precisions and posterior covariance of the weights, the bias last where it stayed.
     log_evidence_ : float
         Log marginal likelihood (Laplace's approximation).
-    n_iter_ : int
-        Iterations over all starts.
-    converged_ : bool
-        Whether the tolerance was reached.
+    n_iter_, converged_ : int, bool
+        Iterations over all starts, and whether the tolerance was reached.
     gamma_, rate_ : float
         Values in use.
-
-    References
-    ----------
-    Tipping 2001, J. Mach. Learn. Res. 1:211; Tipping & Faul 2003, AISTATS; flsar2004, Eq. 1, 3, 4.
     """
 
     def __init__(
@@ -249,10 +237,8 @@ def leave_one_out(
     ----------
     machine : RelevanceVectorClassifier
         Its parameters; it is not fitted itself.
-    X : (sample, feature) array_like
-        Examples; not a precomputed kernel.
-    y : (sample,) array_like
-        Labels.
+    X, y : (sample, feature), (sample,) array_like
+        Examples, not a precomputed kernel, and their labels.
     warm : bool
         Whether each fold begins once by single actions and once with the vectors of the machine fitted to all
         examples, less the one left out. Quicker; it may end in another maximum of the evidence (compare

@@ -11,30 +11,20 @@ def hit_weights(
 ) -> NDArray[np.int64]:
     """How often each alarm enters the training set: W = max(1, round(W0·β·w)) for hits, 1 for false alarms.
 
-    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``.
+    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``; halves are rounded up.
 
     Parameters
     ----------
     target : (alarm,) array_like of int
         Number of the target that each alarm hits, -1 for a false alarm.
     distance : (alarm,) array_like
-        Distance to that target, m; not read for false alarms.
+        Distance d to that target, m; not read for false alarms.
     w0 : float
         W0, number of false alarms per target.
     beta : float or (alarm,) array_like
         β: 1 for hits on mines, 0.5 for hits on simulants.
     label_radius : float
-        r_label, the radius within which alarms were labelled hits, m.
-
-    Returns
-    -------
-    (alarm,) ndarray of int
-        W, at least 1; halves are rounded up.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ, or w0, beta, label_radius or a hit's distance is out of range.
+        r, r_label, the radius within which alarms were labelled hits, m.
 
     Examples
     --------

@@ -47,25 +47,11 @@ class FeatureSettings:
 
 
 class FeatureSums:
-    """The sums over scans that the features are made of.
+    """The sums over scans that the features are made of, for alarms (x, y in the lane frame, m).
 
-    Only the scans in which the alarm lies within ``y_max`` and whose patch holds the whole inner region count.
-
-    Parameters
-    ----------
-    alarms : DataFrame
-        x, y in the lane frame, m.
-    polarizations, subbands : sequence of str
-        Channels of the images to come.
-    grid : Grid
-        Their pixels in the scan frame.
-    settings : FeatureSettings, optional
-        Default: the paper's.
-
-    Raises
-    ------
-    ValueError
-        If HH, VV or HV is missing; VH stands in for HV where there is only that.
+    Only the scans in which the alarm lies within ``y_max`` and whose patch holds the whole inner region count. The
+    images to come have these polarizations, sub-bands and pixels (of the scan frame); HH, VV and HV must be among them,
+    VH stands in for HV where there is only that.
     """
 
     def __init__(

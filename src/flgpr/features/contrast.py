@@ -89,8 +89,7 @@ def local_contrast(
     Returns
     -------
     DataFrame
-        ``contrast`` and ``scans`` (number of scans that count), with the index of ``alarms``. Contrast is NaN where no
-        scan sees the alarm.
+        ``contrast``, NaN where no scan sees the alarm, and ``scans``, how many count, with the index of ``alarms``.
     """
     shape = patch or PatchShape()
     inner, outer = shape.region(shape.inner), ~shape.region(shape.guard)

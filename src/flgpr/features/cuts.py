@@ -18,27 +18,11 @@ PAPER_CUT = (28, 1)
 
 
 def stack_channels(image: xr.DataArray, channels: Sequence[str] | None = None) -> tuple[ComplexArray, tuple[str, ...]]:
-    """Line up polarizations and sub-bands of an image as channels.
+    """Line up polarizations and sub-bands of an image ([polarization,] [subband,] y, x) as channels (channel, y, x).
 
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Complex image with the dimensions y and x, and optionally polarization and subband.
-    channels : sequence of str, optional
-        Channels to take, in this order. A channel is called "HH", or "HH 0.45-1.5" with its sub-band's name where the
-        image has several sub-bands. None takes all, polarization by polarization.
-
-    Returns
-    -------
-    stack : (channel, y, x) ndarray of complex64
-        The channels.
-    names : tuple of str
-        Their names.
-
-    Raises
-    ------
-    ValueError
-        If the image has other dimensions or lacks a channel.
+    It gives the stack and the channels' names: "HH", or "HH 0.45-1.5" with its sub-band's name where the image has
+    several sub-bands. ``channels`` are those to take, in this order; None takes all, polarization by polarization.
+    Other dimensions or a missing channel are a ValueError.
     """
     if set(image.dims) - {"polarization", "subband", "y", "x"} or not {"y", "x"} <= set(image.dims):
         raise ValueError(f"image must have the dimensions ([polarization,] [subband,] y, x), got {image.dims}")
@@ -59,29 +43,11 @@ def stack_channels(image: xr.DataArray, channels: Sequence[str] | None = None) -
 def cuts_at(
     image: ComplexArray, rows: ArrayLike, columns: ArrayLike, shape: tuple[int, int] = PAPER_CUT
 ) -> ComplexArray:
-    """Feature vectors of pixels.
+    """Feature vectors (n_samples, n_features) of pixels of an image (channel, y, x); NaN where the chip leaves it.
 
-    The chip of pixel i reaches from ``i - n//2`` on over n pixels each way. Its samples are stacked channel by channel,
-    row by row: with HH and VV a range cut is the paper's vector of HH then VV (Cosgrove et al. 2004, Fig. 5).
-
-    Parameters
-    ----------
-    image : (channel, y, x) ndarray
-        Image.
-    rows, columns : (n_samples,) array_like of int
-        Pixels.
-    shape : (int, int)
-        Pixels of a chip down-track and cross-track.
-
-    Returns
-    -------
-    (n_samples, n_features) ndarray of complex64
-        Feature vectors; NaN in every feature where the chip leaves the image.
-
-    Raises
-    ------
-    ValueError
-        If the shape is not positive.
+    The chip of pixel i reaches from ``i - n//2`` on over n pixels each way, ``shape`` being (down-track, cross-track).
+    Its samples are stacked channel by channel, row by row: with HH and VV a range cut is the paper's vector of HH then
+    VV (Cosgrove et al. 2004, Fig. 5).
     """
     first, second = _corners(rows, shape[0]), _corners(columns, shape[1])
     features = image.shape[0] * shape[0] * shape[1]
@@ -100,31 +66,19 @@ def range_cuts(
     channels: Sequence[str] | None = None,
     search: float = 0.0,
 ) -> ComplexArray:
-    """Feature vectors about points of an image.
+    """Feature vectors (n_samples, n_features) about points of an image; NaN where a chip leaves the image.
 
     Parameters
     ----------
-    image : xarray.DataArray
-        Complex image, as for :func:`stack_channels`.
+    image, channels
+        As for :func:`stack_channels`.
     points : (n_samples, 2) array_like
         x and y in the image's frame, m; the nearest pixel is taken.
     shape : (int, int)
         Pixels of a chip down-track and cross-track.
-    channels : sequence of str, optional
-        Channels to take.
     search : float
         Half side of the square, m, within which the chip with the most energy is taken instead: the position of a
         buried object in the image differs from its place by refraction and the survey's error.
-
-    Returns
-    -------
-    (n_samples, n_features) ndarray of complex64
-        Feature vectors; NaN where a chip leaves the image.
-
-    Raises
-    ------
-    ValueError
-        If the image or a parameter breaks a rule.
     """
     if not search >= 0:
         raise ValueError(f"search must be at least 0, got {search}")
@@ -140,28 +94,10 @@ def range_cuts(
 def clutter_cuts(
     image: ComplexArray, clean: NDArray[np.bool_], shape: tuple[int, int] = PAPER_CUT, step: tuple[int, int] = (14, 8)
 ) -> ComplexArray:
-    """Feature vectors of clutter: all chips on a lattice that hold clean pixels only.
+    """Feature vectors (n_samples, n_features) of clutter: all chips on a lattice that hold clean pixels only.
 
-    Parameters
-    ----------
-    image : (channel, y, x) ndarray
-        Image.
-    clean : (y, x) ndarray of bool
-        True where there is no target.
-    shape : (int, int)
-        Pixels of a chip down-track and cross-track.
-    step : (int, int)
-        Pixels from chip to chip down-track and cross-track.
-
-    Returns
-    -------
-    (n_samples, n_features) ndarray of complex64
-        Feature vectors; none where nothing is clean.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or are not positive.
+    The image is (channel, y, x), ``clean`` (y, x) is true where there is no target; ``shape`` are the pixels of a chip
+    and ``step`` those from chip to chip, down-track and cross-track.
     """
     if clean.shape != image.shape[1:]:
         raise ValueError(f"clean must have the image's shape {image.shape[1:]}, got {clean.shape}")
@@ -176,27 +112,7 @@ def clutter_cuts(
 
 
 def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
-    """Tell which pixels keep a distance from known targets.
-
-    Parameters
-    ----------
-    x, y : (x,), (y,) array_like
-        Pixel centres, m.
-    points : (n, 2) array_like
-        x and y of the targets, m.
-    radius : float
-        Distance, m.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        True outside all discs.
-
-    Raises
-    ------
-    ValueError
-        If the radius is negative.
-    """
+    """Tell which pixels (y, x) keep a distance ``radius`` from known targets at ``points`` (n, 2); all in m."""
     if not radius >= 0:
         raise ValueError(f"radius must be at least 0, got {radius}")
     across, along = np.meshgrid(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
@@ -207,29 +123,11 @@ def clean_pixels(x: ArrayLike, y: ArrayLike, points: ArrayLike, radius: float) -
 
 
 def quiet_pixels(image: ComplexArray, quantile: float = 0.98, grow: tuple[int, int] = PAPER_CUT) -> NDArray[np.bool_]:
-    """Tell which pixels of an image under test may serve as clutter when no truth is known.
+    """Tell which pixels (y, x) of an image (channel, y, x) may serve as clutter when no truth is known.
 
-    Pixels brighter than the quantile in any channel may bear a target; they are left out with all pixels around them
-    (Cosgrove et al. 2004, footnote 1). This cuts the clutter's own bright tail too, so that its level comes out low.
-
-    Parameters
-    ----------
-    image : (channel, y, x) ndarray
-        Image.
-    quantile : float
-        Share of the pixels of a channel that count as clutter, between 0 and 1.
-    grow : (int, int)
-        Size of the rectangle left out around a bright pixel, pixels down-track and cross-track.
-
-    Returns
-    -------
-    (y, x) ndarray of bool
-        True for clutter; false where a channel is not finite.
-
-    Raises
-    ------
-    ValueError
-        If the quantile does not lie between 0 and 1.
+    Pixels brighter than the quantile in any channel may bear a target; they are left out with all pixels in the
+    rectangle ``grow`` (down-track, cross-track) around them (Cosgrove et al. 2004, footnote 1). This cuts the clutter's
+    own bright tail too, so that its level comes out low. False where a channel is not finite.
     """
     if not 0 < quantile <= 1:
         raise ValueError(f"quantile must lie above 0 and up to 1, got {quantile}")

@@ -34,15 +34,9 @@ def entropy_alpha(
 
     Returns
     -------
-    entropy : (..., y, x) ndarray
-        H, 0 (one mechanism) to 1 (random); NaN where there is no signal.
-    alpha : (..., y, x) ndarray
-        α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a dihedral.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, a value is not finite or the window is not odd.
+    entropy, alpha : (..., y, x) ndarray
+        H, 0 (one mechanism) to 1 (random), and α, rad: 0 for a sphere, π/4 for a dipole, π/2 for a dihedral; NaN where
+        there is no signal.
 
     Examples
     --------
@@ -75,10 +69,7 @@ def coherency(hh: ComplexArray, hv: ComplexArray, vv: ComplexArray) -> ComplexAr
 
 
 def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Entropy and mean angle α of averaged coherency matrices (..., 3, 3); NaN where the matrix is zero.
-
-    Negative eigenvalues from rounding count as zero.
-    """
+    """Entropy and mean angle α of averaged coherency matrices (..., 3, 3); NaN where the matrix is zero."""
     flat = np.ascontiguousarray(matrix.reshape(-1, 3, 3), dtype=np.complex128)
     values, vectors = np.empty((len(flat), 3)), np.empty((len(flat), 3, 3), np.complex128)
     eigen_3x3(flat, values, vectors)
@@ -93,27 +84,12 @@ def entropy_alpha_of(matrix: ComplexArray) -> tuple[FloatArray, FloatArray]:
 
 
 def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Degree of scatterer symmetry τ and rotation angle ψ (Wang et al. 2007, Eq. 13-15; Cameron et al. 1996).
+    """Degree of scatterer symmetry τ and rotation angle ψ (Wang et al. 2007, Eq. 13-15; Cameron et al. 1996), rad.
 
-    ψ is that of the eigenvector of the symmetric part whose eigenvalue is larger in modulus. It says nothing for a
-    sphere or a helix (0 is returned) and is known modulo 90° only where both eigenvalues are equally large.
-
-    Parameters
-    ----------
-    hh, hv, vv : (...) array_like of complex
-        Scattering matrix, on one calibration.
-
-    Returns
-    -------
-    tau : (...) ndarray
-        τ, rad: 0 for a symmetric scatterer to π/4 for a helix; NaN where there is no signal.
-    psi : (...) ndarray
-        ψ, rad, in (-π/2, π/2]; NaN where there is no signal.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or a value is not finite.
+    τ is 0 for a symmetric scatterer to π/4 for a helix. ψ, in (-π/2, π/2], is that of the eigenvector of the symmetric
+    part whose eigenvalue is larger in modulus. It says nothing for a sphere or a helix (0 is returned) and is known
+    modulo 90° only where both eigenvalues are equally large. Both are NaN where there is no signal. HH, HV and VV, of
+    one shape, must be on one calibration.
 
     Examples
     --------

@@ -22,14 +22,9 @@ CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Template of the energy ratio (Fig. 2): an ellipse, and a rectangle twice as long and wide around it.
+    """Template of the energy ratio (Fig. 2): an ellipse, and a rectangle twice as long and wide around it."""
 
-    Attributes
-    ----------
-    half_x, half_y : float
-        Half-axes cross-track and down-track, m.
-    """
-
+    #: half_x, half_y: half-axes cross-track and down-track, m
     half_x: float
     half_y: float
 
@@ -40,56 +35,26 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ClusterThresholds:
-    """Thresholds of the three prescreeners for one polarization and range.
+    """Thresholds of the three prescreeners for one polarization and range."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Pixels above it are marked, in units of the image.
-    size : float
-        Least marked area of a cluster, m².
-    std : float
-        Largest standard deviation of the amplitude in a cluster, in units of the image.
-    energy_ratio : float
-        Largest E_out/E_in.
-    """
-
-    amplitude: float
-    size: float
-    std: float
-    energy_ratio: float
+    amplitude: float  #: pixels above it are marked, in units of the image
+    size: float  #: least marked area of a cluster, m²
+    std: float  #: largest standard deviation of the amplitude in a cluster, in units of the image
+    energy_ratio: float  #: largest E_out/E_in
 
 
 def find_clusters(
     image: xr.DataArray, threshold: float, radius: float = 0.2, grouping: Grouping = "greedy"
 ) -> pd.DataFrame:
-    """Mark the pixels above a threshold and gather them into clusters (Sec. 3.1.1).
+    """Mark the pixels of a magnitude (y, x) above a threshold and gather them into clusters (Sec. 3.1.1).
 
     The paper names a clustering method without its parameters; here the strongest marked pixel that is still free
-    gathers all free marked pixels within ``radius``, and so on.
+    gathers all free marked pixels within ``radius`` (m; the paper's is 20 cm), and so on. With the grouping "local"
+    only pixels that none within the radius outshines lead a cluster, and every other joins the strongest of those
+    within the radius: then a cluster depends on its surroundings alone, however long the lane.
 
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Magnitude (y, x) on a uniform grid; NaN is never marked.
-    threshold : float
-        Amplitude.
-    radius : float
-        Radius of a cluster, m; the paper's is 20 cm.
-    grouping : {"greedy", "local"}
-        As said, or: only pixels that none within the radius outshines lead a cluster, and every other joins the
-        strongest of those within the radius. Then a cluster depends on its surroundings alone, however long the lane.
-
-    Returns
-    -------
-    DataFrame
-        x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes; from strong
-        to weak.
-
-    Raises
-    ------
-    ValueError
-        If the image is not two-dimensional or the radius not positive.
+    The table has x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes;
+    from strong to weak.
     """
     if image.dims != ("y", "x"):
         raise ValueError(f"image must have the dimensions (y, x), got {image.dims}")
@@ -134,21 +99,9 @@ def _leaders(points: FloatArray, radius: float, grouping: Grouping = "greedy") -
 
 
 def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
-    """Energy outside the elliptical template over the energy inside (Sec. 3.1.3).
+    """Energy outside the elliptical template over that inside (Sec. 3.1.3), about places (n, 2), m, of a magnitude.
 
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Magnitude (y, x) on a uniform grid.
-    places : (n, 2) array_like
-        x, y of the templates' centres, m.
-    ellipse : Ellipse
-        The template; what reaches beyond the image is left out.
-
-    Returns
-    -------
-    (n,) ndarray
-        E_out/E_in; inf where no energy is inside.
+    What reaches beyond the image is left out; inf where no energy is inside.
     """
     power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
     x, y = image["x"].values, image["y"].values
@@ -170,25 +123,9 @@ def prescreen_clusters(
     radius: float = 0.2,
     grouping: Grouping = "greedy",
 ) -> pd.DataFrame:
-    """Apply the three prescreeners in sequence to one image (Sec. 3.1).
+    """Apply the three prescreeners in sequence to a magnitude (y, x) (Sec. 3.1): ``CLUSTER_COLUMNS`` of what passes.
 
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Magnitude (y, x) on a uniform grid.
-    thresholds : ClusterThresholds
-        Limits.
-    ellipse : Ellipse
-        Template of the energy ratio.
-    radius : float
-        Radius of a cluster, m.
-    grouping : {"greedy", "local"}
-        As for :func:`find_clusters`.
-
-    Returns
-    -------
-    DataFrame
-        ``CLUSTER_COLUMNS`` of the clusters that pass all three.
+    Radius and grouping are those of :func:`find_clusters`.
     """
     table = find_clusters(image, thresholds.amplitude, radius, grouping)
     table = table[(table["size"] >= thresholds.size) & (table["std"] <= thresholds.std)]
@@ -203,27 +140,10 @@ def learn_thresholds(
 ) -> ClusterThresholds:  # fmt: skip
     """Set the thresholds so that a share of given mines passes each prescreener on its own.
 
-    A mine's peak is the largest pixel within ``reach``. The amplitude threshold is half the peak that the share of the
-    mines exceeds, so that a cluster is what lies within 6 dB of a weak mine's peak; the other limits are quantiles over
-    the clusters about the peaks.
-
-    Parameters
-    ----------
-    image : xarray.DataArray
-        Magnitude (y, x) on a uniform grid.
-    places : (n, 2) array_like
-        x, y of the mines, m; from a subset that is not used again.
-    ellipse : Ellipse
-        Template of the energy ratio.
-    radius, reach : float
-        Radius of a cluster, and how far a peak may lie from its mine, m.
-    pass_share : float
-        Share of the mines.
-
-    Raises
-    ------
-    ValueError
-        If there is no mine in the image, or the share is not in (0, 1].
+    A mine's peak is the largest pixel of the magnitude (y, x) within ``reach`` of its place (n, 2), m. The amplitude
+    threshold is half the peak that the share of the mines exceeds, so that a cluster is what lies within 6 dB of a weak
+    mine's peak; the other limits are quantiles over the clusters about the peaks. The mines should be a subset that is
+    not used again; there must be one in the image.
     """
     return thresholds_over([(image, places)], ellipse, radius, reach, pass_share)
 
@@ -280,19 +200,10 @@ def _peaks(
 
 
 def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
-    """Match the ellipse to a mean signature: semi-axes where an even ellipse has the signature's second moments.
+    """Match the ellipse to a mean signature (y, x) whose pixels are ``spacing`` (x, y) apart, m.
 
-    Parameters
-    ----------
-    template : (y, x) array_like
-        Mean signature, magnitude.
-    spacing : tuple of float
-        Pixel spacing x, y, m.
-
-    Returns
-    -------
-    Ellipse
-        Its half-axes, twice the rms width of the signature's energy above its median.
+    Its half-axes are twice the rms width of the signature's energy above its median: an even ellipse has the same
+    second moments.
     """
     power = np.asarray(template, dtype=np.float64) ** 2
     power = np.maximum(power - np.median(power), 0)
@@ -332,11 +243,6 @@ def fuse_clusters(
     DataFrame
         x, y (m), mean over the images' strongest clusters; ``images``, how many saw it; ``strength``, its peak over the
         image's level.
-
-    Raises
-    ------
-    ValueError
-        If the rule is unknown or there is no image.
     """
     if rule not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}, got {rule!r}")

@@ -15,10 +15,8 @@ def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: 
 
     Parameters
     ----------
-    alarms : DataFrame
-        x, y in the lane frame, m.
-    truth : DataFrame
-        Truth table of the same lane. Only training may see it.
+    alarms, truth : DataFrame
+        x, y in the lane frame, m, and the truth table of the same lane. Only training may see it.
     lane : Lane
         The lane; alarms outside it that hit nothing are neither.
     radius : float
@@ -29,11 +27,6 @@ def label_alarms(alarms: pd.DataFrame, truth: pd.DataFrame, lane: Lane, radius: 
     DataFrame
         ``label`` ("hit", "false" or "neither"), ``target`` (row in the truth table of the closest target, -1 unless a
         hit) and ``distance`` to the closest target (m, NaN without any), with the index of ``alarms``.
-
-    Raises
-    ------
-    ValueError
-        If the truth is not valid or the radius not positive.
     """
     if not radius > 0:
         raise ValueError(f"radius must be positive, got {radius}")

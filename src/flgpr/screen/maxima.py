@@ -48,11 +48,6 @@ def prescreen(
         x, y (m), magnitude, ordered from strong to weak; empty if there is no maximum. Pixels on the border of what was
         seen never raise an alarm.
 
-    Raises
-    ------
-    ValueError
-        If radius or density is not positive or ``view`` is not two-dimensional.
-
     Examples
     --------
     >>> import numpy as np
@@ -78,49 +73,15 @@ def prescreen(
 
 
 def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.bool_]:
-    """Tell which places the density rule counts.
-
-    Parameters
-    ----------
-    x, y : array_like
-        Places in the lane frame, m, of one shape.
-    lane : Lane
-        The lane.
-    count : {"lane", "view"}
-        Whether those in the lane count, or all.
-
-    Returns
-    -------
-    ndarray of bool
-        Of the places' shape.
-    """
+    """Tell which places (x and y in the lane frame, m) the density rule counts: those in the lane, or all."""
     inside = np.asarray(lane.contains(x, y), np.bool_)
     return inside if count == "lane" else np.ones_like(inside)
 
 
 def view_threshold(maxima: pd.DataFrame, lane: Lane, seen: float, radius: float, density: float, count: Count) -> float:
-    """Apply the density rule to the local maxima of a whole run-view.
+    """Apply the density rule to the local maxima (x, y in m, magnitude) of a whole run-view.
 
-    Parameters
-    ----------
-    maxima : DataFrame
-        x, y (m) and magnitude.
-    lane : Lane
-        The lane.
-    seen : float
-        Area of the run-view that was seen, m².
-    radius, density, count
-        As in :func:`prescreen`.
-
-    Returns
-    -------
-    float
-        The threshold, as :func:`density_threshold` has it.
-
-    Raises
-    ------
-    ValueError
-        If radius or density is not positive.
+    ``seen`` is the area, m², of the run-view that was seen; the rest is as in :func:`prescreen`.
     """
     counted = maxima["magnitude"].to_numpy()[counts(maxima["x"], maxima["y"], lane, count)]
     return density_threshold(counted, seen if count == "view" else lane.area, radius, density)
@@ -129,26 +90,8 @@ def view_threshold(maxima: pd.DataFrame, lane: Lane, seen: float, radius: float,
 def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float, density: float) -> float:
     """Find the magnitude from which on local maxima are alarms (Wang et al. 2007, Sec. II-B).
 
-    Parameters
-    ----------
-    magnitude : (maximum,) ndarray
-        Magnitudes of the local maxima in any order.
-    area : float
-        The area they were found on, m².
-    radius : float
-        An alarm is the largest pixel within this distance, m.
-    density : float
-        ρ, mean number of alarms kept per area π·radius².
-
-    Returns
-    -------
-    float
-        The threshold; -inf if all are kept, inf if none is.
-
-    Raises
-    ------
-    ValueError
-        If radius or density is not positive.
+    They were found on ``area``, m²; ρ is the ``density`` of those kept per area π·radius². -inf if all are kept, inf if
+    none is.
 
     Examples
     --------
@@ -166,8 +109,7 @@ def density_threshold(magnitude: NDArray[np.float64], area: float, radius: float
 def local_maxima(view: xr.DataArray, radius: float) -> pd.DataFrame:
     """Find the local maxima of a run-view (y, x), the largest pixels within ``radius`` m, before the density rule.
 
-    They come as x, y (m) and magnitude, strong to weak, empty if there is none. Pixels on the border of what was seen
-    are never among them.
+    They come as x, y (m) and magnitude, strong to weak. Pixels on the border of what was seen are never among them.
     """
     if view.dims != ("y", "x"):
         raise ValueError(f"view must have the dimensions (y, x), got {view.dims}")

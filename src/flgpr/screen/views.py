@@ -15,33 +15,14 @@ from flgpr.model import Grid, lane_to_scan, scan_to_lane
 
 
 def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Sample the magnitude of a scan image (..., y, x) at points (..., 2 or 3) of the scan frame, m, bilinearly.
-
-    NaN outside the image.
-    """
-    y, x = image["y"].values, image["x"].values
-    row = (points[..., 1] - y[0]) / (y[1] - y[0])
-    column = (points[..., 0] - x[0]) / (x[1] - x[0])
+    """Sample the magnitude of a scan image (..., y, x) at points (..., 2 or 3) of its frame, m; NaN outside."""
+    grid = grid_of(image)
+    row, column = (points[..., 1] - grid.y_min) / grid.dy, (points[..., 0] - grid.x_min) / grid.dx
     return bilinear(np.abs(image.values), row, column)
 
 
 def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
-    """Tell which part of the lane a scan sees.
-
-    Parameters
-    ----------
-    grid : Grid
-        Pixels of its image in the scan frame.
-    pose : (6,) ndarray
-        Its pose.
-    y_max : float
-        Farthest distance ahead of the array that counts, m.
-
-    Returns
-    -------
-    float, float
-        First and last y of the lane frame, m.
-    """
+    """Tell which part of the lane a scan with this grid and pose sees up to ``y_max``: first and last y, m."""
     x_min, x_max, near, far = grid.extent()
     corners = np.zeros((4, 3))
     corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (near, min(far, y_max))]
@@ -61,14 +42,8 @@ class Samples(NamedTuple):
 class LaneSums:
     """Samples of all scans at the pixels of the lane; what becomes of them is told by the kind of look.
 
-    Parameters
-    ----------
-    grid : Grid
-        Pixels in the lane frame.
-    y_max : float
-        Farthest distance ahead of the array that counts, m.
-    rows : slice, optional
-        Rows of the grid that are kept, for a part of the lane; default all.
+    ``y_max`` is the farthest distance ahead of the array that counts, m; ``rows`` of the grid are kept, for a part of
+    the lane, by default all.
     """
 
     def __init__(self, grid: Grid, y_max: float, rows: slice | None = None) -> None:
@@ -92,9 +67,8 @@ class LaneSums:
         values[..., local[..., 1] > self.y_max] = np.nan
         seen = np.isfinite(values)
         whole = np.asarray(seen.all(axis=tuple(range(seen.ndim - 2))))
-        samples = Samples(values, seen, whole, local)
-        self._looks[rows] += samples.whole
-        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, samples)
+        self._looks[rows] += whole
+        self._take({name: one[..., rows, :] for name, one in self._kept.items()}, Samples(values, seen, whole, local))
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Compute the run-view (..., y, x), NaN where no scan sees the pixel, and the number of looks (y, x)."""
@@ -153,7 +127,7 @@ class LaneSums:
 class RunViewSums(LaneSums):
     """The second largest magnitude at every pixel of the lane, to be rid of flashes (Wang et al. 2007, Sec. II-B).
 
-    Where a single scan sees the pixel its value stands. Parameters are those of ``LaneSums``.
+    Where a single scan sees the pixel its value stands.
     """
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
@@ -175,10 +149,7 @@ class RunViewSums(LaneSums):
 
 
 class MeanViewSums(LaneSums):
-    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent.
-
-    Parameters are those of ``LaneSums``.
-    """
+    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent."""
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
         return {"sum": np.zeros((*channels, *self._looks.shape))}
@@ -196,14 +167,7 @@ class MeanViewSums(LaneSums):
 class RangeViewSums(LaneSums):
     """One view per distance ahead: at every pixel the scan that sees it nearest to that distance (flsar2004, Sec. 2).
 
-    Parameters
-    ----------
-    grid, y_max, rows
-        As for ``LaneSums``.
-    ranges : sequence of float
-        Distances ahead of the array, m.
-    within : float
-        Farthest from its distance that a scan may see a pixel, m.
+    ``ranges`` are the distances ahead of the array, ``within`` how far from its distance a scan may see a pixel, m.
     """
 
     def __init__(
@@ -258,11 +222,6 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
         Float32 (..., y, x) in the lane frame; NaN where no scan saw the pixel. Coordinate ``looks`` (y, x) counts the
         scans.
 
-    Raises
-    ------
-    ValueError
-        If there is no image.
-
     Examples
     --------
     The second largest magnitude stands where two scans or more see a pixel: a flash in one scan does not.
@@ -280,20 +239,14 @@ def run_view(images: Iterable[xr.DataArray], grid: Grid, y_max: float) -> xr.Dat
     >>> flash[2, 2] = 9.0
     >>> lane = Grid.spanning((0.0, 0.5), (2.0, 3.0), 0.5)
     >>> view = run_view([scan(0.0, flash), scan(0.5, still), scan(1.0, still)], lane, y_max=4.0)
-    >>> view.values
-    array([[1., 1.],
-           [1., 1.],
-           [1., 1.]], dtype=float32)
-    >>> view.looks.values
-    array([[3, 3],
-           [3, 3],
-           [3, 3]])
+    >>> float(view.max()), view.looks.values.tolist()
+    (1.0, [[3, 3], [3, 3], [3, 3]])
     """
     sums = RunViewSums(grid, y_max)
     template: xr.DataArray | None = None
     for image in images:
         template = image
-        sums.add(np.abs(image.values), _grid_of(image), np.asarray(image.attrs["pose"]))
+        sums.add(np.abs(image.values), grid_of(image), np.asarray(image.attrs["pose"]))
     result, looks = sums.result()
     if template is None:
         raise ValueError("images must hold at least one scan, got none")
@@ -307,20 +260,9 @@ def view_array(
     channels: Mapping[str, Any],
     rows: slice | None = None,
 ) -> xr.DataArray:
-    """Attach coordinates to a run-view.
+    """Attach coordinates to a run-view (..., y, x) and its looks (y, x): names and labels of the leading dimensions.
 
-    Parameters
-    ----------
-    view : (..., y, x) ndarray of float32
-        Run-view.
-    looks : (y, x) ndarray of int
-        Number of scans that see each pixel.
-    grid : Grid
-        Pixels in the lane frame.
-    channels : mapping of str to sequence
-        Names and labels of the leading dimensions.
-    rows : slice, optional
-        Rows of the grid that the run-view holds; default all.
+    ``rows`` of the grid, in the lane frame, are those that the run-view holds, by default all.
     """
     return xr.DataArray(
         view,
@@ -330,7 +272,8 @@ def view_array(
     )
 
 
-def _grid_of(image: xr.DataArray) -> Grid:
+def grid_of(image: xr.DataArray) -> Grid:
+    """Tell the pixels of an image (..., y, x) by its axes."""
     y, x = image["y"].values, image["x"].values
     return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
 

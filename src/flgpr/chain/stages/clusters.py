@@ -14,7 +14,6 @@ from pydantic import Field
 from flgpr.chain.passes import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, ScreenStage, Table, TrainingView
 from flgpr.features import cut_regions, mean_template, template_features
-from flgpr.model import Grid
 from flgpr.screen import (
     ClusterThresholds,
     Ellipse,
@@ -24,6 +23,7 @@ from flgpr.screen import (
     thresholds_over,
 )
 from flgpr.screen.clusters import Rule
+from flgpr.screen.views import grid_of
 
 _LIMITS = ("half_x", "half_y", "amplitude", "size", "std", "energy_ratio")
 
@@ -67,15 +67,10 @@ class ClusterSettings(TemplateSettings):
     rule: Rule = "and-or"
 
 
-def _grid(view: xr.DataArray) -> Grid:
-    x, y = view["x"].values, view["y"].values
-    return Grid(float(x[0]), float(y[0]), x.size, y.size, float(x[1] - x[0]), float(y[1] - y[0]))
-
-
 def templates_of(lanes: list[TrainingView], settings: TemplateSettings) -> NDArray[Any]:
     """Mean signatures (polarization, range, y, x) of unit energy of the subset's mines (par. 19)."""
     chips = [
-        cut_regions(lane.view.values, _grid(lane.view), mines[["x", "y"]], settings.template)
+        cut_regions(lane.view.values, grid_of(lane.view), mines[["x", "y"]], settings.template)
         for lane, mines in zip(lanes, subset(lanes, settings.share), strict=True)
     ]
     return mean_template(np.concatenate(chips))
@@ -124,7 +119,7 @@ class ClusterScreen(ScreenStage):
         templates = templates_of(examples, settings)
         mines = subset(examples, settings.share, settings.kinds)
         learnt = {name: np.zeros(templates.shape[:2]) for name in _LIMITS}
-        first = _grid(examples[0].view)
+        first = grid_of(examples[0].view)
         for p, r in np.ndindex(*templates.shape[:2]):
             ellipse = fit_ellipse(templates[p, r], (first.dx, first.dy))
             views = [(lane.view[p, r], some[["x", "y"]].to_numpy()) for lane, some in zip(examples, mines, strict=True)]
@@ -148,7 +143,7 @@ class TemplateFeatures(FeatureStage):
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Correlations, named T_POLARIZATION_RANGE."""
-        regions = cut_regions(view.values, _grid(view), points, self.settings.region)
+        regions = cut_regions(view.values, grid_of(view), points, self.settings.region)
         values = (
             template_features(regions, self.learnt["templates"])
             if len(points)
