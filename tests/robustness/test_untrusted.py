@@ -9,6 +9,8 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
+import zarr
+from zarr.codecs import BytesCodec, Crc32cCodec
 
 from flgpr import tasks
 from flgpr.chain.memory import parse_size, plan_sections
@@ -116,6 +118,9 @@ def test_a_result_cannot_reach_out(lane, tmp_path):
             "must have 196 bytes",
         ),
         ("signal", {"chunk_key_encoding": {"name": "v2"}}, "default names"),
+        ("signal", {"dimension_names": ["pair", "polarization", "scan", "frequency"]}, "its dimensions must be"),
+        ("signal", {"codecs": [{"name": "bytes", "configuration": {"endian": "both"}}]}, "little or big"),
+        ("signal", {"node_type": "group"}, "must describe a Zarr v3 array"),
         ("time", {"shape": [10**9]}, "dimension scan"),
         ("pose", {"shape": [4, 7]}, "component"),
     ],
@@ -128,6 +133,32 @@ def test_what_a_store_declares_is_checked_before_it_is_decoded(store, name, chan
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 20e6
+
+
+def test_chunks_of_any_form_and_byte_order_are_read_as_zarr_reads_them(store):
+    before = open_run(store).load()
+    group = zarr.open_group(store, mode="a")
+    for name, chunks in (("signal", (3, 2, 1, 2)), ("pose", (3, 4))):
+        held = group[name]
+        del group[name]
+        array = group.create_array(
+            name, shape=held.shape, chunks=chunks, dtype=held.dtype, dimension_names=held.metadata.dimension_names,
+            serializer=BytesCodec(endian="big"), compressors=[Crc32cCodec()], config={"write_empty_chunks": True},
+        )  # fmt: skip
+        array[...] = before[name].values
+    files = [path.relative_to(store).as_posix() for path in store.rglob("*") if path.is_file()]
+    forge(store, lambda told: (told.clear(), told.update({name: {} for name in files if name != "commit.json"})))
+    assert open_run(store).load().identical(before)
+    some = {"scan": [3, 0], "pair": 1, "frequency": slice(4, None, -2)}
+    np.testing.assert_array_equal(open_run(store)["signal"].isel(some), before["signal"].isel(some))
+
+
+def test_a_checksum_that_is_wrong_is_refused(store):
+    chunk = store / "pose" / "c" / "0" / "0"
+    chunk.write_bytes(bytes([1]) + chunk.read_bytes()[1:])
+    forge(store, lambda files: None)
+    with pytest.raises(RunStoreError, match="wrong checksum"):
+        open_run(store)
 
 
 def test_a_run_larger_than_the_memory_is_refused(store):

@@ -10,12 +10,11 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 MAX_MEMORY = 2 * 10**9
 """Memory that reading may take unless told otherwise, bytes."""
-_TYPES = {"complex64": 8, "float64": 8, "bool": 1}
-_DIMS = {
+DIMS = {
     "signal": ("scan", "polarization", "pair", "frequency"),
     "valid": ("scan", "polarization", "pair"),
     "pose": ("scan", "component"),
@@ -24,30 +23,40 @@ _DIMS = {
     "frequency": ("frequency",),
     "time": ("scan",),
 }
-_KINDS = {name: "float64" for name in _DIMS} | {"signal": "complex64", "valid": "bool"}
+_KINDS = {name: "float64" for name in DIMS} | {"signal": "complex64", "valid": "bool"}
+_WIDTHS = {"complex64": 8, "float64": 8, "bool": 1}
 _CRC, _SCANS_HELD = 4, 4
 _LARGEST_DESCRIPTION = 16 * 2**20
 
 
+class Layout(NamedTuple):
+    """How an array lies in its store: in chunks of numbers in C order, after which a CRC-32C may stand."""
+
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    dtype: str
+    big_endian: bool
+
+
 def check_declared(
     files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], max_memory: int = MAX_MEMORY
-) -> dict[str, tuple[int, ...]]:
-    """Check what a store declares against what was committed and the memory there is; give the arrays' shapes.
+) -> dict[str, Layout]:
+    """Check what a store declares against what was committed and the memory there is; give the arrays' layouts.
 
     ``files`` are the commit manifest's; ``read`` gives the verified content of a key. Errors name array, rule and
     value.
     """
-    _description(files, read, "zarr.json")
-    shapes: dict[str, tuple[int, ...]] = {}
+    _description(files, read, "zarr.json", "group")
+    layouts: dict[str, Layout] = {}
     sizes = {"axis": 3, "component": 6}
     held = 0.0
-    for name, dims in _DIMS.items():
-        description = _description(files, read, f"{name}/zarr.json")
-        shape, chunks = _layout(name, description, len(dims))
+    for name, dims in DIMS.items():
+        layout = layouts[name] = _layout(name, _description(files, read, f"{name}/zarr.json", "array"))
+        shape, chunks = layout.shape, layout.chunks
         for dim, length in zip(dims, shape, strict=True):
             if sizes.setdefault(dim, length) != length:
                 raise ValueError(f"{name}: dimension {dim} must have the length {sizes[dim]} everywhere, got {length}")
-        width = _TYPES[_KINDS[name]]
+        width = _WIDTHS[layout.dtype]
         held += _SCANS_HELD * width * math.prod(chunks) if name == "signal" else width * math.prod(shape)
         if held > max_memory:
             raise ValueError(
@@ -55,12 +64,11 @@ def check_declared(
                 f"{held / 1e9:.3g} GB (shape {shape}, chunks {chunks})"
             )
         _check_chunks(name, shape, chunks, width, files)
-        shapes[name] = shape
-    return shapes
+    return layouts
 
 
 def _description(
-    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], key: str
+    files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], key: str, kind: str
 ) -> dict[str, Any]:
     if key not in files:
         raise ValueError(f"{key} is not among the committed files")
@@ -70,13 +78,13 @@ def _description(
         description = json.loads(read(key) or b"")
     except RecursionError:
         raise ValueError(f"{key}: too deeply nested") from None
-    if not isinstance(description, dict):
-        raise ValueError(f"{key} must be an object")
+    if not isinstance(description, dict) or (description.get("zarr_format"), description.get("node_type")) != (3, kind):
+        raise ValueError(f"{key} must describe a Zarr v3 {kind}")
     return description
 
 
-def _layout(name: str, description: dict[str, Any], rank: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    grid = description.get("chunk_grid")
+def _layout(name: str, description: dict[str, Any]) -> Layout:
+    rank, grid = len(DIMS[name]), description.get("chunk_grid")
     chunks = grid.get("configuration", {}).get("chunk_shape") if isinstance(grid, dict) else None
     shape = description.get("shape")
     for what, value in (("shape", shape), ("chunk shape", chunks)):
@@ -88,12 +96,17 @@ def _layout(name: str, description: dict[str, Any], rank: int) -> tuple[tuple[in
             raise ValueError(f"{name}: its {what} must be {rank} positive whole numbers, got {value}")
     if description.get("data_type") != _KINDS[name]:
         raise ValueError(f"{name}: its type must be {_KINDS[name]}, got {description.get('data_type')}")
+    if description.get("dimension_names") != list(DIMS[name]):
+        raise ValueError(f"{name}: its dimensions must be {DIMS[name]}, got {description.get('dimension_names')}")
     codecs = [codec.get("name") if isinstance(codec, dict) else codec for codec in description.get("codecs", [])]
     if codecs not in (["bytes", "crc32c"], ["bytes"]) or description.get("storage_transformers"):
         raise ValueError(f"{name}: its codecs must be bytes and crc32c, nothing that expands, got {codecs}")
     if description.get("chunk_key_encoding") != {"name": "default", "configuration": {"separator": "/"}}:
         raise ValueError(f"{name}: its chunks must have the default names, got {description.get('chunk_key_encoding')}")
-    return tuple(shape), tuple(chunks)  # type: ignore[arg-type]
+    endian = description["codecs"][0].get("configuration", {}).get("endian", "little")
+    if endian not in ("little", "big"):
+        raise ValueError(f"{name}: its bytes must be little or big endian, got {endian}")
+    return Layout(tuple(shape), tuple(chunks), _KINDS[name], endian == "big")  # type: ignore[arg-type]
 
 
 def _check_chunks(

@@ -1,29 +1,31 @@
 """The run store: Zarr v3, one chunk per scan, committed by a manifest of SHA-256 digests that is written last.
 
-Zarr reads a chunk that is not there as fill values. A radar run must never do that, so every read goes through
-:class:`VerifiedStore`, which knows from the manifest which chunks there are and what they hold.
+Zarr reads a chunk that is not there as fill values. A radar run must never do that, so runs are read without it, by the
+manifest, which knows which chunks there are and what they hold. Plain bytes in chunks are soon read, and sooner.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from itertools import product
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import google_crc32c
 import numpy as np
 import xarray as xr
-import zarr
-from numpy.typing import ArrayLike
-from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
-from zarr.codecs import Crc32cCodec
+from numpy.typing import ArrayLike, NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
 
-from flgpr.io.declared import MAX_MEMORY, check_declared
+from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
 from flgpr.io.files import canonical_json, replace_folder, sha256, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
 from flgpr.io.sealed import inside, read_limited
@@ -31,29 +33,18 @@ from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 
 FORMAT, VERSION = "flgpr-run", 1
 _COMMIT = "commit.json"
+_VARIABLES = ("signal", "valid", "tx_position", "rx_position", "pose")
 
 
 class RunStoreError(ValueError):
     """A run store is incomplete, altered or not a run store at all."""
 
 
-class VerifiedStore(Store):  # type: ignore[misc]
-    """A read-only Zarr store that returns only what the commit manifest vouches for."""
-
-    supports_writes = False
-    supports_deletes = False
-    supports_partial_writes = False
-    supports_listing = True
+class _CommittedFiles:
+    """The files of a run, of which only what the commit manifest vouches for is read."""
 
     def __init__(self, root: Path, files: dict[str, dict[str, Any]]) -> None:
-        super().__init__(read_only=True)
         self.root, self.files = root, files
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, VerifiedStore) and (other.root, other.files) == (self.root, self.files)
-
-    def __hash__(self) -> int:
-        return hash(self.root)
 
     def read(self, key: str) -> bytes | None:
         """Read one key and check it against the manifest; None if that does not list it."""
@@ -73,51 +64,38 @@ class VerifiedStore(Store):  # type: ignore[misc]
             )
         return data
 
-    async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-        """Return a verified value, or None for a key that was never committed."""
-        data = self.read(key)
-        if data is None:
-            return None
-        if isinstance(byte_range, RangeByteRequest):
-            data = data[byte_range.start : byte_range.end]
-        elif isinstance(byte_range, OffsetByteRequest):
-            data = data[byte_range.offset :]
-        elif isinstance(byte_range, SuffixByteRequest):
-            data = data[-byte_range.suffix :]
-        return prototype.buffer.from_bytes(data)
 
-    async def get_partial_values(self, prototype: Any, key_ranges: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return several verified values."""
-        return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+class _StoredArray(BackendArray):
+    """An array of a run as xarray reads it: chunk by chunk, each checked when it is needed."""
 
-    async def exists(self, key: str) -> bool:
-        """Tell whether a key was committed."""
-        return key in self.files
+    def __init__(self, files: _CommittedFiles, name: str, layout: Layout) -> None:
+        self._files, self._name, self._layout = files, name, layout
+        self.shape, self.dtype = layout.shape, np.dtype(layout.dtype)
 
-    async def set(self, key: str, value: Any) -> None:  # noqa: ARG002
-        """Refuse: committed runs are read-only."""
-        raise RunStoreError(f"{self.root}: a committed run is read-only, got a write to {key}")
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self.select)
 
-    async def delete(self, key: str) -> None:
-        """Refuse: committed runs are read-only."""
-        raise RunStoreError(f"{self.root}: a committed run is read-only, got a delete of {key}")
+    def select(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        """Read what a number, slice or list of numbers per dimension takes."""
+        wanted = [np.arange(length)[one] for length, one in zip(self.shape, key, strict=True)]
+        places = [np.atleast_1d(one) for one in wanted]
+        steps = self._layout.chunks
+        out = np.empty([one.size for one in places], self.dtype)
+        for number in product(*(np.unique(one // step).tolist() for one, step in zip(places, steps, strict=True))):
+            cells = list(zip(places, steps, number, strict=True))
+            here = [np.flatnonzero(one // step == k) for one, step, k in cells]
+            there = [one[one // step == k] - k * step for one, step, k in cells]
+            out[np.ix_(*here)] = self._chunk(number)[np.ix_(*there)]
+        return out.reshape([length for one in wanted for length in one.shape])
 
-    async def list(self) -> AsyncIterator[str]:
-        """List the committed keys."""
-        for key in self.files:
-            yield key
-
-    async def list_prefix(self, prefix: str) -> AsyncIterator[str]:
-        """List the committed keys that start with a prefix."""
-        for key in self.files:
-            if key.startswith(prefix):
-                yield key
-
-    async def list_dir(self, prefix: str) -> AsyncIterator[str]:
-        """List the entries of a folder."""
-        base = prefix.rstrip("/") + "/" if prefix else ""
-        for name in sorted({key[len(base) :].split("/")[0] for key in self.files if key.startswith(base)}):
-            yield name
+    def _chunk(self, number: tuple[int, ...]) -> NDArray[Any]:
+        key, layout = "/".join([self._name, "c", *map(str, number)]), self._layout
+        data = self._files.read(key) or b""
+        size = self.dtype.itemsize * math.prod(layout.chunks)
+        if len(data) > size and google_crc32c.value(data[:size]) != int.from_bytes(data[size:], "little"):
+            raise RunStoreError(f"{self._files.root}: {key} has a wrong checksum")
+        values = np.frombuffer(data[:size], self.dtype.newbyteorder(">" if layout.big_endian else "<"))
+        return values.reshape(layout.chunks)
 
 
 class RunWriter:
@@ -186,6 +164,8 @@ class RunWriter:
             raise
         self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
         self._drop_what_is_not_sure()
+        import zarr  # takes long to load, and only writing needs it
+
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
         self._signal = self._array("signal", (len(self), *self._shape), (1, *self._shape), "complex64")
 
@@ -291,6 +271,8 @@ class RunWriter:
         dtype: str,
         dims: tuple[Any, ...] = ("scan", "polarization", "pair", "frequency"),
     ) -> Any:
+        from zarr.codecs import Crc32cCodec
+
         return self._group.create_array(
             name,
             shape=shape,
@@ -351,42 +333,32 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """
     root = Path(path)
     manifest = read_manifest(root)
-    store = VerifiedStore(root, manifest["files"])
+    files = _CommittedFiles(root, manifest["files"])
     for key, entry in manifest["files"].items():
         _check_size(root, key, entry)
     try:
-        check_declared(manifest["files"], store.read, max_memory)
+        layouts = check_declared(files.files, files.read, max_memory)
+        attrs = json.loads(files.read("zarr.json") or b"{}")["attributes"]
+        arrays = {name: _StoredArray(files, name, layout) for name, layout in layouts.items()}
+        lazy = indexing.LazilyIndexedArray(arrays.pop("signal"))
+        held = {name: (DIMS[name], array.select((slice(None),) * len(array.shape))) for name, array in arrays.items()}
+        coords = {
+            "frequency": held.pop("frequency"),
+            "polarization": ("polarization", [str(label) for label in attrs["polarization"]]),
+            "time": held.pop("time"),
+            "axis": ("axis", list(AXES)),
+            "component": ("component", list(POSE_COMPONENTS)),
+        }
+        kept = indexing.MemoryCachedArray(indexing.CopyOnWriteArray(lazy))  # type: ignore[arg-type,no-untyped-call]
+        signal = (DIMS["signal"], kept)
+        variables = {name: signal if name == "signal" else held[name] for name in _VARIABLES}
+        run = check_run(xr.Dataset(variables, coords, dict(attrs["attrs"])))
     except RunStoreError:
         raise
     except ValueError as error:
         raise RunStoreError(f"{root}: {error}") from None
-    try:
-        attrs = json.loads(store.read("zarr.json") or b"{}")["attributes"]
-        raw = xr.open_zarr(store, chunks=None, consolidated=False, decode_cf=False, zarr_format=3)
-        small = raw.drop_vars("signal").load()
-        labels, free = [str(label) for label in attrs["polarization"]], dict(attrs["attrs"])
-        coords = {
-            "frequency": ("frequency", small["frequency"].values),
-            "polarization": ("polarization", labels),
-            "time": ("scan", small["time"].values),
-            "axis": ("axis", list(AXES)),
-            "component": ("component", list(POSE_COMPONENTS)),
-        }
-        names = ("valid", "tx_position", "rx_position", "pose")
-        variables: dict[str, Any] = {"signal": raw["signal"].variable}
-        variables |= {name: (small[name].dims, small[name].values) for name in names}
-    except RunStoreError:
-        raise
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError, zarr.errors.BaseZarrError) as error:
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RunStoreError(f"{root}: not a run store ({error})") from error
-    for variable in variables.values():
-        if isinstance(variable, xr.Variable):
-            variable.attrs = {}
-            variable.encoding = {}
-    try:
-        run = check_run(xr.Dataset(variables, coords, free))
-    except ValueError as error:
-        raise RunStoreError(f"{root}: {error}") from error
     if manifest["scans"] != run.sizes["scan"]:
         raise RunStoreError(f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}")
     return run
