@@ -93,14 +93,9 @@ def sharpness(image: ArrayLike) -> float:
 
 
 def estimate_clock(
-    run: xr.Dataset,
-    track: pd.DataFrame,
-    pixels: ArrayLike,
-    offsets: ArrayLike,
-    operator: Operator,
-    rates: ArrayLike = (1.0,),
-    refine: int = 4,
-) -> ClockFit:
+    run: xr.Dataset, track: pd.DataFrame, pixels: ArrayLike, offsets: ArrayLike, operator: Operator,
+    rates: ArrayLike = (1.0,), refine: int = 4,
+) -> ClockFit:  # fmt: skip
     """Find the clock offset at which the run focuses best; no reflector need be known.
 
     All offsets are tried, then the best one's neighbourhood with steps halved ``refine`` times. The offset's step must

@@ -11,6 +11,7 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
+from flgpr.imaging.engines import Engine
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
 from flgpr.kernels.transform import Spectrum
@@ -35,10 +36,8 @@ class _Lane:
         self.spectra = [cuda.device_array(spectra, np.complex64) for _ in range(2)]
 
 
-class CudaEngine:
+class CudaEngine(Engine):
     """Range profiles and their interpolation in single precision on a CUDA device."""
-
-    method = "profile"
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         if not cuda.is_available():

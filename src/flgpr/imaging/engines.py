@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numba import get_num_threads
@@ -23,26 +23,20 @@ from flgpr.model import SPEED_OF_LIGHT
 FloatArray = NDArray[np.float64]
 
 
-class Engine(Protocol):
-    """The adjoint and the forward sums on checked arrays."""
+class Engine:
+    """The adjoint and the forward sums on checked arrays, in the memory of the host unless an engine says otherwise."""
 
-    method: str
+    method = "profile"
     width: int
-
-    def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Make memory for images."""
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
+        raise NotImplementedError
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
+        raise NotImplementedError
 
-    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
-        """Time the adjoint without transfers."""
-
-
-class _HostMemory:
     def buffer(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         """Make memory for images."""
         return np.empty(shape, dtype)
@@ -54,7 +48,7 @@ class _HostMemory:
         )
 
 
-class DirectEngine(_HostMemory):
+class DirectEngine(Engine):
     """Sums term by term in double precision."""
 
     method = "direct"
@@ -80,10 +74,8 @@ class DirectEngine(_HostMemory):
         out[..., self._active] = part
 
 
-class ProfileEngine(_HostMemory):
+class ProfileEngine(Engine):
     """Range profiles and their interpolation in single precision on the CPU."""
-
-    method = "profile"
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         self.width = plan.window.width
@@ -126,10 +118,8 @@ class ProfileEngine(_HostMemory):
         return aligned(self._geometry.tx.size * self._bins * 2 * channels, np.float32)
 
 
-class PreciseEngine(_HostMemory):
+class PreciseEngine(Engine):
     """Range profiles and their interpolation in double precision: for tolerances that single precision cannot keep."""
-
-    method = "profile"
 
     def __init__(self, plan: Plan, weight: FloatArray) -> None:
         spectrum = plan.spectrum

@@ -55,12 +55,9 @@ class Layout:
 
 
 def lay_out(
-    tx: FloatArray,
-    rx: FloatArray,
-    pixels: FloatArray,
-    medium: tuple[float, float],
+    tx: FloatArray, rx: FloatArray, pixels: FloatArray, medium: tuple[float, float],
     patterns: tuple[Pattern | None, Pattern | None],
-) -> Layout:
+) -> Layout:  # fmt: skip
     """Find the different antennas, put pixels in blocks and evaluate the antennas' amplitudes."""
     tx_unique, tx_index = np.unique(tx, axis=0, return_inverse=True)
     rx_unique, rx_index = np.unique(rx, axis=0, return_inverse=True)

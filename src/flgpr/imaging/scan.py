@@ -44,14 +44,9 @@ class ScanImager:
     """
 
     def __init__(
-        self,
-        run: xr.Dataset,
-        grid: Grid,
-        subbands: Mapping[str, tuple[float, float]],
-        window: str | ArrayLike | None = None,
-        tolerance: float = 1e-3,
-        device: str = "cpu",
-    ) -> None:
+        self, run: xr.Dataset, grid: Grid, subbands: Mapping[str, tuple[float, float]],
+        window: str | ArrayLike | None = None, tolerance: float = 1e-3, device: str = "cpu",
+    ) -> None:  # fmt: skip
         self.run, self.grid = check_run(run), grid
         if not subbands:
             raise ValueError("subbands must name at least one band, got none")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 
 _TWO_PI = 2.0 * math.pi
 
@@ -18,17 +17,7 @@ def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
 
 
 @njit(parallel=True, cache=True)
-def adjoint_direct(
-    data: NDArray[Any],
-    weight: NDArray[np.float64],
-    wavenumber: NDArray[np.float64],
-    path: NDArray[np.float64],
-    tx: NDArray[np.int64],
-    rx: NDArray[np.int64],
-    offset: NDArray[np.float64],
-    gain: NDArray[np.float64],
-    out: NDArray[Any],
-) -> None:
+def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out):  # type: ignore[no-untyped-def]
     """Sum ``weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
     ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m, ``path``
@@ -56,17 +45,7 @@ def adjoint_direct(
 
 
 @njit(parallel=True, cache=True)
-def forward_direct(
-    image: NDArray[Any],
-    weight: NDArray[np.float64],
-    wavenumber: NDArray[np.float64],
-    path: NDArray[np.float64],
-    tx: NDArray[np.int64],
-    rx: NDArray[np.int64],
-    offset: NDArray[np.float64],
-    gain: NDArray[np.float64],
-    out: NDArray[Any],
-) -> None:
+def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out):  # type: ignore[no-untyped-def]
     """Sum ``weight·gain·image·exp(-j2π·wavenumber·L)`` over pixels and sub-bands: the transpose of the adjoint.
 
     ``image`` (channel, subband, pixel), ``out`` (channel, pair, tone); the rest as in :func:`adjoint_direct`.

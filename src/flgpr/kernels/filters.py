@@ -174,15 +174,7 @@ def _ranked(order: Any, image: Any) -> Any:
 
 
 @njit(parallel=True, cache=True)
-def median_of_ranks(
-    orders: NDArray[np.int32],
-    images: NDArray[np.floating],
-    half_y: int,
-    half_x: int,
-    step: int,
-    parts: int,
-    out: NDArray[np.floating],
-) -> None:
+def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
     ``orders`` (image, pixel) lists the pixels of every image from small to large; the rows of an image are dealt to
@@ -205,9 +197,9 @@ def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
 
 
 def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
-    """Exact median of every image of a stack in a window of ``size`` (y, x) odd pixels, of the pixels inside the image.
+    """Exact median of finite images (image, y, x) in a window of ``size`` (y, x) odd pixels, less at the border.
 
-    ``images`` (image, y, x), finite; of the result only every ``step``-th pixel both ways is computed and returned.
+    Only every ``step``-th pixel both ways is computed and returned.
     """
     stack = np.ascontiguousarray(images, dtype=np.float32)
     count, ny, nx = stack.shape
@@ -218,10 +210,7 @@ def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int =
 
 
 def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Exact median in a window of ``size`` (y, x) odd pixels, of the pixels inside the image.
-
-    ``image`` (y, x), finite.
-    """
+    """Exact median of an image (y, x), finite, in a window of ``size`` (y, x) odd pixels that shrinks at the border."""
     plain = np.ascontiguousarray(image, dtype=np.float64)[None]
     order = np.argsort(plain.ravel(), kind="stable").astype(np.int32)[None]
     out = np.empty_like(plain)
@@ -230,10 +219,7 @@ def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray
 
 
 def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Mean in a window of ``size`` (y, x) odd pixels, of the pixels inside the image.
-
-    ``image`` (y, x), finite.
-    """
+    """Mean of an image (y, x), finite, in a window of ``size`` (y, x) odd pixels that shrinks at the border."""
     total = np.asarray(image, dtype=np.float64)
     count = np.ones(image.shape)
     for axis in (0, 1):

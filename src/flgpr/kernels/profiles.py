@@ -88,10 +88,7 @@ def _weigh(fields, field, weight, taps):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, **_FAST)
 def adjoint(table, bins, geometry, out, taps, channels, begin, end):  # type: ignore[no-untyped-def]
-    """Fill the blocks of pixels from ``begin`` up to ``end`` of ``out`` (channel, pixel).
-
-    ``table`` (pair, bin, lane) holds ``bins`` bins per pair.
-    """
+    """Fill pixel blocks ``begin`` to ``end`` of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
     tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
     medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
     origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
@@ -167,11 +164,7 @@ def forward(table, bins, geometry, image, taps, channels, q, end):  # type: igno
             n, at = used[a], uint64(a * BLOCK)
             antenna_rows(pixels, first, antenna[n], medium, per_turn, carrier, gain[n], at, delay, cosine, sine)
         for g in range(held):
-            i, j, field = (
-                uint64(local[2 * g] * BLOCK),
-                uint64(local[2 * g + 1] * BLOCK),
-                uint64(g * fields_per_pair),
-            )
+            i, j, field = (uint64(local[2 * g] * BLOCK), uint64(local[2 * g + 1] * BLOCK), uint64(g * fields_per_pair))
             base = uint32((q + g) * bins)
             _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field)
             _weigh(fields, field, weight, taps)

@@ -26,10 +26,7 @@ def hamming(position: FloatArray) -> FloatArray:
 
 
 def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> FloatArray:
-    """Weigh for ``nbar`` near sidelobes ``sidelobe_db`` below the peak (Taylor 1955).
-
-    ``position`` in [-1, 1] across the band; the maximum is one.
-    """
+    """Weigh for ``nbar`` near sidelobes ``sidelobe_db`` below the peak, whose weight is one (Taylor 1955)."""
     a = np.arccosh(10 ** (sidelobe_db / 20)) / np.pi
     sigma2 = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
     orders = np.arange(1, nbar)
@@ -45,16 +42,9 @@ def taylor(position: FloatArray, nbar: int = 4, sidelobe_db: float = 35.0) -> Fl
 def ramp(frequency: FloatArray) -> FloatArray:
     """Weigh tones (Hz) in proportion to their frequency, as filtered backprojection does; the maximum is one.
 
-    Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a sample is
-    ``k dk dθ``: the inverse transform, the image, is the backprojection of data weighed by ``k ∝ f``. It holds for data
-    whose amplitude does not depend on frequency otherwise.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from flgpr.kernels.windows import ramp
-    >>> ramp(np.array([0.5e9, 1.0e9, 1.5e9])).round(3)
-    array([0.333, 0.667, 1.   ])
+    Aspects and tones sample the ground's wavenumber plane in polar coordinates, where the area of a sample is ``k dk
+    dθ``: the inverse transform, the image, is the backprojection of data weighed by ``k ∝ f``. It holds for data whose
+    amplitude does not depend on frequency otherwise.
     """
     return np.asarray(frequency / frequency.max(), dtype=np.float64)
 
@@ -68,15 +58,12 @@ WINDOWS: dict[str, Callable[[FloatArray], FloatArray]] = {
 
 
 def band_weights(
-    frequency: FloatArray,
-    subbands: tuple[tuple[float, float], ...],
-    window: Callable[[FloatArray], FloatArray],
+    frequency: FloatArray, subbands: tuple[tuple[float, float], ...], window: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:
-    """Weights of every tone in every sub-band.
+    """Weights (subband, tone) of every tone in every sub-band; a band without a tone is a row of zeros.
 
     ``frequency`` (tone,) Hz; each sub-band takes the tones in [lo, hi], edges included to one part in a million, and
-    spreads the window from its first to its last tone. Returns (subband, tone); a band without a tone is a row of
-    zeros.
+    spreads the window from its first to its last tone.
     """
     weights = np.zeros((len(subbands), frequency.size))
     for row, (lo, hi) in zip(weights, subbands, strict=True):

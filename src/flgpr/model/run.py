@@ -16,15 +16,9 @@ _MOUNT, _LATE = 1e-6, 1e-3  # m and rad, s; runs of one vehicle are told apart b
 
 
 def make_run(
-    signal: ArrayLike,
-    frequency: ArrayLike,
-    polarization: ArrayLike,
-    tx_position: ArrayLike,
-    rx_position: ArrayLike,
-    pose: ArrayLike,
-    time: ArrayLike | None = None,
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
+    signal: ArrayLike, frequency: ArrayLike, polarization: ArrayLike, tx_position: ArrayLike, rx_position: ArrayLike,
+    pose: ArrayLike, time: ArrayLike | None = None, attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:  # fmt: skip
     """Assemble and validate a run: a ValueError names the parameter, the rule it breaks and the value received.
 
     Parameters
