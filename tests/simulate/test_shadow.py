@@ -5,10 +5,9 @@ import pytest
 
 from flgpr.model import Lane
 from flgpr.simulate import Scene, Simulator, tables
-from flgpr.simulate.layers import View
+from flgpr.simulate.layers import Skeleton, View
 from flgpr.simulate.shadow import Shadows, Strip, strips_of
 from flgpr.simulate.simulator import array_state
-from flgpr.simulate.skeleton import Skeleton
 from flgpr.simulate.terrain import Terrain
 from flgpr.simulate.world import draw_world
 from reference import slow_shadow

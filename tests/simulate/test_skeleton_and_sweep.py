@@ -8,9 +8,8 @@ import pytest
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.echoes import Echoes, sum_echoes
-from flgpr.simulate.layers import PointEchoes, View, sum_layers
+from flgpr.simulate.layers import PointEchoes, Skeleton, View, sum_layers
 from flgpr.simulate.simulator import array_state, sweep_drift
-from flgpr.simulate.skeleton import Skeleton
 from flgpr.simulate.spread import Spreader
 from reference import slow_simulation
 from simulate.conftest import STILL

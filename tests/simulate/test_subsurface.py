@@ -7,7 +7,6 @@ from scipy.stats import kstest
 from flgpr.imaging import ScanImager
 from flgpr.model import Antenna, Grid
 from flgpr.simulate import Scene, Simulator, inclusions
-from flgpr.simulate.buried_spectra import BuriedSpectra
 from flgpr.simulate.echoes import Ground
 from flgpr.simulate.layers import View
 from flgpr.simulate.refraction import apparent_shift
@@ -15,6 +14,7 @@ from flgpr.simulate.simulator import array_state
 from flgpr.simulate.subsurface import (
     _LENS,
     Buried,
+    BuriedSpectra,
     SubsurfaceField,
     SubsurfaceLayer,
     laws,

@@ -1,21 +1,5 @@
 """Simulation: a scene and a sensor to a run with truth."""
 
-from flgpr.model import Sensor
-from flgpr.simulate.gprmax_deck import Decks, make_decks
-from flgpr.simulate.scene import Scene, load_scene, sites
-from flgpr.simulate.simulator import Simulator, finest_cell, simulate
-from flgpr.simulate.world import World, draw_world
+from flgpr.lazy import face
 
-__all__ = [
-    "Decks",
-    "Scene",
-    "Sensor",
-    "Simulator",
-    "World",
-    "draw_world",
-    "finest_cell",
-    "load_scene",
-    "make_decks",
-    "simulate",
-    "sites",
-]
+__getattr__, __dir__, __all__ = face(__name__, __file__)

@@ -99,10 +99,7 @@ class AntennaErrors:
 
 
 def resonance(frequency: FloatArray, centre: FloatArray, quality: float) -> ComplexArray:
-    """Response of a damped resonance, one at its centre f0: ``1/(1 + 2jQ(f - f0)/f0)``.
-
-    The narrow-band form of a series circuit. It rings as ``exp(-π·f0·t/Q)``.
-    """
+    """Response of a damped resonance, one at its centre f0, that rings as ``exp(-π·f0·t/Q)`` (narrow-band)."""
     return np.asarray(1 / (1 + 2j * quality * (frequency - centre) / centre))
 
 

@@ -38,12 +38,8 @@ def cylinder(radius: float, height: float) -> tuple[tuple[float, float], ...]:
 def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
     """Keller's coefficients D_s and D_h of backscatter from a perfectly conducting wedge, without 1/sqrt(2πk).
 
-    The ray comes at ``angle`` φ from the first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that of
-    an electric field along the edge.
-
-    References
-    ----------
-    Keller 1962: ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]``.
+    ``sin(π/n)/n · [1/(cos(π/n) - 1) ∓ 1/(cos(π/n) - cos(2φ/n))]`` (Keller 1962). The ray comes at ``angle`` φ from the
+    first face, ``exterior`` is nπ: 3π/2 for a right-angled edge. D_s is that of an electric field along the edge.
     """
     n = exterior / math.pi
     front = math.sin(math.pi / n) / n

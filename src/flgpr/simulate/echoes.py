@@ -40,11 +40,7 @@ class Echoes:
     def add(
         self, path: FloatArray, place: FloatArray, spectrum: NDArray[Any], weight: FloatArray | None = None
     ) -> None:
-        """Add an echo.
-
-        ``path`` (pair,) m, ``place`` (3,) m for the antennas' gain, ``spectrum`` (3 or 4, frequency) m, ``weight``
-        (2, pair), one if there is none.
-        """
+        """Add an echo: ``spectrum`` (3 or 4, frequency) m at ``place`` (3,), with ``weight`` (2, pair) or one."""
         whole = np.zeros((4, spectrum.shape[-1]), complex)
         whole[: 4 if len(spectrum) == 4 else 3] = spectrum
         self.path.append(path)
@@ -90,10 +86,6 @@ class Ground:
         )
         return np.exp(-2j * self.wavenumber * extra)
 
-    def path(self, antennas: FloatArray, points: FloatArray) -> FloatArray:
-        """Path from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface, m."""
-        return self.ray(antennas, points).path
-
     def ray(self, antennas: FloatArray, points: FloatArray) -> Ray:
         """Rays from antennas (n, 3) to buried points (n, 3), refracted and delayed by the rough interface."""
         flat = points[:, :2] - antennas[:, :2]
@@ -128,10 +120,10 @@ def rotated(copolar: NDArray[Any], angle: float) -> NDArray[Any]:
     return np.stack([c * c * h + s * s * v, s * s * h + c * c * v, s * c * (h - v)])
 
 
-def add_standing(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
+def add_standing(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
     """Add a target on the ground: the corner its wall makes with the ground, and the rims of its top."""
-    height = min(-target.depth, profile[-1][1])
-    radius = max(r for r, _ in profile)
+    radius, height = target.extent
+    height = min(-target.depth, height)
     sine = incidence(target.x, target.y, 0.0, array)
     k = ground.wavenumber
     wall, top = np.ones((2, 1), complex), np.ones((2, 1), complex)
@@ -145,10 +137,9 @@ def add_standing(echoes: Echoes, target: Target, profile: bodies.Profile, ground
     signs = np.array([[-1.0], [1.0]])
     corner = np.sqrt(k * radius * sine / (4 * np.pi)) * 2 * height * np.exp(-0.25j * np.pi)
     towards = bisectors(target.x, target.y, array)
-    _add_ring_point(
-        echoes, target, radius, towards, 0.0, _level(corner * signs * ground.reflection(sine) * wall), array
-    )
-    for rim in bodies.visible_rims(profile, sine):
+    corner = _level(corner * signs * ground.reflection(sine) * wall)
+    _add_ring_point(echoes, target, radius, towards, 0.0, corner, array)
+    for rim in bodies.visible_rims(target.outline, sine):
         if rim.drop > 0:
             continue
         size = bodies.rim_amplitude(rim, k, sine) * top * np.array([[rim.h], [rim.v]])
@@ -161,14 +152,9 @@ def _level(copolar: ComplexArray) -> ComplexArray:
 
 
 def _add_ring_point(
-    echoes: Echoes,
-    target: Target | Thing,
-    reach: float,
-    towards: FloatArray,
-    z: float,
-    spectrum: ComplexArray,
+    echoes: Echoes, target: Target | Thing, reach: float, towards: FloatArray, z: float, spectrum: ComplexArray,
     array: ArrayState,
-) -> None:
+) -> None:  # fmt: skip
     """Add an echo in air from the point of a ring that lies ``reach`` (m) towards the radar."""
     point = np.empty((array.tx.size, 3))
     point[:, :2] = np.array([target.x, target.y]) + reach * towards
@@ -291,21 +277,7 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def _sum(
-    path: Any,
-    spectrum: Any,
-    weight: Any,
-    gain: Any,
-    cosine: Any,
-    moved: Any,
-    tx: Any,
-    rx: Any,
-    first: Any,
-    step: Any,
-    growth: Any,
-    mixed: Any,
-    out: Any,
-) -> None:
+def _sum(path, spectrum, weight, gain, cosine, moved, tx, rx, first, step, growth, mixed, out):  # type: ignore[no-untyped-def]
     """Add up echoes tone by tone; phases and beams go on from tone to tone by their second differences."""
     tones = spectrum.shape[2]
     middle = tones // 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,13 @@ from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Patch, Surface
 
 FloatArray = NDArray[np.float64]
-TILE = 1.0  # m
+TILE, TILES_KEPT = 1.0, 4000  # m, and how many stay in memory
+
+
+def tiles_between(low: FloatArray, high: FloatArray) -> list[tuple[int, int]]:
+    """Tiles (ix, iy) that touch the box from one corner (x, y) to the other, m, row by row."""
+    (left, near), (right, far) = (np.floor(corner / TILE).astype(int).tolist() for corner in (low, high))
+    return [(ix, iy) for iy in range(near, far + 1) for ix in range(left, right + 1)]
 
 
 def cells_of(count: float) -> tuple[int, int]:
@@ -52,42 +58,23 @@ class SurfaceField:
     """
 
     def __init__(
-        self,
-        surface: Surface,
-        patches: tuple[Patch, ...],
-        density: float,
-        seed: int,
-        keep: int = 4000,
+        self, surface: Surface, patches: tuple[Patch, ...], density: float, seed: int, keep: int = TILES_KEPT,
         name: str = "surface",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.surface, self.patches, self.seed, self.name = surface, patches, seed, name
         self._cells = cells_of(density * TILE**2)
         self.per_tile = math.prod(self._cells)
-        self._kept: OrderedDict[tuple[int, int], Scatterers] = OrderedDict()
-        self._limit = keep
+        self.tile = lru_cache(keep)(self._make)
         textures = "texture" if name == "surface" else f"{name} texture"
         self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
 
-    def tile(self, ix: int, iy: int) -> Scatterers:
-        """Scatterers of the tile whose lower corner is (ix, iy)·TILE."""
-        scatterers = self._kept.get((ix, iy))
-        if scatterers is None:
-            scatterers = self._make(ix, iy)
-            self._kept[ix, iy] = scatterers
-            while len(self._kept) > self._limit:
-                self._kept.popitem(last=False)
-        else:
-            self._kept.move_to_end((ix, iy))
-        return scatterers
-
     def within(self, corners: FloatArray) -> Scatterers:
         """Scatterers of every tile that touches the bounding box of ``corners`` (corner, 2), m."""
-        low = np.floor(corners.min(axis=0) / TILE).astype(int)
-        high = np.floor(corners.max(axis=0) / TILE).astype(int)
-        tiles = [self.tile(ix, iy) for iy in range(low[1], high[1] + 1) for ix in range(low[0], high[0] + 1)]
-        return Scatterers(np.concatenate([t.xy for t in tiles]), np.concatenate([t.amplitude for t in tiles]))
+        tiles = [self.tile(ix, iy) for ix, iy in tiles_between(corners.min(axis=0), corners.max(axis=0))]
+        return Scatterers._make(np.concatenate(column) for column in zip(*tiles, strict=True))
 
     def _make(self, ix: int, iy: int) -> Scatterers:
+        """Make the scatterers of the tile whose lower corner is (ix, iy)·TILE."""
         rng = stream(self.seed, self.name, ix, iy)
         xy = (jittered(rng, self._cells) + [ix, iy]) * TILE
         z = rng.standard_normal((self.per_tile, 6), dtype=np.float32).view(np.complex64) / np.float32(math.sqrt(2))

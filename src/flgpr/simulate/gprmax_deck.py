@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, vehicle_to_lane
-from flgpr.simulate.bodies import cylinder
 from flgpr.simulate.debye import RelaxingMedium, fit_relaxation
 from flgpr.simulate.gprmax_grid import Grid, GridPoint, rectangles
 from flgpr.simulate.roughness import surface_heights
@@ -48,7 +47,7 @@ class Decks:
 def make_decks(
     scene: Scene, sensor: Sensor, seed: int, cells_per_wavelength: float = 10.0, max_cells: float = 3e8
 ) -> Decks:
-    """Write a scene as gprMax input files.
+    """Write a scene as gprMax input files; a ValueError if the model is too large or too coarse, or for some soils.
 
     Parameters
     ----------
@@ -58,20 +57,8 @@ def make_decks(
         Its antennas become ideal short dipoles across its axis: H along the array, V upright and tilted with it.
     seed : int
         Draws the same world, track and surface heights as :func:`flgpr.simulate.simulate`.
-    cells_per_wavelength : float
-        Cells per wavelength at the highest tone in the slowest soil.
-    max_cells : float
-        Largest model that is written.
-
-    Returns
-    -------
-    Decks
-        Files, manifest, and what was left out.
-
-    Raises
-    ------
-    ValueError
-        If the model would be too large or too coarse, or the soil cannot be written.
+    cells_per_wavelength, max_cells : float
+        Cells per wavelength at the highest tone in the slowest soil, and those of the largest model that is written.
     """
     if not cells_per_wavelength >= 4:
         raise ValueError(f"cells_per_wavelength must be at least 4, got {cells_per_wavelength:g}")
@@ -148,8 +135,9 @@ def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid
     high = np.maximum([scene.x_max, scene.length, 0.0], points.max(axis=0))
     for target in world.targets:
         if scene.lane.contains(target.x, target.y):
-            reach = _radius(target) + _height(target) * abs(math.sin(target.tilt))
-            low = np.minimum(low, [target.x - reach, target.y - reach, -(target.depth + _height(target))])
+            radius, height = target.extent
+            reach = radius + height * abs(math.sin(target.tilt))
+            low = np.minimum(low, [target.x - reach, target.y - reach, -(target.depth + height)])
             high = np.maximum(high, [target.x + reach, target.y + reach, -target.depth])
     for thing in world.objects:
         if scene.lane.contains(thing.x, thing.y):
@@ -166,14 +154,6 @@ def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> Grid:
     x, y, z = (float(v) for v in first)
     i, j, k = (int(n) for n in shape)
     return Grid((x, y, z), cell, (i, j, k), _ABSORBER)
-
-
-def _height(target: Target) -> float:
-    return target.profile[-1][1] if target.profile else target.height
-
-
-def _radius(target: Target) -> float:
-    return max(r for r, _ in target.profile) if target.profile else target.radius
 
 
 def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) -> float:
@@ -196,7 +176,7 @@ def _scene_text(
             lines.append(f"#add_dispersion_debye: {len(soil.poles)} {poles} soil{k + 1}")
     ground, rough = _ground(scene, grid, seed, len(soils))
     lines += ground
-    outside = [t for t in world.targets if not grid.contains((t.x, t.y, 0.0), _radius(t))]
+    outside = [t for t in world.targets if not grid.contains((t.x, t.y, 0.0), t.extent[0])]
     if outside:
         raise ValueError(f"every target must lie on the lane, got one at x = {outside[0].x:g}, y = {outside[0].y:g} m")
     lines += _objects(world.objects, grid, rough["rms_height"], omissions)
@@ -279,10 +259,10 @@ def _target(target: Target, grid: Grid, bodies: dict[float, str], omissions: lis
         material = bodies.setdefault(target.dielectric, f"body{len(bodies) + 1}")
     least = grid.cell / math.cos(target.tilt)  # gprMax wants the ends of a disc on different nodes
     where = f"the {target.kind} at ({target.x:g}, {target.y:g}) m"
-    height = _height(target)
+    height = target.extent[1]
     if height < least:
         omissions.append(f"the height of {where}: {1000 * height:.0f} mm became a cell, {1000 * least:.0f} mm")
-    discs = _discs(target.profile or cylinder(target.radius, target.height), max(least, 1e-9))
+    discs = _discs(target.outline, max(least, 1e-9))
     lines = [_rod(top - a * axis, top - b * axis, r, grid, material) for r, a, b in discs]
     gap = min(target.air_gap, 0.9 * target.height) if target.dielectric is not None else 0.0
     if 0 < gap < least:

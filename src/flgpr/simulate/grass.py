@@ -38,17 +38,6 @@ def through_grass(grass: tables.Grass, frequency: ArrayLike, sine: ArrayLike, ab
     """Two-way factor (3, ..., frequency) of the field HH, VV and cross of all that lies below the grass.
 
     ``above`` is the part of the grass's height above the scatterer.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from flgpr.simulate import tables
-    >>> from flgpr.simulate.grass import through_grass
-    >>> grass = tables.Grass(height=0.1, water=0.4)
-    >>> (20 * np.log10(through_grass(grass, [1.05e9, 2.55e9], np.sin(np.radians(67))))).round(1)  # dB: HH, VV, cross
-    array([[-0.9, -2.1],
-           [-1.6, -3.9],
-           [-1.2, -3. ]])
     """
     way = slants(grass, sine)[..., None]
     if not grass.grown:

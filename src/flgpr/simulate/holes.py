@@ -62,8 +62,7 @@ def _over_targets(scene: Scene, targets: tuple[Target, ...], seed: int) -> list[
         rng = stream(seed, "hole", index)
         if target.depth < 0 or rng.random() >= table.over:
             continue
-        width = max(r for r, _ in target.profile) if target.profile else target.radius
-        height = target.profile[-1][1] if target.profile else target.height
+        width, height = target.extent
         radius = width + rng.uniform(*table.margin)
         holes.append(Hole(target.x, target.y, radius, target.depth + height, *_fill(scene, rng), index))
     return holes

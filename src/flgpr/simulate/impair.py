@@ -86,10 +86,7 @@ class Impairments:
         return np.asarray(self.errors.self_signature_drift * drift, dtype=np.complex64)
 
     def bursts(self, scan: int) -> NDArray[np.complex64]:
-        """Pulsed interference of a scan (4, pair, frequency): some sweeps are hit in a run of consecutive tones.
-
-        Whoever pulses is not in step with our tones: every one has a phase of its own.
-        """
+        """Pulsed interference of a scan (4, pair, frequency): a run of tones, in no phase, in some of the sweeps."""
         errors, tones = self.errors, self.frequency.size
         rng = stream(self.seed, "bursts", scan)
         hit = np.flatnonzero(rng.random(self.pairs) < errors.burst_probability)

@@ -37,11 +37,7 @@ def stone_shape(u: ArrayLike) -> FloatArray:
 def spheroid(stretch: ArrayLike, body: ArrayLike, soil: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Polarizability of a small spheroid along and across its axis, over that of the sphere of equal volume.
 
-    ``stretch`` is the length of the axis over the other two.
-
-    References
-    ----------
-    Bohren & Huffman 1983, Sec. 5.3 (depolarization factors).
+    ``stretch`` is the axis over the other two; depolarization factors of Bohren & Huffman 1983, Sec. 5.3.
     """
     q, er, es = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (stretch, body, soil)))
     e2 = np.abs(1 - 1 / np.where(np.abs(q - 1) < 1e-3, 2.0, q) ** 2)
@@ -83,11 +79,8 @@ def volume_backscatter(
     """Radar cross section per volume, 1/m, of a soil whose permittivity fluctuates, in the soil (first-order Born).
 
     For correlation ``s²·exp(-sqrt(r²/L_h² + z²/L_v²))`` of δε it is ``k0⁴/4π·W(2k_s)`` with the spectrum
-    ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV.
-
-    References
-    ----------
-    Tsang, Kong & Shin 1985, Sec. 5 (random medium); Ishimaru 1978, ch. 16.
+    ``W(K) = 8π·s²·L_h²·L_v/(1 + K_h²L_h² + K_z²L_v²)²`` and ``K = 2k0·(sinθ, sqrt(ε - sin²θ))``. HH = VV, no HV (Tsang,
+    Kong & Shin 1985, Sec. 5; Ishimaru 1978, ch. 16).
     """
     k, s2 = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float) ** 2
     stretch = 4 * k**2 * (s2 * horizontal**2 + (np.asarray(soil, dtype=float) - s2) * vertical**2)
@@ -105,9 +98,6 @@ def disc_flash(radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side
 
 
 def lens(radius: ArrayLike, contrast: ArrayLike, thickness: float, wavenumber: float) -> ComplexArray:
-    """Amplitude, m, of a thin flat disc's near flash (Born) where sinθ = 1: ``k0²/4π·δε·πa²h`` times its transform.
-
-    That of the far flash is its conjugate.
-    """
+    """Amplitude, m, of a thin flat disc's near flash (Born) at sinθ = 1; that of the far one is its conjugate."""
     a, d = np.asarray(radius, dtype=float), np.asarray(contrast, dtype=float)
     return np.asarray(_FULL * wavenumber**2 / 4 * d * a**2 * thickness * disc_flash(a, wavenumber))

@@ -23,18 +23,13 @@ class HeightField:
 
     A sum of plane waves whose wavenumbers follow the surface's spectrum, ``(1 + K²l²)^-3/2`` for the short part: no
     storage, and the same height for every ray that enters at a point. Each wave belongs to the short or to the uneven
-    part (:func:`uneven_height`), by their shares of the variance. Heights are Gaussian in the limit of many ``modes``.
+    part (:func:`uneven_height`), by their shares of the variance.
     """
 
     def __init__(
-        self,
-        rms_height: float,
-        correlation_length: float,
-        rng: np.random.Generator,
-        modes: int = 512,
-        unevenness: float = 0.0,
-        waviness: float = 2.0,
-    ) -> None:
+        self, rms_height: float, correlation_length: float, rng: np.random.Generator,
+        unevenness: float = 0.0, waviness: float = 2.0, modes: int = 512,
+    ) -> None:  # fmt: skip
         level = rng.uniform(1e-3, 1.0, modes)
         azimuth = rng.uniform(0, 2 * np.pi, modes)
         self._phase = rng.uniform(0, 2 * np.pi, modes)
@@ -59,14 +54,9 @@ def uneven_height(unevenness: float, waviness: float = 2.0) -> float:
 
     Profiles of roads and tracks have the one-sided spectrum ``G(n) = G0·(n/0.1)^-w`` over the waves per metre n, from
     about 0.35 to 90 m of wavelength (ISO 8608). ``unevenness`` is G0 in m³: 16e-6 in the middle of class A, four times
-    as much from class to class; ``waviness`` is w, between 1 and 3. An isotropic surface with such profiles has the
-    spectrum ``W(K) = 4πH·s²·l²·(1 + K²l²)^-(1+H)`` with ``H = (w - 1)/2`` at ``K·l`` well above 1; l = 0.5 m bounds it.
-
-    Examples
-    --------
-    >>> from flgpr.simulate.roughness import uneven_height
-    >>> f"{1e3 * uneven_height(1024e-6):.1f} mm"  # class D
-    '7.1 mm'
+    as much from class to class (7.1 mm of height in class D); ``waviness`` is w, between 1 and 3. An isotropic surface
+    with such profiles has the spectrum ``W(K) = 4πH·s²·l²·(1 + K²l²)^-(1+H)`` with ``H = (w - 1)/2`` at ``K·l`` well
+    above 1.
     """
     if unevenness < 0:
         raise ValueError(f"unevenness must not be negative, got {unevenness!r}")
@@ -81,25 +71,14 @@ def uneven_height(unevenness: float, waviness: float = 2.0) -> float:
 
 def surface_heights(surface: Surface, seed: int) -> HeightField:
     """Heights of a scene's surface, m, the same wherever its ``seed`` is simulated."""
-    return HeightField(
-        surface.rms_height,
-        surface.correlation_length,
-        stream(seed, "heights"),
-        unevenness=surface.unevenness,
-        waviness=surface.waviness,
-    )
+    uneven = surface.unevenness, surface.waviness
+    return HeightField(surface.rms_height, surface.correlation_length, stream(seed, "heights"), *uneven)
 
 
 def surface_backscatter(
-    frequency: ArrayLike,
-    sine: ArrayLike,
-    permittivity: ArrayLike,
-    rms_height: float,
-    correlation_length: float,
-    slope: float = 0.0,
-    unevenness: float = 0.0,
-    waviness: float = 2.0,
-) -> tuple[FloatArray, FloatArray]:
+    frequency: ArrayLike, sine: ArrayLike, permittivity: ArrayLike, rms_height: float, correlation_length: float,
+    slope: float = 0.0, unevenness: float = 0.0, waviness: float = 2.0,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Backscatter σ⁰ of a slightly rough surface, HH and VV, linear.
 
     First-order small perturbation with exponential correlation, ``8k⁴s²cos⁴θ|α|²·l²(1 + (2kl·sinθ)²)^-3/2``, averaged
@@ -109,18 +88,8 @@ def surface_backscatter(
 
     References
     ----------
-    Valenzuela 1978; Ulaby, Moore & Fung 1982, vol. II, Sec. 12-5. Two kinds of roughness, one of a single scale and
-    one self-affine, on fields: Davidson et al. 2000.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from flgpr.simulate.roughness import surface_backscatter
-    >>> sine = np.sin(np.radians(67))
-    >>> hh, vv = surface_backscatter([1.05e9, 2.55e9], sine, 3.4, rms_height=0.005, correlation_length=0.05)
-    >>> (10 * np.log10([hh, vv])).round(1)  # dB, rows HH and VV
-    array([[-40.6, -35.6],
-           [-32.6, -27.6]])
+    Valenzuela 1978; Ulaby, Moore & Fung 1982, vol. II, Sec. 12-5. Two kinds of roughness, one of a single scale and one
+    self-affine, on fields: Davidson et al. 2000.
     """
     k = 2 * np.pi * np.asarray(frequency, dtype=float) / SPEED_OF_LIGHT
     theta = np.arcsin(np.asarray(sine, dtype=float))

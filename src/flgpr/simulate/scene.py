@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field, model_validator
 from flgpr.model import Lane
 from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate import soil as soils
+from flgpr.simulate.bodies import Profile, cylinder
 from flgpr.simulate.signature.table import body_size
 from flgpr.simulate.tables import Grass, NotNegative, Positive, Shadow, Terrain
 from flgpr.simulate.tables import Part as _Part
@@ -142,6 +143,16 @@ class Target(_Part):
     @classmethod
     def _take_body(cls, data: Any) -> Any:
         return _sized(data, ("radius", "height", "profile", "permittivity", "gap"))
+
+    @property
+    def outline(self) -> Profile:
+        """Corners of the body from its top's centre to its bottom's, m."""
+        return self.profile or cylinder(self.radius, self.height)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Greatest radius, and height, m."""
+        return max(radius for radius, _ in self.outline), self.outline[-1][1]
 
     @property
     def dielectric(self) -> float | None:
@@ -291,16 +302,7 @@ class Scene(_Part):
 
 
 def sites() -> list[str]:
-    """Names of the packaged sites.
-
-    Examples
-    --------
-    >>> from flgpr.simulate import Scene, sites
-    >>> sites()
-    ['arid-sand', 'gravel', 'temperate', 'wet-clay']
-    >>> [f"{Scene(site=name).soil.moisture:g}" for name in sites()]
-    ['0.03', '0.03', '0.12', '0.25']
-    """
+    """Names of the packaged sites."""
     return preset_names(_SITES)
 
 

@@ -49,9 +49,8 @@ def strips_of(targets: Iterable[Target], objects: Iterable[Thing], ground: Any, 
     found = []
     for target in targets:
         if target.depth < 0 and target.dielectric is None:
-            radius = max(r for r, _ in target.profile) if target.profile else target.radius
             z = float(ground(target.x, target.y))
-            found.append(Strip(target.x, target.y, z, z - target.depth, radius))
+            found.append(Strip(target.x, target.y, z, z - target.depth, target.extent[0]))
     for thing in objects:
         height = thing.radius if thing.kind == "rock" else thing.height
         if thing.kind == "fiducial" or height <= (_ROCK if thing.kind == "rock" else 0.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -19,11 +20,10 @@ from flgpr.simulate.field import SurfaceField
 from flgpr.simulate.grass import GrassLayer, through_grass
 from flgpr.simulate.holes import hole_factor
 from flgpr.simulate.impair import Impairments
-from flgpr.simulate.layers import Layer, SineSpectra, SurfaceLayer, View, sum_layers
+from flgpr.simulate.layers import Layer, SineSpectra, Skeleton, SurfaceLayer, View, sum_layers
 from flgpr.simulate.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.scene import Scene
+from flgpr.simulate.scene import Scene, Target, Thing
 from flgpr.simulate.shadow import Shadows, Strip, strips_of
-from flgpr.simulate.skeleton import Skeleton
 from flgpr.simulate.spread import ArrayState, Spreader
 from flgpr.simulate.subsurface import subsurface_layers
 from flgpr.simulate.targets import add_target
@@ -40,24 +40,9 @@ _REACH = 45.0  # m beyond which single objects are left out
 class Simulator:
     """A scene seen by a sensor.
 
-    Parameters
-    ----------
-    scene : Scene
-        What is there.
-    sensor : Sensor
-        What looks at it.
-    seed : int
-        The same seed gives the same run; the world does not depend on the sensor, so that two sensors with one seed
-        see the same targets and objects.
-    errors : bool
-        Whether the sensor's errors are added.
-
-    Attributes
-    ----------
-    pose, time : ndarray
-        True pose (scan, 6) and time (scan,) of every scan.
-    truth, objects : DataFrame
-        The targets of the lane, and all else.
+    The same seed gives the same run; the world does not depend on the sensor, so that two sensors with one seed see the
+    same targets and objects. ``errors`` adds the sensor's own. ``pose`` (scan, 6) and ``time`` (scan,) are the true
+    ones of every scan, ``truth`` and ``objects`` the tables of the lane's targets and of all else.
     """
 
     def __init__(self, scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> None:
@@ -115,11 +100,8 @@ class Simulator:
     def run(self) -> xr.Dataset:
         """Simulate all scans into a run held in memory."""
         tx, rx = self.sensor.pairs()
-        polarization = list(self.sensor.polarization)
-        signal = np.stack(list(self.scans()))
-        return make_run(
-            signal, self.frequency, polarization, tx, rx, self.reported_pose(), self.time, self.attributes()
-        )
+        axes = self.frequency, list(self.sensor.polarization)
+        return make_run(np.stack(list(self.scans())), *axes, tx, rx, self.reported_pose(), self.time, self.attributes())
 
     def _array(self, index: int) -> ArrayState:
         return dataclasses.replace(array_state(self.sensor, self.pose[index]), drift=self._drift[index])
@@ -128,9 +110,7 @@ class Simulator:
         """Gather what a scan sees its scatterers by."""
         shadows = None
         if self._strips:
-            ahead = np.array([math.sin(pose[3]), math.cos(pose[3])])
-            near = [strip for strip in self._strips if _in_view(strip.x, strip.y, pose, ahead)]
-            shadows = Shadows(near, array, self.frequency)
+            shadows = Shadows([strip for strip in self._strips if _in_view(strip, pose)], array, self.frequency)
         return View(self.sensor.footprint, pose, array, self._terrain, shadows)
 
     def _make_strips(self) -> list[Strip]:
@@ -138,19 +118,16 @@ class Simulator:
         return strips_of(self.world.targets, self.world.objects, self._terrain, table.foliage) if table.on else []
 
     def _single_echoes(self, view: View) -> Echoes:
-        echoes, pose = Echoes(), view.pose
-        ahead = np.array([math.sin(pose[3]), math.cos(pose[3])])
-        for index, target in enumerate(self.world.targets):
-            if _in_view(target.x, target.y, pose, ahead):
-                first, array = len(echoes.path), self._above(target.x, target.y, view.array)
-                add_target(echoes, target, self._ground, array)
-                self._through_hole(echoes, first, index, array)
-                self._cover(echoes, first, target.x, target.y, view)
-        for thing in self.world.objects:
-            if _in_view(thing.x, thing.y, pose, ahead):
-                first, array = len(echoes.path), self._above(thing.x, thing.y, view.array)
-                add_object(echoes, thing, self._ground, array, self.seed)
-                self._cover(echoes, first, thing.x, thing.y, view)
+        echoes, bodies = Echoes(), itertools.chain[Target | Thing](self.world.targets, self.world.objects)
+        for index, one in enumerate(bodies):
+            if _in_view(one, view.pose):
+                first, array = len(echoes.path), self._above(one.x, one.y, view.array)
+                if isinstance(one, Target):
+                    add_target(echoes, one, self._ground, array)
+                    self._through_hole(echoes, first, index, array)
+                else:
+                    add_object(echoes, one, self._ground, array, self.seed)
+                self._cover(echoes, first, one.x, one.y, view)
         return echoes
 
     def _through_hole(self, echoes: Echoes, first: int, index: int, array: ArrayState) -> None:
@@ -204,16 +181,8 @@ class Simulator:
         surface = self.scene.surface
         sines = np.linspace(0.02, 0.999, 256)
         eps = self._ground.media[0]
-        hh, vv = surface_backscatter(
-            self.frequency[None, :],
-            sines[:, None],
-            eps,
-            surface.rms_height,
-            surface.correlation_length,
-            surface.slope,
-            surface.unevenness,
-            surface.waviness,
-        )
+        shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
+        hh, vv = surface_backscatter(self.frequency[None, :], sines[:, None], eps, *shape)
         spectra = np.sqrt([hh, vv, hh])
         if self.scene.grass.grown:
             spectra = spectra * through_grass(self.scene.grass, self.frequency, sines)
@@ -221,26 +190,7 @@ class Simulator:
 
 
 def simulate(scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> tuple[xr.Dataset, pd.DataFrame]:
-    """Simulate a run over a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is there.
-    sensor : Sensor
-        What looks at it.
-    seed : int
-        Seed of the world and of the errors.
-    errors : bool
-        Whether the sensor's errors are added.
-
-    Returns
-    -------
-    run : xarray.Dataset
-        The run.
-    truth : DataFrame
-        The lane's targets.
-    """
+    """Simulate a run over a scene, and give it with the truth table of the lane's targets; see :class:`Simulator`."""
     simulator = Simulator(scene, sensor, seed, errors)
     return simulator.run(), simulator.truth
 
@@ -260,10 +210,7 @@ def array_state(sensor: Sensor, pose: FloatArray) -> ArrayState:
 
 
 def sweep_drift(pose: FloatArray, time: FloatArray, sweep_time: float) -> FloatArray:
-    """How far the vehicle drives during each sweep, (scan, 3) along the lane's axes.
-
-    It is level, for jolts from scan to scan are no speed, and zero for a single scan.
-    """
+    """How far the vehicle drives in each sweep, (scan, 3) along the lane's axes: level, zero for a single scan."""
     drift = np.zeros((len(pose), 3))
     if sweep_time > 0 and len(pose) > 1:
         drift[:, :2] = np.gradient(pose[:, :2], time, axis=0) * sweep_time
@@ -282,10 +229,7 @@ def system_response(sensor: Sensor, frequency: FloatArray) -> FloatArray:
 
 
 def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
-    """Area of the finest resolution cell of a sensor at a ground range, m².
-
-    ``c/(2B·sinθ)`` down-range times ``λ_min·R/(D_t + D_r)`` cross-range.
-    """
+    """Area, m², of a sensor's finest cell at a ground range: ``c/(2B·sinθ)`` times ``λ_min·R/(D_t + D_r)``."""
     tones = sensor.tones.axis()
     slant = math.hypot(distance, sensor.height)
     down = SPEED_OF_LIGHT / (2 * max(tones[-1] - tones[0], sensor.tones.step)) * slant / distance
@@ -294,9 +238,9 @@ def finest_cell(sensor: Sensor, distance: float = 10.0) -> float:
     return float(down * SPEED_OF_LIGHT / tones[-1] * slant / max(aperture, 0.1))
 
 
-def _in_view(x: float, y: float, pose: FloatArray, ahead: FloatArray) -> bool:
-    dx, dy = x - pose[0], y - pose[1]
-    forward = dx * ahead[0] + dy * ahead[1]
+def _in_view(one: Target | Thing | Strip, pose: FloatArray) -> bool:
+    dx, dy = one.x - pose[0], one.y - pose[1]
+    forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])
     return bool(0.5 < forward < _REACH and math.hypot(dx, dy) < _REACH)
 
 

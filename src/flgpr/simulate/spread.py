@@ -78,21 +78,9 @@ def _antenna_gain(kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, ve
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def antenna_terms(
-    points: Any,
-    antennas: Any,
-    boresight: Any,
-    horizontal: Any,
-    vertical: Any,
-    exponent: Any,
-    beams: Any,
-    wavenumber: Any,
-    extra: Any,
-    drift: Any,
-    distance: Any,
-    phasor: Any,
-    gain: Any,
-) -> None:
+def antenna_terms(  # type: ignore[no-untyped-def]
+    points, antennas, boresight, horizontal, vertical, exponent, beams, wavenumber, extra, drift, distance, phasor, gain
+):
     """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, point, 3 or lane) of every ray.
 
     ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift`` (3,) is how far
@@ -134,18 +122,7 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
     """
 
     @njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-    def spread(
-        coefficient: Any,
-        ranks: Any,
-        distance: Any,
-        phasor: Any,
-        gain: Any,
-        tx: Any,
-        rx: Any,
-        per_metre: Any,
-        table: Any,
-        profile: Any,
-    ) -> None:
+    def spread(coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile):  # type: ignore[no-untyped-def]
         steps, bins = table.shape[0] - 2, profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
         for q in prange(tx.shape[0]):
@@ -204,20 +181,14 @@ class Spreader:
         self._table, self._correction = _window(self.bins, np.arange(count) - self.centre)
 
     def __call__(
-        self,
-        points: FloatArray,
-        values: NDArray[np.complex64],
-        functions: NDArray[Any],
-        array: ArrayState,
-        extra: FloatArray | None = None,
-        nodes: FloatArray | None = None,
-    ) -> NDArray[np.complex64]:
-        """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``.
+        self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
+        extra: FloatArray | None = None, nodes: FloatArray | None = None,
+    ) -> NDArray[np.complex64]:  # fmt: skip
+        """Sum ``Σ_i g_t·g_r/(R_t·R_r)·Σ_r value_r·H_r(f)·exp(-j2πf(R_t + R_r + 2·extra)/c)``: (channel, pair, tone).
 
-        The sum is (channel, pair, frequency). ``points`` (point, 3) have amplitudes HH, VV and cross, ``values``
-        (point, 3, rank), for every function H_r (rank, frequency), real or complex; ``extra`` is the electrical path
-        beyond the straight line to each antenna. ``nodes`` are the frequencies at which the horns' beam is taken for
-        every function, where these interpolate between values at them; None takes the beam of ``array.exponent`` for
+        ``points`` (point, 3) have amplitudes HH, VV and cross, ``values`` (point, 3, rank), for every function H_r
+        (rank, frequency); ``extra`` is the electrical path beyond the straight line to each antenna. ``nodes`` are the
+        frequencies at which the horns' beam is taken for every function; None takes the beam of ``array.exponent`` for
         all. For horns there are three channels, HH, VV and cross of the rays' own directions, for dipoles HH, HV, VH
         and VV.
         """
@@ -259,15 +230,9 @@ class Spreader:
         return np.exp(-2j * np.pi * np.outer(rate[array.tx] + rate[array.rx], cycles)).astype(np.complex64)
 
     def _sum(
-        self,
-        points: FloatArray,
-        values: NDArray[np.complex64],
-        functions: NDArray[Any],
-        array: ArrayState,
-        extra: FloatArray,
-        exponents: FloatArray,
-        some: NDArray[np.intp],
-    ) -> NDArray[np.complex64]:
+        self, points: FloatArray, values: NDArray[np.complex64], functions: NDArray[Any], array: ArrayState,
+        extra: FloatArray, exponents: FloatArray, some: NDArray[np.intp],
+    ) -> NDArray[np.complex64]:  # fmt: skip
         ranks, kinds = len(functions), 4 if array.dipoles else 3
         lanes = -(-kinds * ranks // _LANES) * _LANES
         spread = _spreading(lanes, array.dipoles)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from flgpr.simulate import inclusions
-from flgpr.simulate.buried_spectra import BuriedSpectra
 from flgpr.simulate.draw import stream
 from flgpr.simulate.echoes import Ground
-from flgpr.simulate.field import cells_of, jittered
+from flgpr.simulate.field import TILE, TILES_KEPT, cells_of, jittered, tiles_between
 from flgpr.simulate.grass import through_grass
 from flgpr.simulate.holes import Hole, cap_flash, wall_flash
 from flgpr.simulate.layers import Layer, PointEchoes, View
@@ -22,14 +22,15 @@ from flgpr.simulate.scene import Scene
 from flgpr.simulate.tables_buried import Roots, Stones
 
 FloatArray = NDArray[np.float64]
-_TILE = 1.0  # m
-_KEEP = 4000  # tiles kept in memory
+ComplexArray = NDArray[np.complex128]
 _CORNERS = np.geomspace(0.02, 50.0, 28)  # corner frequencies over the band's middle for which shapes are made
 _STONE, _ROOT = 0, _CORNERS.size
 _VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
 _ROOT_STEP = 0.02  # m between the points of a root
 _COPOLAR = np.array([1.0, 1.0, 0.0])
-_LEVEL = math.sin(math.radians(67))  # incidence whose unevenness of the wall and spectrum of the soil give the shapes
+_LEVEL = math.sin(math.radians(67))  # incidence at which shapes and tables are made
+_SINES = np.linspace(0.02, 0.999, 128)
+_NODES, _DEPTHS = 64, 48  # of those tables
 
 
 class Buried(NamedTuple):
@@ -88,6 +89,83 @@ def laws(scene: Scene, ground: Ground) -> FloatArray:
     return law
 
 
+class BuriedSpectra:
+    """Spectra of buried points as few functions of frequency, with weights by a point's shape and depth.
+
+    A point of amplitude A at the band's middle, depth d and sine s echoes with
+    ``A·t12²(s)·shape(f)·exp(-2jk0·d·(sqrt(ε(f) - s²) - n_c))`` beyond the delay of ``d·n_c``, n_c the root at the
+    middle. The exponent is tabulated at one incidence, for to first order in loss and dispersion another incidence is
+    another depth, ``d·sqrt(ε - s0²)/sqrt(ε - s²)``. t12² is taken at the band's middle.
+
+    ``shapes`` (shape, frequency) are 1 there; ``cover`` gives the two-way amplitude (3, sine, frequency) of HH, VV and
+    cross through what stands over the soil; ``tolerance`` is the part of the spectra's amplitude that the functions,
+    ``basis`` (rank, 3, frequency), may leave out.
+    """
+
+    def __init__(
+        self, ground: Ground, shapes: FloatArray, deepest: float,
+        cover: Callable[[FloatArray], FloatArray] | None = None, tolerance: float = 0.01, ranks: int = 6,
+    ) -> None:  # fmt: skip
+        frequency = ground.frequency
+        self._ground, self._deepest = ground, deepest
+        middle = Ground(ground.soil, None, frequency[frequency.size // 2 : frequency.size // 2 + 1])
+        copolar = [[middle.entry_squared(s, layer)[:, 0] for s in _SINES] for layer in range(len(ground.real))]
+        h, v = np.moveaxis(np.array(copolar), -1, 0)
+        self._entry = np.stack([h, v, np.sqrt(h * v)], axis=-1)
+        self._tops = np.cumsum([0.0, *(layer.thickness for layer in ground.soil.layers)])
+        depths = deepest * np.linspace(0, 1, _DEPTHS) ** 2
+        nodes = np.unique(np.linspace(0, frequency.size - 1, _NODES).round().astype(int))
+        loss = np.array([ground.dispersion(_LEVEL, d)[nodes] for d in depths])
+        rows = shapes[:, None, nodes] * loss
+        if cover is not None:
+            over = cover(_SINES)
+            self._entry *= over[:, :, frequency.size // 2].T
+            growth = over.mean(axis=(0, 1))
+            rows *= growth[nodes] / growth[frequency.size // 2]
+        _, s, vt = np.linalg.svd(rows.reshape(-1, nodes.size), full_matrices=False)
+        left = np.sqrt(np.cumsum((s**2)[::-1])[::-1] / np.sum(s**2))  # energy from each rank on
+        kept = min(ranks, max(1, int(np.count_nonzero(left > tolerance))))
+        self._weights = (rows @ vt[:kept].conj().T).astype(np.complex64)
+        functions = vt[:kept]
+        if nodes.size < frequency.size:
+            functions = CubicSpline(frequency[nodes], functions, axis=1)(frequency)
+        self.basis = np.repeat(functions[:, None], 3, axis=1)
+
+    def layer(self, depth: FloatArray) -> NDArray[np.intp]:
+        """Index of the soil's layer that holds each depth."""
+        return np.searchsorted(self._tops[1:], depth, side="left").astype(np.intp)
+
+    def permittivity(self, depth: FloatArray) -> FloatArray:
+        """Real permittivity at the band's middle at each depth."""
+        return np.asarray(np.array(self._ground.real)[self.layer(depth)])
+
+    def delay(self, depth: FloatArray, sine: FloatArray) -> FloatArray:
+        """Electrical path from the surface to each depth, ``Σ d_i·sqrt(ε_i - sin²θ)``, m."""
+        bottoms = [*self._tops[1:], np.inf]
+        path = np.zeros_like(depth)
+        for top, bottom, eps in zip(self._tops, bottoms, self._ground.real, strict=True):
+            path += np.clip(depth, top, bottom) * np.sqrt(eps - sine**2) - top * np.sqrt(eps - sine**2)
+        return path
+
+    def transmission(self, depth: FloatArray, sine: FloatArray) -> ComplexArray:
+        """t12² (point, 3) of HH and VV into the layer that holds each depth, and their geometric mean for cross."""
+        place = np.clip((sine - _SINES[0]) / (_SINES[1] - _SINES[0]), 0, _SINES.size - 1.001)
+        cell = place.astype(int)
+        part = (place - cell)[:, None]
+        layer = self.layer(depth)
+        return np.asarray(self._entry[layer, cell] * (1 - part) + self._entry[layer, cell + 1] * part)
+
+    def weights(self, shape: NDArray[np.intp], depth: FloatArray, sine: FloatArray) -> NDArray[np.complex64]:
+        """Weights (point, rank) of the functions."""
+        eps = self._ground.real[0]
+        steeper = depth * np.sqrt((eps - _LEVEL**2) / (eps - sine**2))
+        place = np.minimum(np.sqrt(steeper / self._deepest), 1.0) * (_DEPTHS - 1.001)
+        cell = place.astype(int)
+        part = (place - cell).astype(np.float32)[:, None]
+        low, high = self._weights[shape, cell], self._weights[shape, cell + 1]
+        return np.asarray(low + part * (high - low))
+
+
 class SubsurfaceField:
     """Everything that is strewn through the soil, drawn tile by tile when it is looked at.
 
@@ -98,31 +176,22 @@ class SubsurfaceField:
     def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
         self._scene, self._spectra, self._k, self._seed = scene, spectra, wavenumber, seed
         self._density = scene.heterogeneity.density or density
-        self._kept: OrderedDict[tuple[int, int], Buried] = OrderedDict()
+        self.tile = lru_cache(TILES_KEPT)(self._make)
         self._parts: list[Callable[[int, int], Buried]] = [getattr(self, name) for name in strewn(scene)]
 
     def within(self, corners: FloatArray) -> Buried:
         """Points of every tile that touches the bounding box of ``corners``, a metre wider for what reaches over."""
-        low = np.floor((corners.min(axis=0) - 1) / _TILE).astype(int)
-        high = np.floor((corners.max(axis=0) + 1) / _TILE).astype(int)
-        return _joined([self.tile(ix, iy) for iy in range(low[1], high[1] + 1) for ix in range(low[0], high[0] + 1)])
+        tiles = tiles_between(corners.min(axis=0) - 1, corners.max(axis=0) + 1)
+        return _joined([self.tile(ix, iy) for ix, iy in tiles])
 
-    def tile(self, ix: int, iy: int) -> Buried:
-        """Points of the tile whose lower corner is (ix, iy) m."""
-        points = self._kept.get((ix, iy))
-        if points is None:
-            points = _joined([make(ix, iy) for make in self._parts])
-            self._kept[ix, iy] = points
-            while len(self._kept) > _KEEP:
-                self._kept.popitem(last=False)
-        else:
-            self._kept.move_to_end((ix, iy))
-        return points
+    def _make(self, ix: int, iy: int) -> Buried:
+        """Make the points of the tile whose lower corner is (ix, iy)·TILE."""
+        return _joined([make(ix, iy) for make in self._parts])
 
     def stones(self, ix: int, iy: int) -> Buried:
         """Stones of a tile, spheroids in every direction."""
         table, rng = self._scene.stones, stream(self._seed, "stones", ix, iy)
-        count = rng.poisson(table.density * _TILE**2)
+        count = rng.poisson(table.density * TILE**2)
         xy, radius = _place(rng, count, ix, iy), stone_radii(table, rng.random(count))
         depth = radius + rng.random(count) * np.maximum(table.depth - radius, 0)
         body = rng.uniform(*table.permittivity, count)
@@ -136,7 +205,7 @@ class SubsurfaceField:
     def roots(self, ix: int, iy: int) -> Buried:
         """Roots that begin around a tile's points, as chains of points along their winding way."""
         table, rng = self._scene.roots, stream(self._seed, "roots", ix, iy)
-        count = rng.poisson(table.density * _TILE**2)
+        count = rng.poisson(table.density * TILE**2)
         return _joined([self._root(table, rng, ix, iy) for _ in range(count)])
 
     def _root(self, table: Roots, rng: np.random.Generator, ix: int, iy: int) -> Buried:
@@ -162,7 +231,7 @@ class SubsurfaceField:
     def lenses(self, ix: int, iy: int) -> Buried:
         """Moisture lenses of a tile: the near and the far flash of each."""
         table, rng = self._scene.lenses, stream(self._seed, "lenses", ix, iy)
-        count = rng.poisson(table.density * _TILE**2)
+        count = rng.poisson(table.density * TILE**2)
         xy, radius = _place(rng, count, ix, iy), rng.uniform(*table.radius, count)
         depth, contrast = rng.uniform(*table.depth, count), rng.normal(0, table.contrast, count)
         soil = self._spectra.permittivity(depth)
@@ -175,11 +244,11 @@ class SubsurfaceField:
     def heterogeneity(self, ix: int, iy: int) -> Buried:
         """Points of the uneven soil, each for its share of the volume; more of them where less loss lies above."""
         table, rng = self._scene.heterogeneity, stream(self._seed, "heterogeneity", ix, iy)
-        cells = cells_of(self._density * _TILE**2)
-        count, xy = math.prod(cells), (jittered(rng, cells) + [ix, iy]) * _TILE
+        cells = cells_of(self._density * TILE**2)
+        count, xy = math.prod(cells), (jittered(rng, cells) + [ix, iy]) * TILE
         root = rng.random(count)
         depth = table.depth * root**2
-        volume = _TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth
+        volume = TILE**2 / count * 2 * table.depth * root  # over the probability density of the depth
         strength = inclusions.volume_backscatter(
             self._k, _LEVEL, self._spectra.permittivity(depth), table.deviation, table.horizontal, table.vertical
         )
@@ -195,7 +264,7 @@ def stone_radii(table: Stones, chance: FloatArray) -> FloatArray:
 
 
 def _place(rng: np.random.Generator, count: int, ix: int, iy: int) -> FloatArray:
-    return (rng.random((count, 2)) + np.array([ix, iy])) * _TILE
+    return (rng.random((count, 2)) + np.array([ix, iy])) * TILE
 
 
 def _directions(rng: np.random.Generator, count: int) -> FloatArray:
@@ -211,14 +280,9 @@ def _shape(first: int, corner: FloatArray) -> NDArray[np.intp]:
 
 
 def _points(
-    xy: FloatArray,
-    depth: FloatArray,
-    amplitude: NDArray[np.complex128] | FloatArray,
-    shape: NDArray[np.intp],
-    axial: NDArray[np.complex128] | FloatArray | None = None,
-    axis: FloatArray | None = None,
-    reach: FloatArray | None = None,
-) -> Buried:
+    xy: FloatArray, depth: FloatArray, amplitude: ComplexArray | FloatArray, shape: NDArray[np.intp],
+    axial: ComplexArray | FloatArray | None = None, axis: FloatArray | None = None, reach: FloatArray | None = None,
+) -> Buried:  # fmt: skip
     count = len(xy)
     return Buried(
         xy,

@@ -10,15 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.simulate import bodies
-from flgpr.simulate.echoes import (
-    Echoes,
-    Ground,
-    add_standing,
-    antenna_gains,
-    bisectors,
-    incidence,
-    rotated,
-)
+from flgpr.simulate.echoes import Echoes, Ground, add_standing, antenna_gains, bisectors, incidence, rotated
 from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
 from flgpr.simulate.spread import ArrayState
@@ -35,20 +27,16 @@ _TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the gene
 def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
     """Add a target's echoes: by its signature in the ground, by rays above it and where no table reaches."""
     if target.depth < 0:
-        add_standing(echoes, target, _profile(target), ground, array)
+        add_standing(echoes, target, ground, array)
     elif has_signature(target, ground.frequency):
         _add_signature(echoes, target, ground, array)
     else:
-        _add_rims(echoes, target, _profile(target), ground, array)
+        _add_rims(echoes, target, ground, array)
 
 
 def has_signature(target: Target, frequency: FloatArray) -> bool:
     """Tell whether a table describes a target: not for profiles of one's own, nor bands whose middle lies above it."""
     return target.profile is None and float(frequency.mean()) <= FREQUENCY[-1]
-
-
-def _profile(target: Target) -> bodies.Profile:
-    return target.profile or bodies.cylinder(target.radius, target.height)
 
 
 def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
@@ -132,10 +120,9 @@ def node_weights(sine: FloatArray, separation: FloatArray, aspect: FloatArray, a
     """Weights (aspect, sine, separation, 3, pair) of a table's nodes for given directions.
 
     Polynomials through all sines (clipped to the table's), even or odd polynomials in the separation, and in the aspect
-    cosines, or sines for what a box's mirror planes turn round: its (HV + VH)/2. The three are for HH and VV, even in
-    separation and aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in the separation. Separation is
-    the azimuth of the receiver counterclockwise from the transmitter, aspect that of their bisector from a box's long
-    side.
+    cosines, or sines for what a box's mirror planes turn round. The three are for HH and VV, even in separation and
+    aspect, for (HV + VH)/2, odd in the aspect, and for (HV - VH)/2, odd in the separation. Separation is the azimuth of
+    the receiver counterclockwise from the transmitter, aspect that of their bisector from a box's long side.
     """
     along = _lagrange(SINE, np.clip(sine, SINE[0] - 0.05, SINE[-1]))
     between = np.clip(separation, -SEPARATION[-1] * 1.3, SEPARATION[-1] * 1.3)
@@ -212,7 +199,7 @@ def _relative(target: Target) -> float:
     return target.dielectric / _TABLE_PERMITTIVITY
 
 
-def _add_rims(echoes: Echoes, target: Target, profile: bodies.Profile, ground: Ground, array: ArrayState) -> None:
+def _add_rims(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
     """Add the near and far flash of every rim that is seen through the ground."""
     sine = incidence(target.x, target.y, 0.0, array)
     layer = ground.medium(target.depth)
@@ -221,7 +208,7 @@ def _add_rims(echoes: Echoes, target: Target, profile: bodies.Profile, ground: G
     along, across = _lean(target, sine, ground.real[layer], array)
     cover = _cover_factor(sine, target, ground) if layer == 0 and target.dielectric is None else np.ones((2, 1))
     entry = ground.entry_squared(sine, layer)
-    for rim in bodies.visible_rims(profile, min(sine / index, 0.999)):
+    for rim in bodies.visible_rims(target.outline, min(sine / index, 0.999)):
         if target.dielectric is not None and rim.drop > 0:
             continue  # the layers' sum already holds the body's bottom
         side = 1.0 if rim.near else -1.0
@@ -230,7 +217,7 @@ def _add_rims(echoes: Echoes, target: Target, profile: bodies.Profile, ground: G
         point = np.empty((array.tx.size, 3))
         point[:, :2] = np.array([target.x, target.y]) + side * rim.radius * towards
         point[:, 2] = -depth
-        path = ground.path(array.position[array.tx], point) + ground.path(array.position[array.rx], point)
+        path = ground.ray(array.position[array.tx], point).path + ground.ray(array.position[array.rx], point).path
         size = bodies.rim_amplitude(rim, index * ground.wavenumber, sine / index) * ground.dispersion(sine, depth)
         copolar = size * entry * _strength(rim, target, sine, ground, layer)
         copolar = copolar * (cover if rim.drop == 0 and not rim.near else 1.0)

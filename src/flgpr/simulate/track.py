@@ -10,10 +10,7 @@ from flgpr.simulate.scene import Scene
 
 
 def draw_track(scene: Scene, height: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw the poses (scan, 6) and times of all scans, at 2 m/s, and one scan per second while the vehicle stands.
-
-    ``height`` is that of the array's reference point.
-    """
+    """Draw poses (scan, 6), ``height`` m up, and times of all scans: at 2 m/s, one a second while it stands."""
     track, rng = scene.track, stream(seed, "track")
     y, seconds = _positions(scene, rng)
     pose = np.zeros((y.size, 6))

@@ -37,8 +37,8 @@ class World:
                 "y": t.y,
                 "kind": t.kind,
                 "depth": t.depth,
-                "radius": max(r for r, _ in t.profile) if t.profile else t.radius,
-                "height": t.profile[-1][1] if t.profile else t.height,
+                "radius": t.extent[0],
+                "height": t.extent[1],
                 "lane": self.scene.name,
             }
             for i, t in enumerate(self.targets)

@@ -21,28 +21,20 @@ _LAYER_CELLS = 2  # at least, in the thinnest layer
 
 
 def solve_box(
-    body: Body,
-    frequency: float,
-    permittivity: complex,
-    sines: ArrayLike,
-    aspects: ArrayLike,
-    separations: ArrayLike = (0.0,),
-    cells_per_wavelength: float = 9.0,
-    most_cells: int = 400_000,
-) -> ComplexArray:
+    body: Body, frequency: float, permittivity: complex, sines: ArrayLike, aspects: ArrayLike,
+    separations: ArrayLike = (0.0,), cells_per_wavelength: float = 9.0, most_cells: int = 400_000,
+) -> ComplexArray:  # fmt: skip
     """Scattering matrix (sine, aspect, separation, 4) of a box in homogeneous soil for waves that come from the air, m.
 
     A wave that comes at θ from the vertical in air has the horizontal wavenumber ``k0·sinθ`` in the soil, too. What the
-    interface does to it is not included, nor are waves that go to and fro between body and interface: the contrast of
-    plastic to soil is weak, and they are neglected for boxes at every depth. The box is without metal, its long side
-    along x.
+    interface does to it is not included, nor are waves that go to and fro between body and interface, for the contrast
+    of plastic to soil is weak. The box is without metal, its long side along x.
 
-    The origin of phases is the centre of the top face; unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those
-    of :func:`flgpr.simulate.signature.dipoles.scattering_amplitudes`, with ``σ = 4π·|F|²``. Aspects are the azimuth
-    from x of the bisector of transmitter and receiver as seen from the body, which stand at ``aspect ± separation/2``;
-    it is quickest where these lie on few azimuths. Of a square box, aspects from 0 to π/4 tell all: F does not change
-    when it turns by π/2, and its mirror image has -HV and -VH. The lattice's cells are those of the denser of soil and
-    body; the thinnest layer has at least two, and they are coarser where there would be more than ``most_cells``.
+    Origin of phases, unit vectors and F (HH, HV, VH, VV; "HV" transmits H) are those of
+    ``dipoles.scattering_amplitudes``. Transmitter and receiver stand at the azimuths ``aspect ∓ separation/2`` from x
+    as seen from the body; it is quickest where these are few. Of a square box, aspects from 0 to π/4 tell all: F does
+    not change when it turns by π/2, and its mirror image has -HV and -VH. Cells are those of the denser of soil and
+    body, at least two in the thinnest layer, and coarser where there would be more than ``most_cells``.
     """
     s, aspect, separation = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (sines, aspects, separations))
     _check(body, frequency, permittivity, s, cells_per_wavelength)

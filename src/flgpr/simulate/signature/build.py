@@ -39,28 +39,12 @@ class _Piece(NamedTuple):
 
 
 def build_table(
-    body: Body,
-    work: Path,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    body: Body, work: Path, workers: int = 1, progress: Callable[[int, int], None] | None = None
 ) -> SignatureTable:
-    """Compute a body's table, going on where an earlier call stopped.
+    """Compute a body's table, going on where an earlier call stopped; a box with metal is a ValueError.
 
-    Parameters
-    ----------
-    body : Body
-        The body.
-    work : Path
-        Folder that keeps what is done, a file per soil and tone; of another body or for other nodes it starts anew.
-    workers : int
-        Processes.
-    progress : callable or None
-        Told the number of pieces done and of all.
-
-    Raises
-    ------
-    ValueError
-        If the body cannot be solved (a box with metal).
+    ``work`` keeps what is done, a file per soil and tone; of another body or for other nodes it starts anew.
+    ``workers`` counts processes, ``progress`` is told the number of pieces done and of all.
     """
     if body.shape == "box" and body.metal:
         raise ValueError(f"body {body.name}: a box must be without metal; only round bodies may hold it")

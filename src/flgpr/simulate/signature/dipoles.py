@@ -60,11 +60,7 @@ def scattering_amplitudes(lattice: Lattice, soil: complex, wavenumber: float, wa
     soil with loss (imaginary part of ε_s not positive). Its unit vector is ``h = z × κ/|κ|`` or ``v = (qcosφ, qsinφ,
     κ)/k_s``. What goes back to a receiver is described by the wave that it would send, with the same unit vectors
     (backscatter alignment): ``F = k0²/(4π)·∫(ε - ε_s)·E_receive·E dV``, so that ``E_s = F·e^{-jk_s·r}/r`` where the
-    soil has no loss. A horizontal metal plate has F_hh = F_vv.
-
-    References
-    ----------
-    Gay-Balmaz & Martin 2002; Yurkin & Hoekstra 2007 for a survey; reciprocity makes F symmetric.
+    soil has no loss.
     """
     k = wavenumber * np.sqrt(complex(soil))
     scale = _dipole_scale(lattice, soil, k)
@@ -90,12 +86,9 @@ def _dipole_scale(lattice: Lattice, soil: complex, k: complex) -> SingleArray:
 def filtered_green(size: complex, count: int) -> tuple[ComplexArray, ComplexArray]:
     """Give the filtered Green tensor ``A·1 + B·RR/R²`` of a unit lattice: A and B where R² = 0, 1, 2, ... cells.
 
-    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell.
-
-    References
-    ----------
-    Gay-Balmaz & Martin 2002: ``g = e^{-jkR}/R`` without the wavenumbers above π, ``A = k²g + g'/R + 4π/3·δ``,
-    ``B = g'' - g'/R``, where δ is a delta function without those wavenumbers.
+    Both are zero at R = 0, which the polarizability includes; ``size`` is wavenumber times cell. With ``g =
+    e^{-jkR}/R`` and the delta function δ without the wavenumbers above π: ``A = k²g + g'/R + 4π/3·δ``, ``B = g'' -
+    g'/R``.
     """
     r = np.sqrt(np.arange(1, count))
     sine, cosine = np.sin(size * r), np.cos(size * r)

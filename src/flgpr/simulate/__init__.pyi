@@ -1,0 +1,19 @@
+from flgpr.model import Sensor
+from flgpr.simulate.gprmax_deck import Decks, make_decks
+from flgpr.simulate.scene import Scene, load_scene, sites
+from flgpr.simulate.simulator import Simulator, finest_cell, simulate
+from flgpr.simulate.world import World, draw_world
+
+__all__ = [
+    "Decks",
+    "Scene",
+    "Sensor",
+    "Simulator",
+    "World",
+    "draw_world",
+    "finest_cell",
+    "load_scene",
+    "make_decks",
+    "simulate",
+    "sites",
+]
