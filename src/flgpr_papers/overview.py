@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -74,21 +73,9 @@ def verdict_rows(folder: Path) -> list[tuple[str, str, str]]:
     rows = []
     for one in read_findings(folder):
         about = "; ".join(part for part in (one.quantity or one.paper, one.group and f"{one.group} lanes") if part)
-        ours = one.ours if one.interval is None else _with_interval(*one.interval)
         if one.verdict != OPEN:
-            rows.append((f"{one.claim} ({about})", ours, one.verdict))
+            rows.append((f"{one.claim} ({about})", one.ours, one.verdict))
     return rows
-
-
-def _with_interval(value: float, low: float, high: float) -> str:
-    if math.isnan(value):
-        return "nothing to measure"
-    if math.isnan(low) or math.isnan(high):
-        return f"{value:.3g} (one sample, no interval)"
-    if not high > low:
-        return f"{value:.3g} ({low:.3g} to {high:.3g})"
-    digits = max(0, 1 - math.floor(math.log10(high - low)))  # as many as the interval's width has meaning for
-    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
 def verdicts_csv(found: Mapping[str, list[tuple[str, str, str]]]) -> str:

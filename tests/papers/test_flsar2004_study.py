@@ -9,7 +9,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
-from flgpr.detect import OneClassRelevanceVectorMachine
+from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifier
 from flgpr.features import mean_template
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate.simulator import Simulator
@@ -18,7 +18,7 @@ from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import study as flsar2004
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, _turned, lane_images, load_settings
-from flgpr_papers.kit.findings import VERDICTS, read_findings
+from flgpr_papers.kit.findings import OPEN, VERDICTS, difference_of_shares, read_findings
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +163,58 @@ def test_held_out_scores_come_from_the_others(small):
     assert len(ex.held_out(table, X, classifier, None).kept) == 50
 
 
+def some_examples(seed=0, mines=20, clutter=60):
+    rng = np.random.default_rng(seed)
+    y = np.arange(mines + clutter) < mines
+    target = np.where(y, (np.arange(y.size) // 2).astype(str), "")
+    table = pd.DataFrame({"kind": np.where(y, "metal", "clutter"), "target": target})
+    return table, rng.normal(size=(y.size, 3)) + 1.5 * y[:, None]
+
+
+def test_both_machines_have_one_kernel_and_the_papers_prior(settings, monkeypatch):
+    (table, X), machines = some_examples(), []
+
+    class Kept(RelevanceVectorClassifier):
+        def fit(self, X, y):
+            machines.append(self)
+            return super().fit(X, y)
+
+    monkeypatch.setattr(ex, "RelevanceVectorClassifier", Kept)
+    y = (table["kind"] != "clutter").to_numpy()
+    ex.rvm(settings.classify)(X, y)
+    chosen = ex._search(settings.classify, "rbf", X, y)[-1]
+    assert [one.prior for one in machines] == ["laplacian"]
+    assert machines[0].gamma == chosen.gamma
+    machines.clear()
+    ex.evidence_rvm(settings.classify)(X, y)
+    assert {one.prior for one in machines} == {"ard"}
+    assert len(machines) == len(settings.classify.widths) + 1
+
+
+def test_the_width_of_a_novelty_detector_is_that_of_the_median_pair():
+    X = np.random.default_rng(3).normal(size=(40, 6)) * [1, 2, 3, 4, 5, 6]
+    Z = (X - X.mean(axis=0)) / X.std(axis=0)
+    distance = ((Z[:, None] - Z) ** 2).sum(axis=2)[np.triu_indices(40, 1)]
+    assert ex.median_width(X) == pytest.approx(1 / np.median(distance))
+
+
+def test_training_anew_in_every_draw_holds_copies_out_together():
+    table, X = some_examples()
+
+    def memory(train, y):  # remembers every example: it would give itself away if a copy were tested
+        known = {tuple(row): float(label) for row, label in zip(train, y, strict=True)}
+        return (lambda new: np.array([known.get(tuple(row), 0.5) for row in new])), 1.0
+
+    np.testing.assert_allclose(ex.retrained(table, X, memory, 5, 4), 0.5)
+
+    def fisher(train, y):
+        return LogisticRegression().fit(train, y).decision_function, 1.0
+
+    drawn = ex.retrained(table, X, fisher, 5, 30)
+    assert 0.7 < drawn.mean() < 1.0
+    assert drawn.std() > 0.005
+
+
 def test_area_is_scikit_learns_and_its_interval_covers():
     rng = np.random.default_rng(1)
     one = scores_of(rng.normal(1, 1, 40), rng.normal(0, 1, 90))
@@ -197,7 +249,7 @@ def test_paired_differences_are_tighter_than_independent_ones():
 
 def test_difference_of_proportions_matches_newcombes_example():
     # Newcombe 1998, Table II (a): 56/70 - 48/80
-    value, low, high = fi.proportion_difference((56, 70), (48, 80))
+    value, low, high = difference_of_shares((56, 70), (48, 80))
     assert (value, low, high) == pytest.approx((0.2, 0.0524, 0.3339), abs=1e-4)
 
 
@@ -251,7 +303,7 @@ def test_the_page_holds_every_figure_and_finding(reproduced):
     found = read_findings(folder)
     claims = {one.claim for one in found}
     assert {"RVM sparser", "plastic separable without prescreener", "templates alike at both sites"} <= claims
-    assert sum(text.count(f"<b>{verdict}</b>") for verdict in VERDICTS) == len(found)
+    assert sum(text.count(f"<b>{verdict}</b>") for verdict in (*VERDICTS, OPEN)) == len(found)
     for number in range(1, 11):
         assert f"Fig. {number}. Paper" in text
         assert (folder / f"fig{number}.png").is_file()

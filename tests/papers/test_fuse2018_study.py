@@ -16,10 +16,11 @@ from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
-    clustered,
     frame_match,
     lane_match,
     mine_changes,
+    one_frame,
+    own_changes,
     peaks_kept,
     power_db,
     scored,
@@ -35,9 +36,10 @@ from flgpr_papers.fuse2018.lanes import (
 )
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane
+from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, suppressed_alone
 from flgpr_papers.fuse2018.recipe import fuse_recipe
-from flgpr_papers.kit.findings import VERDICTS
+from flgpr_papers.fuse2018.tracking import follow
+from flgpr_papers.kit.findings import OPEN, VERDICTS, clustered
 
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
 RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 4), np.zeros(4), np.full(4, -0.2)]), (4, 1))
@@ -67,7 +69,7 @@ def make_frames(name, seed, count=6):
     level = {"l": [(1.0, 5.0), (0.03, 2.0)], "x": [(0.02, 3.0)]}
     pose = np.zeros((count, 6))
     pose[:, 1] = 2.0 * np.arange(count) - 5
-    data, poses = {}, {}
+    data, poses, alone = {}, {}, None
     for band, tones in TONES.items():
         poses[band] = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
         strength = np.stack([np.where(mine, a, b) * phase for a, b in level[band]])[:, None]
@@ -77,6 +79,10 @@ def make_frames(name, seed, count=6):
             )
             for p in poses[band]
         ]
+        if band == "l":
+            views = [vehicle_to_lane(side, p) for p in poses["l"] for side in (TX, RX)]
+            makes = [ImagingOperator(tones, *views[k : k + 2], points[mine]) for k in range(0, len(views), 2)]
+            alone = np.array([make.forward((level["l"][0][0] * phase[mine])[None, None]) for make in makes])
         noise = rng.normal(size=(*np.shape(made), 2)).view(complex)[..., 0]
         data[band] = (np.array(made) + 0.3 * noise).astype(np.complex64)
     ids = {"target_id": [f"T{i}" for i in range(len(mines))], "kind": "metal", "depth": 0.05}
@@ -84,7 +90,7 @@ def make_frames(name, seed, count=6):
     objects = pd.DataFrame({"object_id": [f"O{i}" for i in range(len(bushes))], "kind": "bush"})
     objects = objects.assign(x=bushes[:, 0], y=bushes[:, 1])
     sides = {band: side for band in TONES for side in [TX]}
-    return Frames(name, TONES, data, sides, {band: RX for band in TONES}, poses, truth, objects)
+    return Frames(name, TONES, data, sides, {band: RX for band in TONES}, poses, truth, objects, alone)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +197,52 @@ def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
         assert abs(np.median(mine_changes(both(lanes), name)[0])) < 1.0, name
     np.testing.assert_allclose(power_db(boxes, "#6"), power_db(boxes, "iteration"), atol=0.05)
     assert (power_db(boxes, "least squares") < power_db(boxes, "iteration")).mean() > 0.5
+
+
+def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
+    result, frames, _ = lanes["A"]
+    assert {"iteration", "least squares"} == set(result.own["variant"])
+    change, mine = own_changes(both(lanes), "iteration")
+    assert len(change) == len(mine) > 8
+    clear = result.own[(result.own["variant"] == "iteration") & ~result.own["masked"]]
+    assert (clear["change_db"] < 0.5).all()
+    assert clear["change_db"].median() > -1.0  # nothing lies over them
+    one = clean(aperture(frames, 1, RECIPE.image), calibration.thresholds, RECIPE, ("original", "iteration"))
+    parts = frames.mines[[0, 1]], one.aperture.data - frames.mines[[0, 1]]
+    made = [suppressed_alone(one, data, RECIPE) for data in (*parts, one.aperture.data)]
+    np.testing.assert_allclose(made[0] + made[1], made[2], atol=2e-4 * np.abs(made[2]).max())  # linear ...
+    whole = one.aperture.stack_on(one.aperture.grid.points())
+    mine, said = np.abs(whole.adjoint(made[2])[0, 0]), np.abs(one.images["iteration"])
+    np.testing.assert_allclose(mine, said, atol=2e-3 * said.max())  # ... and what the iteration did to all of it
+
+
+def test_one_frame_of_the_paper_is_compared_with_frames_of_ours():
+    rng = np.random.default_rng(0)
+    wrong = 0
+    for _ in range(400):
+        value = rng.normal(24, 3, 41)
+        boxes = pd.DataFrame({"lane": "A", "frame": np.repeat(np.arange(20), 2)})
+        figure = float(np.mean(value[38:40]))
+        gap, low, high = one_frame(boxes.iloc[:38], value[:38], figure)
+        wrong += not low <= 0 <= high
+        assert gap == pytest.approx(value[:38].mean() - figure)
+    assert 0.02 < wrong / 400 < 0.09
+
+
+def test_what_stays_from_frame_to_frame_is_followed_and_what_does_not_is_dropped():
+    rng = np.random.default_rng(4)
+    still = pd.DataFrame({"frame": np.repeat(range(4), 2), "x": [0.0, 1.2] * 4, "y": [5.0] * 8, "magnitude": 3.0})
+    still[["x", "y"]] += rng.normal(0, 0.05, (8, 2))
+    still.loc[0, "magnitude"] = 9.0  # one bright frame does not make a track bright
+    stray = pd.DataFrame({"frame": np.repeat(range(4), 10), "magnitude": 5.0})
+    stray = stray.assign(x=np.arange(40) * 1.5, y=20.0)
+    tracks = follow(pd.concat([stray, still]), 0.5, 2)
+    assert len(tracks) == 2
+    assert sorted(tracks["frames"]) == [4, 4]
+    np.testing.assert_allclose(np.sort(tracks["x"]), [0.0, 1.2], atol=0.1)
+    assert (tracks["confidence"] == 3.0).all()
+    assert follow(stray, 0.5, 2).empty
+    assert len(follow(stray, 0.5, 1)) == 40
 
 
 def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
@@ -313,7 +365,8 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     results = both(lanes)
     loose = results[0]
     found = all_findings(results, loose, RECIPE)
-    assert {one.verdict for one in found} <= set(VERDICTS)
+    assert {one.verdict for one in found} <= {*VERDICTS, OPEN}
+    assert all(one.interval is not None for one in found)
     assert sum("ROC better with suppression" in one.claim for one in found) == 4
     poses = pose_study(RECIPE, draws=2)
     html = page_html(

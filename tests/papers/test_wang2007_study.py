@@ -16,11 +16,13 @@ from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
 from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane
+from flgpr_papers.kit.findings import all_of
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.wang2007 import findings, lanes
+from flgpr_papers.wang2007 import lanes
 from flgpr_papers.wang2007.analysis import (
     MINES,
     SUBBANDS,
+    Draw,
     LaneResult,
     PdMeanScorer,
     Pool,
@@ -83,6 +85,30 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
         assert PdMeanScorer(pool.reference)(confidence) == pytest.approx(want, abs=1e-12)
 
 
+def test_a_draw_of_everything_once_is_the_lanes_themselves(pool):
+    once = Draw(np.ones(27), np.ones(len(pool.labels)), pool.scorer._area)
+    for columns, method in ((["C_HH_F1"], "A"), (["C_HH_F1", "M_VV_F1"], "C")):
+        cross, duplicate = method in "CD", method in "AC"
+        plain, drawn = (pool.folds(columns, cross, duplicate, draw=draw) for draw in (None, once))
+        for one, other in zip(plain, drawn, strict=True):
+            np.testing.assert_array_equal(one.scatter, other.scatter)
+        confidence = pool.confidence(columns, method)
+        assert pool.scorer(confidence, once) == pytest.approx(pool.scorer(confidence), abs=1e-12)
+
+
+def test_a_draw_weighs_what_hits_a_target_as_the_target_and_trains_on_it(pool):
+    draws = list(pool.draws(5, seed=3))
+    hit = pool.labels["target"].to_numpy()
+    for draw in draws:
+        np.testing.assert_array_equal(draw.alarm[hit >= 0], draw.target[hit[hit >= 0]])
+        assert len({name for name, weight in zip(pool.labels["lane"], draw.alarm, strict=True) if weight}) > 1
+    changed = [pool.folds(["C_HH_F1", "M_VV_F1"], False, True, draw=draw)[0].scatter for draw in draws]
+    assert not any(np.allclose(changed[0], one) for one in changed[1:])
+    spread = pool.retrained(["C_HH_F1", "M_VV_F1"], "C", 30).std()
+    low, high = pool.interval(pool.confidence(["C_HH_F1", "M_VV_F1"], "C"), 100)
+    assert 0.3 * (high - low) / 4 < spread < 3 * (high - low) / 4
+
+
 def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
     table = table_one(pool)
     for method in "ABCD":
@@ -115,9 +141,9 @@ def test_nested_choice_leaves_the_tested_lane_out(results):
 
 
 def test_a_claim_of_several_parts_holds_if_all_do():
-    assert findings.all_of(["agrees", "cannot say"]) == "cannot say"
-    assert findings.all_of(["agrees", "disagrees", "cannot say"]) == "disagrees"
-    assert findings.all_of(["agrees", "agrees"]) == "agrees"
+    assert all_of(["agrees", "cannot say"]) == "cannot say"
+    assert all_of(["agrees", "disagrees", "cannot say"]) == "disagrees"
+    assert all_of(["agrees", "agrees"]) == "agrees"
 
 
 def fake_examples(path):
@@ -146,7 +172,9 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool):
     assert "Quick run" in page
     assert "still to be run" not in page
     best = table_one(pool).loc["A", "C_HH"]
-    assert f"best is C_HH; C_HH {best:.2f}" in page
+    assert f"PD_mean of C_HH {best:.2f}." in page
+    assert "Pd at 0.05 per m², 95 %, chance" in page
+    assert all(one.interval is not None for one in judged)
     assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
 
 

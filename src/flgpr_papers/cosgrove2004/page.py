@@ -12,7 +12,7 @@ from flgpr_papers.cosgrove2004.examples import PointResponse
 from flgpr_papers.cosgrove2004.findings import PAPER_RATIOS, Case, contrast_table, interval
 from flgpr_papers.cosgrove2004.images import WORLDS
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import study_html
 
 Row = tuple[Any, ...]
@@ -33,6 +33,7 @@ def page_html(
         quick=quick,
         recipe=recipe,
         found=found,
+        by_chance={world: by_chance(all_) for world, all_ in found.items()},
         sizes=next(iter(cases.values())),
         detectors={
             world: {recipe.sites[site].title: _detector_rows(tables[world], site) for site in lanes}

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
+from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GridSearchCV, StratifiedKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -259,50 +261,72 @@ Classifier = Callable[[FloatArray, NDArray[np.bool_]], tuple[Scorer, float]]
 
 
 def rvm(settings: Classify, kernel: str = "rbf") -> Classifier:
-    """Relevance vector machine; width or degree by the evidence of the training examples."""
+    """Relevance vector machine with the paper's Laplacian prior (par. 30) on the very kernel of the SVM (par. 48)."""
 
     def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        scaler = StandardScaler().fit(X)
-        Z = scaler.transform(X)
-        if kernel == "rbf":
-            options = [{"kernel": "rbf", "gamma": width / X.shape[1]} for width in settings.widths]
-        else:
-            options = [{"kernel": "poly", "gamma": 1 / X.shape[1], "degree": degree} for degree in settings.degrees]
-        trials = [RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y) for option in options]
-        best = options[int(np.argmax([trial.log_evidence_ for trial in trials]))]
-        machine = RelevanceVectorClassifier(n_starts=3, tol=1e-4, **best).fit(Z, y)
-        return lambda new: machine.decision_function(scaler.transform(new)), len(machine.relevance_) / len(X)
+        chosen = _search(settings, kernel, X, y)[-1].get_params()
+        option = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
+        return _relevance(X, y, prior="laplacian", **option)
 
     return fit
+
+
+def evidence_rvm(settings: Classify, kernel: str = "rbf") -> Classifier:
+    """Relevance vector machine of our own choice: ARD prior, width by the evidence of the training examples."""
+
+    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
+        Z = StandardScaler().fit_transform(X)
+        options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
+        trials = [RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y) for option in options]
+        return _relevance(X, y, **options[int(np.argmax([trial.log_evidence_ for trial in trials]))])
+
+    return fit
+
+
+def _relevance(X: FloatArray, y: NDArray[np.bool_], **option: Any) -> tuple[Scorer, float]:
+    machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(n_starts=3, tol=1e-4, **option)).fit(X, y)
+    return machine.decision_function, len(machine[-1].relevance_) / len(X)
 
 
 def svm(settings: Classify, kernel: str = "rbf") -> Classifier:
     """Support vector machine; C and width or degree by cross-validation inside the training examples."""
 
     def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        grid: dict[str, Any] = {"svc__C": list(settings.costs)}
-        if kernel == "rbf":
-            grid["svc__gamma"] = [width / X.shape[1] for width in settings.widths]
-        else:
-            grid |= {"svc__degree": list(settings.degrees), "svc__coef0": [1.0], "svc__gamma": [1 / X.shape[1]]}
-        inner = StratifiedKFold(3, shuffle=True, random_state=0)
-        search = GridSearchCV(make_pipeline(StandardScaler(), SVC(kernel=kernel)), grid, cv=inner, scoring="roc_auc")
-        search.fit(X, y)
-        return search.decision_function, len(search.best_estimator_["svc"].support_) / len(X)
+        best = _search(settings, kernel, X, y)
+        return best.decision_function, len(best[-1].support_) / len(X)
 
     return fit
 
 
+def _search(settings: Classify, kernel: str, X: FloatArray, y: NDArray[np.bool_]) -> Any:
+    """Choose a support vector machine, and with it the kernel of both machines, inside the training examples."""
+    grid: dict[str, Any] = {"svc__C": list(settings.costs)}
+    if kernel == "rbf":
+        grid["svc__gamma"] = [width / X.shape[1] for width in settings.widths]
+    else:
+        grid |= {"svc__degree": list(settings.degrees), "svc__coef0": [1.0], "svc__gamma": [1 / X.shape[1]]}
+    inner = StratifiedKFold(3, shuffle=True, random_state=0)
+    search = GridSearchCV(make_pipeline(StandardScaler(), SVC(kernel=kernel)), grid, cv=inner, scoring="roc_auc")
+    return search.fit(X, y).best_estimator_
+
+
+def median_width(mines: FloatArray) -> float:
+    """Give γ so that two mines at the median distance of all pairs of standardised mines have the kernel 1/e."""
+    return float(1 / np.median(pdist(StandardScaler().fit_transform(mines), "sqeuclidean")))
+
+
 def one_class(settings: Classify, kind: str = "rvm") -> Classifier:
-    """Novelty detector that is given the training mines only."""
+    """Novelty detector that is given the training mines only, its width by :func:`median_width`."""
 
     def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
         mines = X[y]
         if kind == "rvm":
-            machine = OneClassRelevanceVectorMachine(p0=settings.p0, n_starts=3, tol=1e-4).fit(mines)
+            machine = OneClassRelevanceVectorMachine(
+                gamma=median_width(mines), prior="laplacian", p0=settings.p0, n_starts=3, tol=1e-4
+            ).fit(mines)
             return machine.score_samples, len(machine.relevance_) / len(mines)
         if kind == "svm":
-            pipeline = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1)).fit(mines)
+            pipeline = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))).fit(mines)
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
         mixture = GaussianMixtureNovelty(random_state=0).fit(mines)
         return mixture.score_samples, 1.0
@@ -354,6 +378,30 @@ def held_out(
             pooled.append(scorer(X[~y]))
     clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
     return HeldOut(score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept))
+
+
+def retrained(
+    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, draws: int, seed: int = 0
+) -> FloatArray:
+    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
+
+    Looks at one mine are drawn together, and all copies of an example are held out together.
+    """
+    rng, found = np.random.default_rng(seed), []
+    y = (table["kind"] != "clutter").to_numpy()
+    mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]
+    for _ in range(draws):
+        chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
+        rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
+        names = np.where(y[rows], table["target"].to_numpy(dtype=str)[rows], np.char.add("clutter ", rows.astype(str)))
+        group = np.unique(names, return_inverse=True)[1]
+        fold = rng.permutation(group.max() + 1) % folds
+        score = np.full(len(rows), np.nan)
+        for k in range(folds):
+            test = fold[group] == k
+            score[test] = classifier(X[rows][~test], y[rows][~test])[0](X[rows][test])
+        found.append(roc_auc_score(y[rows], score))
+    return np.array(found)
 
 
 def across(

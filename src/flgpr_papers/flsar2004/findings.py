@@ -70,21 +70,6 @@ def proportion(successes: int, trials: int) -> Interval:
     return successes / trials, float(low), float(high)
 
 
-def proportion_difference(a: tuple[int, int], b: tuple[int, int]) -> Interval:
-    """Difference of two independent proportions with Newcombe's interval (1998, method 10)."""
-    z = 1.959964
-
-    def wilson(k: int, n: int) -> tuple[float, float, float]:
-        p = k / n
-        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
-        half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-        return p, centre - half, centre + half
-
-    (p, pl, ph), (q, ql, qh) = wilson(*a), wilson(*b)
-    low = p - q - np.hypot(p - pl, qh - q)
-    return p - q, float(low), float(p - q + np.hypot(ph - p, q - ql))
-
-
 def pd_count(scores: HeldOut, area: float, far: float, chosen: NDArray[np.bool_]) -> tuple[int, int]:
     """Count the chosen mines that are found at an allowed FAR."""
     curve = roc(scores, area)

@@ -8,6 +8,7 @@ from typing import Any
 from flgpr_papers.flsar2004.experiment import Results
 from flgpr_papers.flsar2004.figures import CAPTIONS
 from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.kit.findings import by_chance
 from flgpr_papers.kit.page import study_html
 
 Row = tuple[Any, ...]
@@ -21,6 +22,7 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         quick=quick,
         settings=settings,
         found=results.findings,
+        chance=by_chance(results.findings),
         sizes=_sizes(settings, notes),
         areas=[(name, f"{v:.3f}", f"{low:.3f} to {high:.3f}") for name, (v, low, high) in results.areas.items()],
         cases=list(notes["templates"]),
@@ -43,6 +45,7 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
         ),
         ("support vectors", "34 % (par. 48), typically 30 % (par. 57)", f"{100 * loo['SVM']:.1f} %"),
         ("relevance vectors", "14 % (par. 48), typically 15 % (par. 57)", f"{100 * loo['RVM']:.1f} %"),
+        ("the same, ARD and width by evidence", "not tried", f"{100 * loo['RVM, ARD, width by evidence']:.1f} %"),
     ]
     for site, counts in notes["examples"].items():
         told = ", ".join(f"{count} {kind}" for kind, count in counts.items())

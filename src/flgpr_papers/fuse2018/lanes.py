@@ -16,9 +16,9 @@ from flgpr.clutter import FrameStack, standing_field, subregions, subtract_stand
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run
 from flgpr.model import Grid, Sensor, check_run, check_shared_poses, complete_scans, load_sensor, vehicle_to_lane
-from flgpr.simulate import Scene, draw_world
+from flgpr.simulate import Scene, Simulator, draw_world
 from flgpr_papers.fuse2018.recipe import FuseRecipe, Image
-from flgpr_papers.kit.cache import store_lane
+from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 
 BANDS = ("l", "x")
 ComplexArray = NDArray[np.complex64]
@@ -70,6 +70,8 @@ class Frames:
         Reported poses of each band's reference point.
     truth, objects : DataFrame
         What is in and beside the lane; for calibration and scoring.
+    mines : (frame, 1, pair, frequency) ndarray or None
+        What the mines alone add to VV of the L band, without errors of the radar; to tell what becomes of it.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Frames:
     pose: dict[str, FloatArray]
     truth: pd.DataFrame
     objects: pd.DataFrame
+    mines: ComplexArray | None = None
 
     def __len__(self) -> int:
         return len(self.pose["l"])
@@ -99,10 +102,34 @@ def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, quick: bool, trac
         store, _, _ = store_lane(folder, lane_scene(recipe, name, band, quick), seed, band_sensor(recipe, band), track)
         runs[band] = open_run(store)
     world = draw_world(lane_scene(recipe, name, "l", quick), seed)
-    return read_frames(name, runs, world.truth(), world.objects_table())
+    mines = mines_alone(folder, recipe, name, quick, track) if name != "calibration" else None
+    return read_frames(name, runs, world.truth(), world.objects_table(), mines)
 
 
-def read_frames(name: str, runs: dict[str, xr.Dataset], truth: pd.DataFrame, objects: pd.DataFrame) -> Frames:
+def mines_alone(folder: Path, recipe: FuseRecipe, name: str, quick: bool, track: Track) -> ComplexArray:
+    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines."""
+    sensor, seed = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)}), recipe.lanes.seeds[name]
+    scene = lane_scene(recipe, name, "l", quick)
+    world, told = draw_world(scene, seed), scene.model_dump(exclude_unset=True, exclude={"draws"})
+    told |= {part: [one.model_dump() for one in getattr(world, part)] for part in ("targets", "objects", "patches")}
+    told["clutter"] = {kind: 0.0 for kind in ("rocks", "bushes", "posts", "patches")}
+    twins = [Scene.model_validate(one) for one in (told, told | {"targets": []})]
+    key = key_of([twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed)
+    path = folder / f"{name}-mines-{key}.bundle"
+    if not path.is_file():
+        full, empty = (Simulator(twin, sensor, seed, errors=False) for twin in twins)
+        scans = track(range(len(full)), f"mines of lane {name}", len(full))
+        write_arrays(path, {"signal": np.stack([full.scan(k) - empty.scan(k) for k in scans])})
+    return read_arrays(path)["signal"]
+
+
+def read_frames(
+    name: str,
+    runs: dict[str, xr.Dataset],
+    truth: pd.DataFrame,
+    objects: pd.DataFrame,
+    mines: ComplexArray | None = None,
+) -> Frames:
     """Read a lane's runs into memory: the frames that are complete in all bands."""
     check_shared_poses(runs)
     good = np.logical_and.reduce([complete_scans(check_run(run)) for run in runs.values()])
@@ -119,7 +146,7 @@ def read_frames(name: str, runs: dict[str, xr.Dataset], truth: pd.DataFrame, obj
         frequency[band] = np.asarray(run["frequency"].values, dtype=np.float64)
         tx[band], rx[band] = run["tx_position"].values, run["rx_position"].values
         pose[band] = np.asarray(run["pose"].values, dtype=np.float64)[good]
-    return Frames(name, frequency, data, tx, rx, pose, truth, objects)
+    return Frames(name, frequency, data, tx, rx, pose, truth, objects, None if mines is None else mines[good])
 
 
 @dataclass(frozen=True)

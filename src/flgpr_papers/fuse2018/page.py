@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from flgpr.io import write_whole
 from flgpr_papers.fuse2018 import figures
+from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration
 from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
-from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import draw, study_html
+from flgpr_papers.kit.points import HEADER, point_rows
 
 Row = tuple[Any, ...]
 
@@ -50,6 +52,9 @@ def page_html(
         recipe=recipe,
         lanes=[_lane_row(recipe, lane) for lane in lanes],
         found=found,
+        chance=by_chance(found),
+        header=HEADER,
+        points=list(_points(recipe, lanes)),
         regions=[f"{a:g} to {b:g} m" for a, b in pairwise(recipe.image.edges)],
         thresholds=_threshold_rows(calibration),
         courses=_course_rows(lanes),
@@ -95,6 +100,17 @@ def _figures(
         "fullwave", "The full-wave lane. Triangles: mines; cross: rock; square: post.",
         figures.fullwave_figure(fullwave),
     )  # fmt: skip
+
+
+def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
+    """Pd at operating points, before and after, by both conventions of FAR."""
+    for lane in lanes:
+        for convention in CONVENTIONS:
+            for variant in ("original", "iteration"):
+                matched, _, options = scored(lane, variant, recipe, convention)
+                area = {name: options[name] for name in ("area", "frame_area") if name in options}
+                inside = {f"lane {lane.name}, {convention}": matched.truth["inside"].to_numpy(dtype=bool)}
+                yield from point_rows({variant: matched}, inside, shared="count", **area)
 
 
 def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:

@@ -107,6 +107,8 @@ class LaneRecords:
         frame, variant, iterations kept, rise at which it stopped, residual, share of pixels masked, CPU seconds.
     coherence : list of dict
         frame, loss of the coherent sum at the strongest pixels, dB.
+    own : list of dict
+        frame, target, variant, change of what the mine alone gives at its peak, dB.
     maps : dict of str to [sum, count]
         Lane maps.
     """
@@ -116,6 +118,7 @@ class LaneRecords:
     mines: list[dict[str, Any]] = field(default_factory=list)
     courses: list[dict[str, Any]] = field(default_factory=list)
     coherence: list[dict[str, Any]] = field(default_factory=list)
+    own: list[dict[str, Any]] = field(default_factory=list)
     maps: dict[str, FloatArray] = field(default_factory=dict)
     looks: FloatArray | None = None
 
@@ -237,6 +240,7 @@ def process_lane(
         _record_boxes(records, cleaned, frames, recipe)
         _record_mines(records, cleaned, frames, recipe)
         _record_alarms(records, cleaned, calibration, recipe)
+        _record_own(records, cleaned, frames, recipe)
         loss = measured_coherence(cleaned.aperture.looks).loss_db
         records.coherence += [{"frame": k, "loss_db": float(value)} for value in loss]
         if example is not None and k == shown:
@@ -307,6 +311,46 @@ def _record_mines(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
             | {"peak": float(np.abs(image[halo]).max()), "masked": bool(cleaned.masks["pixel"][at])}
             for name, image in cleaned.images.items()
         ]
+
+
+def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
+    """Follow what the mines alone add to the data through what was done to the data as they are."""
+    one, mask, area = cleaned.aperture, cleaned.masks["pixel"], frame_area(cleaned.aperture, recipe)
+    targets = [row for row in frames.truth.itertuples() if area.contains(float(row.x), float(row.y))]  # type: ignore[arg-type]
+    if frames.mines is None or not targets or not mask.any():
+        return
+    alone = frames.mines[list(one.frames)]
+    made = {"original": alone, "iteration": suppressed_alone(cleaned, alone, recipe)}
+    if "least squares" in cleaned.images:
+        number, stack = equal_cost(cleaned.course, mask, one.region), one.stack_on(one.grid.points()[mask])
+        # Its steps depend on the data: what the mines add is what they change.
+        with_, without = (suppress_by_model(data, stack, number).data for data in (one.data, one.data - alone))
+        made["least squares"] = with_ - without
+    whole = one.stack_on(one.grid.points())
+    level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
+    for row in targets:
+        halo = one.halo(float(row.x), float(row.y), recipe.score.halo / 2)  # type: ignore[arg-type]
+        at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), one.grid.shape)
+        records.own += [
+            {"frame": one.frames[-1], "target": row.target_id, "variant": name, "masked": bool(mask[at])}
+            | {"change_db": float(20 * np.log10(image[at] / level["original"][at]))}
+            for name, image in level.items()
+            if name != "original"
+        ]
+
+
+def suppressed_alone(cleaned: Cleaned, data: ComplexArray, recipe: FuseRecipe) -> ComplexArray:
+    """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed: a linear operation."""
+    one, course, pixels = cleaned.aperture, cleaned.course, cleaned.aperture.grid.points()
+    mask, kept = cleaned.masks["pixel"], [data]
+    parts = {int(r): one.stack_on(pixels[mask & (one.region == r)]) for r in np.unique(one.region[mask])}
+    for amplitude in course.amplitude[: course.iterations]:
+        rest = kept[-1]
+        for r, stack in parts.items():
+            rest = rest - np.float32(amplitude[r, 0]) * stack.forward(stack.adjoint(kept[-1]))
+        kept.append(rest)
+    wanted = TABLE_II[recipe.suppress.combination]
+    return np.asarray(np.mean([kept[min(i, course.iterations)] for i in wanted], axis=0), dtype=np.complex64)
 
 
 def frame_area(one: Aperture, recipe: FuseRecipe) -> Lane:

@@ -28,7 +28,7 @@ from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.kit.cache import Arrays, kept, key_of, read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
-TABLES = ("alarms", "boxes", "mines", "courses", "coherence")
+TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class LaneResult:
         Number of apertures.
     origins : (frame, 2) ndarray
         Place of the array in each aperture's latest frame by number of the frame, m; NaN for frames without one.
-    alarms, boxes, mines, courses, coherence : DataFrame
+    alarms, boxes, mines, courses, coherence, own : DataFrame
         As :class:`LaneRecords` describes them.
     maps : dict of str to (y, x) ndarray
         Mean magnitude over the background of all looks, by variant; NaN where there was no look.
@@ -61,6 +61,7 @@ class LaneResult:
     mines: pd.DataFrame
     courses: pd.DataFrame
     coherence: pd.DataFrame
+    own: pd.DataFrame
     maps: Arrays
 
 

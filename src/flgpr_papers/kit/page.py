@@ -7,12 +7,12 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from flgpr.report import figure_png, render
-from flgpr_papers.kit.findings import VERDICTS
+from flgpr_papers.kit.findings import MARGIN, VERDICTS
 
 
 def study_html(template: str, **values: Any) -> str:
     """Fill in one of ``flgpr_papers/templates``; the page needs nothing beside it."""
-    return render(template, "flgpr_papers", verdicts=VERDICTS, **values)
+    return render(template, "flgpr_papers", verdicts=VERDICTS, margin=MARGIN, **values)
 
 
 def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:

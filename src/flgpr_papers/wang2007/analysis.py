@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_fea
 from flgpr.features import FEATURES
 from flgpr.model import Lane
 from flgpr.scoring import Match, far_area, match, pd_mean_interval
+from flgpr.scoring.bootstrap import make_design, make_scores
 from flgpr.screen import prescreen
 
 MINES = {"kind": lambda kind: kind != "simulant"}
@@ -70,6 +72,15 @@ def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Ma
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
 
+@dataclass(frozen=True)
+class Draw:
+    """Lanes, targets and stretches of lane drawn anew: how often each counts."""
+
+    target: FloatArray  #: (target,)
+    alarm: FloatArray  #: (alarm,) as often as the target that it hits or the stretch of lane that it stands on
+    area: float  #: that the false alarms stand on, m²
+
+
 class PdMeanScorer:
     """PD_mean of actual mines as a function of confidences, quick enough for a search.
 
@@ -85,17 +96,20 @@ class PdMeanScorer:
         mines = (reference.truth["kind"] != "simulant").to_numpy()
         number = np.where(mines, np.cumsum(mines) - 1, -1)[reference.pair_target]
         self._alarm, self._mine = reference.pair_alarm[number >= 0], number[number >= 0]
-        self._count, self._false = int(mines.sum()), reference.false
+        self._mines, self._false = np.flatnonzero(mines), np.flatnonzero(reference.false)
         self._area = far_area(reference, "union")
 
-    def __call__(self, confidence: FloatArray) -> float:
-        """PD_mean for the confidences of all alarms."""
-        best = np.full(self._count, -np.inf)
+    def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
+        """PD_mean for the confidences of all alarms, of the lanes as they are or of a draw."""
+        best = np.full(len(self._mines), -np.inf)
         np.maximum.at(best, self._mine, confidence[self._alarm])
-        false = np.sort(confidence[self._false])
-        above = len(false) - np.searchsorted(false, best, side="left")
-        share = np.maximum(0.0, 1 - above / self._area / FAR_MAX)
-        return float(np.where(np.isneginf(best), 0.0, share).sum() / self._count)
+        target = np.ones(best.size) if draw is None else draw.target[self._mines]
+        weight = np.ones(self._false.size) if draw is None else draw.alarm[self._false]
+        order = np.argsort(confidence[self._false])
+        below = np.append(0.0, np.cumsum(weight[order]))
+        above = below[-1] - below[np.searchsorted(confidence[self._false][order], best, side="left")]
+        share = np.maximum(0.0, 1 - above / (self._area if draw is None else draw.area) / FAR_MAX)
+        return float(np.where(np.isneginf(best), 0.0, share) @ target / target.sum())
 
 
 class Pool:
@@ -115,25 +129,49 @@ class Pool:
         self.scorer = PdMeanScorer(self.reference)
         self.lanes = [one.name for one in results]
 
+    def draws(self, count: int, seed: int = 0) -> Iterator[Draw]:
+        """Draw lanes, targets and stretches of lane; two lanes at least, so that one can be left out."""
+        design, rng = make_design(self.reference), np.random.default_rng(seed)
+        false = np.flatnonzero(self.reference.false)
+        false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
+        block = make_scores(self.reference, design).block
+        hit = self.labels["target"].to_numpy()
+        mines = (self.reference.truth["kind"] != "simulant").to_numpy()
+        while count:
+            target, weight = design.draw(rng)
+            several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
+            if several and target[mines].any():
+                alarm = np.where(hit >= 0, target[hit], 1.0)
+                alarm[false] = weight[block]
+                count -= 1
+                yield Draw(target, alarm, float((weight * design.block_area).sum()))
+
     def folds(
-        self, columns: Sequence[str], cross: bool, duplicate: bool, only: Sequence[str] | None = None
+        self,
+        columns: Sequence[str],
+        cross: bool,
+        duplicate: bool,
+        only: Sequence[str] | None = None,
+        draw: Draw | None = None,
     ) -> list[Fold]:
         """Make the folds of a method; ``only`` leaves other lanes out of training and testing altogether."""
         known = np.isfinite(self.features[list(columns)].to_numpy(dtype=np.float64)).all(axis=1)
         lane = self.labels["lane"].to_numpy()
         here = known & np.isin(lane, list(only or self.lanes))
         if not cross:
-            return [self._fold(columns, here, here, duplicate)]
+            return [self._fold(columns, here, here, duplicate, draw)]
         names = list(only or self.lanes)
-        return [self._fold(columns, here & (lane != name), here & (lane == name), duplicate) for name in names]
+        return [self._fold(columns, here & (lane != name), here & (lane == name), duplicate, draw) for name in names]
 
-    def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool) -> Fold:
+    def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool, draw: Draw | None = None) -> Fold:
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
         targets = sum(len(one.truth) for one in self.results if one.name in set(labels["lane"][train]))
         weight = np.ones(len(labels), np.int64)
         if duplicate:
             weight[use] = duplication(labels[use], targets)
+        if draw is not None:
+            use, weight = use & (draw.alarm > 0), weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
         return make_fold(np.nan_to_num(self.features[list(columns)].to_numpy(float)), hit, weight, use, test)
 
@@ -149,6 +187,43 @@ class Pool:
         """Confidences of all alarms with a fixed set of features by a method A-D; -inf where a feature is missing."""
         folds = self.folds(columns, *_settings(method))
         return _refit(folds, len(self.labels))
+
+    def singles_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
+        """PD_mean (draw, feature) of every feature on its own by methods A-D, trained anew in every draw."""
+        found: dict[str, list[FloatArray]] = {method: [] for method in methods}
+        for draw in self.draws(draws):
+            scorer = partial(self.scorer, draw=draw)
+            for method, rows in found.items():
+                folds = self.folds(columns, *_settings(method), draw=draw)
+                rows.append(single_features(folds, len(self.labels), scorer))
+        return {method: np.array(rows) for method, rows in found.items()}
+
+    def searches_in(self, columns: Sequence[str], methods: str, draws: int) -> dict[str, FloatArray]:
+        """PD_mean (draw, step) of forward searches by methods A-D, searched anew in every draw."""
+        found: dict[str, list[list[float]]] = {method: [] for method in methods}
+        for draw in self.draws(draws):
+            scorer = partial(self.scorer, draw=draw)
+            for method, rows in found.items():
+                folds = self.folds(columns, *_settings(method), draw=draw)
+                rows.append([step.score for step in forward_search(folds, len(self.labels), scorer)])
+        return {method: np.array(rows) for method, rows in found.items()}
+
+    def retrained(self, columns: Sequence[str], method: str, draws: int) -> FloatArray:
+        """PD_mean (draw,) of a fixed set of features by a method A-D, trained anew in every draw."""
+        cross, duplicate = _settings(method)
+        return np.array([
+            self.scorer(_refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels)), draw)
+            for draw in self.draws(draws)
+        ])  # fmt: skip
+
+    def outranks(self, column: str, draws: int) -> tuple[float, FloatArray]:
+        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has; here and in draws."""
+        values, labels = self.features[column].to_numpy(dtype=np.float64), self.labels
+        hit = np.isfinite(values) & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
+        false = np.isfinite(values) & (labels["label"] == "false").to_numpy()
+        wins = (np.sign(values[hit][:, None] - values[false][None]) + 1) / 2
+        weights = [(draw.alarm[hit], draw.alarm[false]) for draw in self.draws(draws)]
+        return float(wins.mean()), np.array([h @ wins @ f / (h.sum() * f.sum()) for h, f in weights])
 
     def magnitude(self) -> FloatArray:
         """Magnitude of all alarms: what the prescreener goes by."""

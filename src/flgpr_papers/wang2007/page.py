@@ -17,14 +17,16 @@ from flgpr.features import FEATURES
 from flgpr.model import Sensor
 from flgpr.scoring import Match
 from flgpr_papers.kit.cache import read_arrays
-from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.findings import Finding, by_chance, spread
 from flgpr_papers.kit.page import draw, study_html
+from flgpr_papers.kit.points import HEADER, point_rows
 from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import (
     BURIED_METAL,
     BURIED_PLASTIC,
     METHODS,
     MINES,
+    SIMULANTS,
     SUBBANDS,
     LaneResult,
     Pool,
@@ -39,11 +41,13 @@ from flgpr_papers.wang2007.findings import (
     curve_findings,
     feature_findings,
     prescreener_findings,
+    retrainings,
 )
 from flgpr_papers.wang2007.lanes import SITE
 
 Row = tuple[Any, ...]
 
+SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
 PAPER_ONE = {
     "A": (0.75, 0.82, 0.71, 0.69, 0.93, 0.77, 0.66, 0.19, 0.76, 0.30),
     "B": (0.75, 0.80, 0.68, 0.69, 0.90, 0.77, 0.65, 0.14, 0.76, 0.11),
@@ -82,6 +86,12 @@ def page_html(
     findings += band_findings(pool, by_band, sets, draws)
     findings += curve_findings(pool.match_of(pool.confidence(["C_HH_F1"], "A")), blind_matches)
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
+    lists = {"prescreener, HH F1": prescreened(calibration, "HH", "F1", recipe)}
+    lists |= {
+        f"{name}, calibration": pool.match_of(pool.confidence(list(columns), "C")) for name, columns in SETS.items()
+    }
+    lists |= {f"{name}, blind": one for name, one in (blind_matches or {}).items()}
+    subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES, "simulants": SIMULANTS}
     low, high = pool.interval(confidence, draws)
     pictures = []
     drawn = all_figures(folder, calibration, pool, recipe, radar, blind_matches)
@@ -95,6 +105,10 @@ def page_html(
         blind=blind,
         lanes=[_lane_row(one) for one in (*calibration, *blind)],
         found=findings,
+        chance=by_chance(findings),
+        header=HEADER,
+        points=point_rows(lists, subsets),
+        retrained=_retrained_rows(pool, draws),
         features=list(FEATURES),
         numbered=[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
         singles=_single_rows(by_band["F1"]),
@@ -109,11 +123,24 @@ def page_html(
     return html, findings
 
 
+def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
+    """PD_mean of both classifiers with the intervals of lanes and targets alone, and with training in every draw."""
+    rows = []
+    for name, columns in SETS.items():
+        for method in "AC":
+            confidence = pool.confidence(list(columns), method)
+            value, narrow = pool.scorer(confidence), pool.interval(confidence, draws)
+            _, low, high = spread(value, pool.retrained(list(columns), method, retrainings(draws)))
+            cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
+            rows.append((name, METHODS[method], f"{value:.2f}", *cells))
+    return rows
+
+
 def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
     """Score the blind lanes with classifiers A and B, trained on all calibration lanes and frozen."""
     lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in calibration]
     scores = {}
-    for name, columns in (("A", CLASSIFIER_A), ("B", CLASSIFIER_B)):
+    for name, columns in SETS.items():
         classifier = train(make_training_set(lanes, columns=columns), columns)
         tables = [one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind]
         scores[name] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])
