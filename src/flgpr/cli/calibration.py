@@ -7,28 +7,29 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Json, plain_errors
+from flgpr.cli.common import Json, plain_errors, tell_written
 
 calibrate_app = typer.Typer(help="Calibrate a run against positions and reflectors.", no_args_is_help=True)
 
-Run = Annotated[Path, typer.Argument(help="Run store.")]
-NewRun = Annotated[Path | None, typer.Option("-o", "--output", help="Run store to make with what was found.")]
+Run = Annotated[Path, Argument(help="Run store.")]
+NewRun = Annotated[Path | None, Option("-o", "--output", help="Run store to make with what was found.")]
 
 
 @calibrate_app.command("clock")
 def clock(
     run: Run,
-    area: Annotated[tuple[float, float, float, float], typer.Option(help="Ground to focus: x and y limits, m.")],
-    offsets: Annotated[tuple[float, float], typer.Option(help="Least and greatest offset of the track's clock, s.")],
+    area: Annotated[tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")],
+    offsets: Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")],
     output: NewRun = None,
-    track: Annotated[Path | None, typer.Option(help="CSV track or NMEA log; NAME-track.csv by default.")] = None,
-    anchor: Annotated[Path | None, typer.Option(help="Anchor, to read an NMEA log.")] = None,
-    step: Annotated[float, typer.Option(help="First step, s; halved four times around the best.")] = 0.05,
-    height: Annotated[float, typer.Option(help="z of the area, m.")] = 0.0,
-    spacing: Annotated[float | None, typer.Option(help="Pixel spacing, m; a quarter wavelength by default.")] = None,
-    rate: Annotated[list[float] | None, typer.Option(help="Clock rate to try; may repeat, 1 by default.")] = None,
+    track: Annotated[Path | None, Option(help="CSV track or NMEA log; NAME-track.csv by default.")] = None,
+    anchor: Annotated[Path | None, Option(help="Anchor, to read an NMEA log.")] = None,
+    step: Annotated[float, Option(help="First step, s; halved four times around the best.")] = 0.05,
+    height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
+    spacing: Annotated[float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")] = None,
+    rate: Annotated[list[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")] = None,
     as_json: Json = False,
 ) -> None:
     """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known."""
@@ -47,15 +48,15 @@ def clock(
         typer.echo("warning: the best offset lies at the edge of what was tried: search farther")
     elif best < 1.2 * median:
         typer.echo("warning: no offset stands out: is there anything bright in the area?")
-    _wrote(output)
+    tell_written(False, output)
 
 
 @calibrate_app.command("range-bias")
 def range_bias(
     run: Run,
-    reflectors: Annotated[Path, typer.Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")],
+    reflectors: Annotated[Path, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")],
     output: NewRun = None,
-    search: Annotated[float, typer.Option(help="How far from a reflector its echo is looked for, m.")] = 0.6,
+    search: Annotated[float, Option(help="How far from a reflector its echo is looked for, m.")] = 0.6,
     as_json: Json = False,
 ) -> None:
     """Find by how much ranges are measured too long, from reflectors at known places."""
@@ -70,17 +71,17 @@ def range_bias(
             f"reflector at ({row['x']:.3f}, {row['y']:.3f}) m: its echo peaks at ({row['x_peak']:.3f}, "
             f"{row['y_peak']:.3f}) m and tells {row['bias']:.4f} m"
         )
-    _wrote(output)
+    tell_written(False, output)
 
 
 def anchor(
-    points: Annotated[Path, typer.Argument(help="Anchor (TOML), or CSV of surveyed points.")],
-    crs: Annotated[str | None, typer.Option(help="CSV: reference system of the points, such as EPSG:32633.")] = None,
-    accuracy: Annotated[float | None, typer.Option(help="CSV: standard deviation of a surveyed coordinate, m.")] = None,
-    write: Annotated[Path | None, typer.Option(help="CSV: anchor (TOML) to write.")] = None,
-    lane: Annotated[Path | None, typer.Option(help="Lane (TOML) whose corners are told.")] = None,
-    outline: Annotated[Path | None, typer.Option(help="GeoJSON of the lane's outline to write.")] = None,
-    run: Annotated[Path | None, typer.Option(help="Run store to tie to the Earth.")] = None,
+    points: Annotated[Path, Argument(help="Anchor (TOML), or CSV of surveyed points.")],
+    crs: Annotated[str | None, Option(help="CSV: reference system of the points, such as EPSG:32633.")] = None,
+    accuracy: Annotated[float | None, Option(help="CSV: standard deviation of a surveyed coordinate, m.")] = None,
+    write: Annotated[Path | None, Option(help="CSV: anchor (TOML) to write.")] = None,
+    lane: Annotated[Path | None, Option(help="Lane (TOML) whose corners are told.")] = None,
+    outline: Annotated[Path | None, Option(help="GeoJSON of the lane's outline to write.")] = None,
+    run: Annotated[Path | None, Option(help="Run store to tie to the Earth.")] = None,
     output: NewRun = None,
     as_json: Json = False,
 ) -> None:
@@ -101,8 +102,8 @@ def anchor(
         "from true north"
     )
     misfits = ", ".join(f"{1000 * one:.0f}" for one in told["residuals_m"])
-    typer.echo(f"{told['points']} points in {told['crs']}, misfits {misfits} mm, one coordinate good to "
-               f"{1000 * told['sigma_m']:.0f} mm")  # fmt: skip
+    good = f"one coordinate good to {1000 * told['sigma_m']:.0f} mm"
+    typer.echo(f"{told['points']} points in {told['crs']}, misfits {misfits} mm, {good}")
     typer.echo(f"uncertainty at their mean {1000 * told['sigma_at_points_m']:.0f} mm (one standard deviation)")
     for one in told.get("corners", []):
         typer.echo(
@@ -114,10 +115,4 @@ def anchor(
         typer.echo(f"the step from {told['crs']} to WGS 84 is not in these figures: its accuracy is {known}")
     if not told["heights_known"]:
         typer.echo("the points have no heights: the ground is put on the ellipsoid")
-    for path in (write, outline, output):
-        _wrote(path)
-
-
-def _wrote(path: Path | None) -> None:
-    if path is not None:
-        typer.echo(f"wrote {path}")
+    tell_written(False, write, outline, output)

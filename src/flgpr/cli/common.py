@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 
 from flgpr.chain.progress import Track, silent
 
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="What to write.")]
+Quiet = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
+Json = Annotated[bool, Option("--json", help="Print one JSON object instead of words.")]
+Scheduler = Annotated[str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")]
+Output = Annotated[Path, Option("-o", "--output", help="What to write.")]
 
 
 @contextmanager
@@ -31,6 +33,13 @@ def plain_errors() -> Iterator[None]:
 
 def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
     typer.echo(f"warning: {message}", err=True)
+
+
+def tell_written(quiet: bool, *paths: Path | None) -> None:
+    """Name what was written, unless nothing is to be printed."""
+    for path in paths:
+        if path is not None and not quiet:
+            typer.echo(f"wrote {path}")
 
 
 @contextmanager

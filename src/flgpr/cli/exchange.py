@@ -6,49 +6,45 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Output, Quiet, plain_errors, progress
+from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
 FORMATS = ("geojson", "gpkg", "kml", "csv", "geotiff", "cphd")
 
 import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
 
-Anchor = Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")]
+Point = tuple[float, float, float]
+Anchor = Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")]
 
 
 @import_app.command("fullwave")
 def import_fullwave(
-    archive: Annotated[Path, typer.Argument(help="NumPy archive (.npz) of a full-wave lane.")],
+    archive: Annotated[Path, Argument(help="NumPy archive (.npz) of a full-wave lane.")],
     output: Output,
     quiet: Quiet = False,
 ) -> None:
     """Import a full-wave lane; truth and objects are written beside the run if the archive tells."""
     with plain_errors():
         written = tasks.import_fullwave_lane(archive, output)
-    if not quiet:
-        for path in written:
-            typer.echo(f"wrote {path}")
+    tell_written(quiet, *written)
 
 
 @import_app.command("gprmax")
 def import_gprmax(
     source: Annotated[
-        list[Path], typer.Argument(help="Folder of flgpr simulate --engine gprmax with all results, or result files.")
+        list[Path], Argument(help="Folder of decks that flgpr wrote, with all results, or result files.")
     ],
     output: Output,
-    keep_direct: Annotated[
-        bool, typer.Option("--keep-direct", help="Folder: leave the direct wave from transmitter to receiver.")
-    ] = False,
-    band: Annotated[tuple[float, float] | None, typer.Option(help="Files: first and last tone, Hz.")] = None,
-    transmit: Annotated[str | None, typer.Option(help="Files: polarization of the source, H or V.")] = None,
-    ground: Annotated[float | None, typer.Option(help="Files: height of the ground in the model, m.")] = None,
-    horizontal: Annotated[str, typer.Option("--h", help="Files: component of the field that is H.")] = "x",
-    vertical: Annotated[str, typer.Option("--v", help="Files: component of the field that is V.")] = "z",
-    waveform: Annotated[
-        str | None, typer.Option(help="Files of gprMax 3: the source's waveform, such as gaussiandotnorm.")
-    ] = None,
-    centre: Annotated[float | None, typer.Option(help="Files of gprMax 3: the waveform's frequency, Hz.")] = None,
+    keep_direct: Annotated[bool, Option("--keep-direct", help="Folder: leave the direct wave in the data.")] = False,
+    band: Annotated[tuple[float, float] | None, Option(help="Files: first and last tone, Hz.")] = None,
+    transmit: Annotated[str | None, Option(help="Files: polarization of the source, H or V.")] = None,
+    ground: Annotated[float | None, Option(help="Files: height of the ground in the model, m.")] = None,
+    horizontal: Annotated[str, Option("--h", help="Files: component of the field that is H.")] = "x",
+    vertical: Annotated[str, Option("--v", help="Files: component of the field that is V.")] = "z",
+    waveform: Annotated[str | None, Option(help="Files of gprMax 3: the waveform, such as gaussiandotnorm.")] = None,
+    centre: Annotated[float | None, Option(help="Files of gprMax 3: the waveform's frequency, Hz.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Import gprMax results: a folder of decks that flgpr wrote, or anybody's files, one per scan."""
@@ -65,50 +61,33 @@ def import_gprmax(
                 raise ValueError("--waveform and --centre go together")
             pulse = None if waveform is None or centre is None else (waveform, centre)
             written = tasks.import_gprmax_models(source, output, band, transmit, ground, horizontal, vertical, pulse)
-    if not quiet:
-        for path in written:
-            typer.echo(f"wrote {path}")
+    tell_written(quiet, *written)
 
 
 @import_app.command("mapped")
 def import_mapped(
-    mapping: Annotated[Path, typer.Argument(help="Mapping (TOML): which variable is what, in which unit.")],
+    mapping: Annotated[Path, Argument(help="Mapping (TOML): which variable is what, in which unit.")],
     output: Output,
-    data: Annotated[
-        list[Path] | None, typer.Option(help="Data file in place of the mapping's own; may repeat.")
-    ] = None,
-    survey: Annotated[Path | None, typer.Option(help="CSV of surveyed poses, a line per scan.")] = None,
-    track: Annotated[Path | None, typer.Option(help="CSV track or NMEA log.")] = None,
+    data: Annotated[list[Path] | None, Option(help="Data file in place of the mapping's own; may repeat.")] = None,
+    survey: Annotated[Path | None, Option(help="CSV of surveyed poses, a line per scan.")] = None,
+    track: Annotated[Path | None, Option(help="CSV track or NMEA log.")] = None,
     anchor: Anchor = None,
-    clock_offset: Annotated[float, typer.Option(help="The track's clock less the radar's, s.")] = 0.0,
-    lever_arm: Annotated[
-        tuple[float, float, float], typer.Option(help="Positioning antenna in the vehicle frame, m: x y z.")
-    ] = (0.0, 0.0, 0.0),
-    latency: Annotated[float, typer.Option(help="How late the track's time stamps are, s.")] = 0.0,
-    max_memory: Annotated[str, typer.Option(help="Largest array that is read.")] = "2GB",
+    clock_offset: Annotated[float, Option(help="The track's clock less the radar's, s.")] = 0.0,
+    lever_arm: Annotated[Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")] = (0.0, 0.0, 0.0),
+    latency: Annotated[float, Option(help="How late the track's time stamps are, s.")] = 0.0,
+    max_memory: Annotated[str, Option(help="Largest array that is read.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
     """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
-        tasks.import_with_mapping(
-            mapping,
-            output,
-            list(data) if data else None,
-            survey,
-            track,
-            anchor,
-            clock_offset,
-            lever_arm,
-            latency,
-            tasks.parse_size(max_memory),
-        )
-    if not quiet:
-        typer.echo(f"wrote {output}")
+        positions = (survey, track, anchor, clock_offset, lever_arm, latency)
+        tasks.import_with_mapping(mapping, output, list(data or ()), *positions, tasks.parse_size(max_memory))
+    tell_written(quiet, output)
 
 
 @import_app.command("cphd")
 def import_cphd(
-    file: Annotated[Path, typer.Argument(help="CPHD file.")],
+    file: Annotated[Path, Argument(help="CPHD file.")],
     output: Output,
     anchor: Anchor = None,
     quiet: Quiet = False,
@@ -116,18 +95,17 @@ def import_cphd(
     """Import a CPHD file."""
     with plain_errors():
         tasks.import_cphd(file, output, anchor)
-    if not quiet:
-        typer.echo(f"wrote {output}")
+    tell_written(quiet, output)
 
 
 def export(
-    source: Annotated[Path, typer.Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
+    source: Annotated[Path, Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
     output: Output,
-    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.")],
-    anchor: Annotated[Path, typer.Option(help="TOML that ties the lane to the Earth.")],
-    kind: Annotated[str, typer.Option(help="What a table holds: alarms, truth or objects.")] = "truth",
-    time: Annotated[str | None, typer.Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
-    detection: Annotated[str, typer.Option(help="Detection of a result: main or a variant.")] = "main",
+    to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
+    anchor: Annotated[Path, Option(help="TOML that ties the lane to the Earth.")],
+    kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
+    time: Annotated[str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
+    detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
     quiet: Quiet = False,
 ) -> None:
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
@@ -138,5 +116,4 @@ def export(
             tasks.export_table(source, output, to, anchor, kind, time)
         else:
             tasks.export_result(source, output, to, anchor, detection, time)
-    if not quiet:
-        typer.echo(f"wrote {output}")
+    tell_written(quiet, output)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks
 from flgpr.cli.common import Quiet, plain_errors
@@ -20,32 +21,32 @@ from flgpr.cli.common import Quiet, plain_errors
 if TYPE_CHECKING:
     from flgpr.tasks import LiveReport, LiveRun
 
-Lane = Annotated[Path | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
-Socket = Annotated[Path | None, typer.Option(help="Unix socket on which scans come.")]
+Lane = Annotated[Path | None, Option(help="TOML with x_min, x_max, y_min, y_max in metres.")]
+Socket = Annotated[Path | None, Option(help="Unix socket on which scans come.")]
 
 
 def live(
-    incoming: Annotated[Path | None, typer.Argument(help="Folder that the radar writes scans into.")] = None,
-    recipe: Annotated[str, typer.Option(help="Packaged recipe or TOML file.")] = "wang2007",
-    model: Annotated[Path | None, typer.Option(help="Trained classifier.")] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for events, snapshot and alarms.")] = Path(
+    incoming: Annotated[Path | None, Argument(help="Folder that the radar writes scans into.")] = None,
+    recipe: Annotated[str, Option(help="Packaged recipe or TOML file.")] = "wang2007",
+    model: Annotated[Path | None, Option(help="Trained classifier.")] = None,
+    output: Annotated[Path, Option("-o", "--output", help="Folder for events, snapshot and alarms.")] = Path(
         "live-result"
     ),
     socket: Socket = None,
     lane: Lane = None,
-    anchor: Annotated[Path | None, typer.Option(help="TOML that ties the lane to the Earth.")] = None,
-    speed: Annotated[float | None, typer.Option(help="Speed of the vehicle, km/h: tells what it can stop for.")] = None,
-    reaction: Annotated[float, typer.Option(help="Time until the brakes hold, s.")] = 1.5,
-    deceleration: Annotated[float, typer.Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
-    front: Annotated[float, typer.Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
-    looks: Annotated[int, typer.Option(help="Scans that must have seen a place before an alarm.")] = 3,
-    warm_up: Annotated[int, typer.Option(help="The first scan to be cleaned; those before only teach.")] = 5,
-    span: Annotated[int | None, typer.Option(help="Scans that the background remembers; default all.")] = None,
-    snapshot: Annotated[int, typer.Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
-    idle: Annotated[float | None, typer.Option(help="End after so many seconds without a scan.")] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the browser.")] = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="With --view: print the address only.")] = False,
+    anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    speed: Annotated[float | None, Option(help="Speed of the vehicle, km/h: tells what it can stop for.")] = None,
+    reaction: Annotated[float, Option(help="Time until the brakes hold, s.")] = 1.5,
+    deceleration: Annotated[float, Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
+    front: Annotated[float, Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
+    looks: Annotated[int, Option(help="Scans that must have seen a place before an alarm.")] = 3,
+    warm_up: Annotated[int, Option(help="The first scan to be cleaned; those before only teach.")] = 5,
+    span: Annotated[int | None, Option(help="Scans that the background remembers; default all.")] = None,
+    snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
+    idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
+    fresh: Annotated[bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
+    view: Annotated[bool, Option("--view", help="Show it in the browser.")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="With --view: print the address only.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream."""
@@ -66,13 +67,13 @@ def live(
 
 
 def feed(
-    run: Annotated[Path, typer.Argument(help="Run store.")],
-    incoming: Annotated[Path | None, typer.Argument(help="Folder to write scans into.")] = None,
-    rate: Annotated[float, typer.Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
+    run: Annotated[Path, Argument(help="Run store.")],
+    incoming: Annotated[Path | None, Argument(help="Folder to write scans into.")] = None,
+    rate: Annotated[float, Option(help="Scans per second; 0 plays as fast as it can.")] = 4.2,
     socket: Socket = None,
-    first: Annotated[int, typer.Option(help="First scan.")] = 0,
-    count: Annotated[int | None, typer.Option(help="Number of scans; default all.")] = None,
-    lead: Annotated[float, typer.Option(help="Time between the run's description and its first scan, s.")] = 2.0,
+    first: Annotated[int, Option(help="First scan.")] = 0,
+    count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
+    lead: Annotated[float, Option(help="Time between the run's description and its first scan, s.")] = 2.0,
     quiet: Quiet = False,
 ) -> None:
     """Play a stored run as the radar would write it."""

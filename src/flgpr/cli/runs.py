@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks, viewer
-from flgpr.cli.common import Json, Output, Quiet, plain_errors, progress
+from flgpr.cli.common import Json, Output, Quiet, Scheduler, plain_errors, progress, tell_written
 from flgpr.cli.show import info_lines, print_scores, score_summary
 from flgpr.cli.view import view
 
@@ -20,9 +21,7 @@ app = typer.Typer()
 app.command()(view)
 With = Annotated[
     list[str] | None,
-    typer.Option(
-        "--with", help="NAME=RUN: a run taken together with it, such as a second band; once per name and run."
-    ),
+    Option("--with", help="NAME=RUN: a run taken together with it, such as a second band; once per name and run."),
 ]
 
 
@@ -43,7 +42,7 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
 @app.command()
 def demo(
     output: Output = Path("demo-result"),
-    view: Annotated[bool, typer.Option("--view", help="Open the result in the browser.")] = False,
+    view: Annotated[bool, Option("--view", help="Open the result in the browser.")] = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -61,28 +60,18 @@ def demo(
 
 @app.command()
 def detect(
-    runs: Annotated[list[Path], typer.Argument(help="Run stores; several make a survey.")],
+    runs: Annotated[list[Path], Argument(help="Run stores; several make a survey.")],
     output: Output,
-    recipe: Annotated[
-        str | None, typer.Option(help="Packaged recipe or TOML file; else one is made for the run.")
-    ] = None,
-    lane: Annotated[
-        list[Path] | None, typer.Option(help="TOML with x_min, x_max, y_min, y_max in metres; once per run.")
-    ] = None,
-    model: Annotated[Path | None, typer.Option(help="What `flgpr train` made for the recipe.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; the result is the same.", min=1)] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
-    ] = None,
+    recipe: Annotated[str | None, Option(help="Packaged recipe or TOML file; else one is made for the run.")] = None,
+    lane: Annotated[list[Path] | None, Option(help="TOML with x_min, x_max, y_min, y_max, m; once per run.")] = None,
+    model: Annotated[Path | None, Option(help="What `flgpr train` made for the recipe.")] = None,
+    workers: Annotated[int | None, Option(help="Processes; the result is the same.", min=1)] = None,
+    scheduler: Scheduler = None,
     lanes_at_once: Annotated[
-        int | None, typer.Option(help="Lanes of a survey at the same time; needs workers or a scheduler.", min=1)
+        int | None, Option(help="Lanes at the same time; needs workers or a scheduler.", min=1)
     ] = None,
-    max_memory: Annotated[
-        str, typer.Option(help="Memory of each process; a lane that would take more is taken in sections.")
-    ] = "2GB",
-    section: Annotated[
-        float | None, typer.Option(help="Longest section of a lane in metres, for recipes without variants.")
-    ] = None,
+    max_memory: Annotated[str, Option(help="Memory of each process; larger lanes are taken in sections.")] = "2GB",
+    section: Annotated[float | None, Option(help="Longest section of a lane, m, for recipes without variants.")] = None,
     beside: With = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -115,29 +104,24 @@ def _detected(result: Result, silently: bool) -> dict[str, Any]:
     main, masked = result.detections[0], result.manifest["run"]["masked_scans"]
     if not silently:
         if masked:
-            typer.echo(
-                f"{len(masked)} of {result.manifest['run']['scans']} scans left out for missing sweeps: {masked}"
-            )
+            scans = result.manifest["run"]["scans"]
+            typer.echo(f"{len(masked)} of {scans} scans left out for missing sweeps: {masked}")
         typer.echo(f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}")
     return {"alarms": len(main.alarms), "masked_scans": masked, "result": str(result.folder)}
 
 
 @app.command()
 def train(
-    runs: Annotated[list[Path], typer.Argument(help="Run stores, one lane each.")],
-    truth: Annotated[list[Path], typer.Option(help="CSV of the targets of each run, in the same order.")],
+    runs: Annotated[list[Path], Argument(help="Run stores, one lane each.")],
+    truth: Annotated[list[Path], Option(help="CSV of the targets of each run, in the same order.")],
     output: Output,
-    recipe: Annotated[str, typer.Option(help="Recipe with features, or with stages that learn.")] = "wang2007",
-    lane: Annotated[list[Path] | None, typer.Option(help="TOML of each lane, in the same order.")] = None,
-    feature: Annotated[
-        list[str] | None, typer.Option(help="Feature to use in place of the recipe's; once per feature.")
-    ] = None,
+    recipe: Annotated[str, Option(help="Recipe with features, or with stages that learn.")] = "wang2007",
+    lane: Annotated[list[Path] | None, Option(help="TOML of each lane, in the same order.")] = None,
+    feature: Annotated[list[str] | None, Option(help="Feature in place of the recipe's; once per feature.")] = None,
     beside: With = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; the model is the same.", min=1)] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")
-    ] = None,
-    max_memory: Annotated[str, typer.Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
+    workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
+    scheduler: Scheduler = None,
+    max_memory: Annotated[str, Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
     """Train a recipe on runs with truth. A training that was stopped is gone on with."""
@@ -146,33 +130,24 @@ def train(
         who["max_memory"] = tasks.parse_size(max_memory)
         who["others"] = _others(beside, len(runs))
         tasks.train_runs(runs, truth, recipe, output, feature or (), lane, track=track, **who)
-    if not quiet:
-        typer.echo(f"wrote {output}")
+    tell_written(quiet, output)
 
 
 @app.command()
 def score(
-    alarms: Annotated[Path, typer.Argument(help="Result folder, or an alarm list (CSV) of any detector.")],
-    truth: Annotated[Path | None, typer.Option(help="CSV of the targets.")] = None,
-    objects: Annotated[Path | None, typer.Option(help="CSV of rocks, posts and the like, for the pictures.")] = None,
-    lane: Annotated[
-        Path | None, typer.Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")
-    ] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for roc.json and report.html.")] = None,
-    halo: Annotated[
-        float, typer.Option(help="Halo radius in metres, for an alarm list; a result uses its recipe's.")
-    ] = 1.0,
-    far: Annotated[
-        float, typer.Option(help="Operating point: false alarms per square metre at which targets count as found.")
-    ] = 0.05,
-    seal: Annotated[
-        bool, typer.Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")
-    ] = False,
+    alarms: Annotated[Path, Argument(help="Result folder, or an alarm list (CSV) of any detector.")],
+    truth: Annotated[Path | None, Option(help="CSV of the targets.")] = None,
+    objects: Annotated[Path | None, Option(help="CSV of rocks, posts and the like, for the pictures.")] = None,
+    lane: Annotated[Path | None, Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")] = None,
+    output: Annotated[Path | None, Option("-o", "--output", help="Folder for roc.json and report.html.")] = None,
+    halo: Annotated[float, Option(help="Halo radius in metres, for an alarm list; a result uses its recipe's.")] = 1.0,
+    far: Annotated[float, Option(help="Operating point: false alarms per m² at which targets count as found.")] = 0.05,
+    seal: Annotated[bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")] = False,
     sealed: Annotated[
-        Path | None, typer.Option(help="Score against a sealed truth: operating points and counts only.")
+        Path | None, Option(help="Sealed truth to score against: operating points and counts only.")
     ] = None,
-    recipe: Annotated[Path | None, typer.Option(help="Recipe that must stand in the register (with --book).")] = None,
-    book: Annotated[Path | None, typer.Option(help="Register of recipes and openings of the truth.")] = None,
+    recipe: Annotated[Path | None, Option(help="Recipe that must stand in the register (with --book).")] = None,
+    book: Annotated[Path | None, Option(help="Register of recipes and openings of the truth.")] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -226,9 +201,9 @@ def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
 
 @app.command()
 def info(
-    run: Annotated[Path, typer.Argument(help="Run store, or a file to import.")],
-    recipe: Annotated[str | None, typer.Option(help="Recipe whose images and lane decide what is covered.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="PNG to write: plan, coverage and side view.")] = None,
+    run: Annotated[Path, Argument(help="Run store, or a file to import.")],
+    recipe: Annotated[str | None, Option(help="Recipe whose images and lane decide what is covered.")] = None,
+    plot: Annotated[Path | None, Option(help="PNG to write: plan, coverage and side view.")] = None,
     as_json: Json = False,
 ) -> None:
     """Tell what a run or a file holds, in plain words and units."""
@@ -260,8 +235,8 @@ def _explain(path: Path, as_json: bool) -> None:
 
 @app.command()
 def replay(
-    result: Annotated[Path, typer.Argument(help="Result folder.")],
-    run: Annotated[Path | None, typer.Option(help="Run store, if it is no longer where the result says.")] = None,
+    result: Annotated[Path, Argument(help="Result folder.")],
+    run: Annotated[Path | None, Option(help="Run store, if it is no longer where the result says.")] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -274,8 +249,7 @@ def replay(
         typer.echo("identical: every file has the same bytes")
     else:
         word = "agrees" if outcome["agrees"] else "DIFFERS"
-        typer.echo(
-            f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {', '.join(outcome['files'])}"
-        )
+        others = ", ".join(outcome["files"])
+        typer.echo(f"{word}: run-views differ by {outcome['difference']:.1e}; other bytes in {others}")
     if not outcome["agrees"]:
         raise typer.Exit(1)

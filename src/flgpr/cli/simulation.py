@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks
 from flgpr.chain.progress import Track
@@ -15,25 +16,23 @@ ENGINES = ("flgpr", "gprmax")
 
 
 def simulate(
-    scene: Annotated[Path, typer.Argument(help="Scene (TOML), or the word signature.")],
+    scene: Annotated[Path, Argument(help="Scene (TOML), or the word signature.")],
     body: Annotated[
-        str | None, typer.Argument(help="After signature: body (TOML) whose table to make; none lists those there are.")
+        str | None, Argument(help="After signature: body (TOML) whose table to make, or none to list them.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Run store to make, folder of decks, or table of a body.")
+        Path | None, Option("-o", "--output", help="Run store, folder of decks or table to make.")
     ] = None,
-    sensor: Annotated[str, typer.Option(help="Sensor preset or TOML file.")] = "sri-array",
-    seed: Annotated[int, typer.Option(help="The same seed gives the same lane, bit for bit.")] = 1,
-    errors: Annotated[bool, typer.Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
-    preview: Annotated[Path | None, typer.Option(help="PNG of the scene to write.")] = None,
-    truth: Annotated[Path | None, typer.Option(help="CSV of the truth; by default NAME-truth.csv.")] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin again where a stopped run left scans.")] = False,
-    engine: Annotated[str, typer.Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")] = (
-        "flgpr"
-    ),
-    cells: Annotated[float, typer.Option(help="gprmax: cells per wavelength at the highest tone in the soil.")] = 10.0,
-    max_cells: Annotated[float, typer.Option(help="gprmax: largest model that is written.")] = 3e8,
-    workers: Annotated[int, typer.Option(min=1, help="signature: processes.")] = 1,
+    sensor: Annotated[str, Option(help="Sensor preset or TOML file.")] = "sri-array",
+    seed: Annotated[int, Option(help="The same seed gives the same lane, bit for bit.")] = 1,
+    errors: Annotated[bool, Option("--errors/--no-errors", help="Whether the sensor's errors are added.")] = True,
+    preview: Annotated[Path | None, Option(help="PNG of the scene to write.")] = None,
+    truth: Annotated[Path | None, Option(help="CSV of the truth; by default NAME-truth.csv.")] = None,
+    restart: Annotated[bool, Option("--restart", help="Begin again where a stopped run left scans.")] = False,
+    engine: Annotated[str, Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")] = ("flgpr"),
+    cells: Annotated[float, Option(help="gprmax: cells per wavelength at the highest tone in the soil.")] = 10.0,
+    max_cells: Annotated[float, Option(help="gprmax: largest model that is written.")] = 3e8,
+    workers: Annotated[int, Option(min=1, help="signature: processes.")] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a lane with truth; a stopped simulation goes on. With --preview alone only draw the scene.
@@ -72,15 +71,13 @@ def _signature(body: str | None, output: Path | None, workers: int, quiet: bool,
 
 
 def design(
-    sensor: Annotated[str, typer.Argument(help="Sensor preset or TOML file.")],
-    compare: Annotated[list[str] | None, typer.Option(help="Another one to set beside it; may repeat.")] = None,
+    sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
+    compare: Annotated[list[str] | None, Option(help="Another one to set beside it; may repeat.")] = None,
     output: Output = Path("design.html"),
-    band: Annotated[
-        tuple[float, float] | None, typer.Option(help="First and last tone of the image, Hz; all by default.")
-    ] = None,
-    window: Annotated[str, typer.Option(help="Window over the tones: boxcar, hann, hamming, taylor.")] = "hann",
-    site: Annotated[str, typer.Option(help="Site whose soil and surface the mines lie in.")] = "arid-sand",
-    depth: Annotated[float, typer.Option(help="Depth of the mines' top, m.")] = 0.05,
+    band: Annotated[tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")] = None,
+    window: Annotated[str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")] = "hann",
+    site: Annotated[str, Option(help="Site whose soil and surface the mines lie in.")] = "arid-sand",
+    depth: Annotated[float, Option(help="Depth of the mines' top, m.")] = 0.05,
     quiet: Quiet = False,
 ) -> None:
     """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter."""

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Output, Quiet, plain_errors, progress
+from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
@@ -21,9 +22,9 @@ plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
 
 @bench_app.command("imaging")
 def bench_imaging_command(
-    peers: Annotated[bool, typer.Option("--peers", help="Measure the installed peers beside it.")] = False,
-    rounds: Annotated[int, typer.Option(help="Rounds; medians are reported.", min=1)] = 7,
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    peers: Annotated[bool, Option("--peers", help="Measure the installed peers beside it.")] = False,
+    rounds: Annotated[int, Option(help="Rounds; medians are reported.", min=1)] = 7,
+    device: Annotated[str, Option(help="cpu or cuda.")] = "cpu",
 ) -> None:
     """Time the imaging operator on one scan of sri-array."""
     with plain_errors():
@@ -38,7 +39,7 @@ def recipe_list() -> None:
 
 
 @recipe_app.command("show")
-def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+def recipe_show(name: Annotated[str, Argument(help="Packaged recipe or TOML file.")]) -> None:
     """Print a recipe."""
     with plain_errors():
         typer.echo(tasks.recipe_text(name), nl=False)
@@ -46,10 +47,8 @@ def recipe_show(name: Annotated[str, typer.Argument(help="Packaged recipe or TOM
 
 @recipe_app.command("for")
 def recipe_for(
-    run: Annotated[Path, typer.Argument(help="Run store.")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="TOML file to write; else it is printed.")
-    ] = None,
+    run: Annotated[Path, Argument(help="Run store.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="TOML file to write; else it is printed.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Make a recipe for a run's band, polarizations and array; comments say where each figure comes from."""
@@ -57,12 +56,12 @@ def recipe_for(
         text = tasks.recipe_for(run, output)
     if output is None:
         typer.echo(text, nl=False)
-    elif not quiet:
-        typer.echo(f"wrote {output}")
+    else:
+        tell_written(quiet, output)
 
 
 @recipe_app.command("check")
-def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TOML file.")]) -> None:
+def recipe_check(name: Annotated[str, Argument(help="Packaged recipe or TOML file.")]) -> None:
     """Check a recipe; a fault is told with its line and rule."""
     with plain_errors():
         recipe = tasks.load_recipe(name)
@@ -71,11 +70,11 @@ def recipe_check(name: Annotated[str, typer.Argument(help="Packaged recipe or TO
 
 @plan_app.command("mines")
 def plan_mines_command(
-    pd_claim: Annotated[float, typer.Option("--pd", help="Probability of detection to be shown.")] = 0.9,
-    far: Annotated[float, typer.Option(help="False alarms per m² to be shown.")] = 0.01,
-    confidence: Annotated[float, typer.Option(help="Confidence of each claim.")] = 0.95,
-    true_pd: Annotated[float | None, typer.Option(help="Pd the detector is believed to have.")] = None,
-    true_far: Annotated[float | None, typer.Option(help="FAR it is believed to have.")] = None,
+    pd_claim: Annotated[float, Option("--pd", help="Probability of detection to be shown.")] = 0.9,
+    far: Annotated[float, Option(help="False alarms per m² to be shown.")] = 0.01,
+    confidence: Annotated[float, Option(help="Confidence of each claim.")] = 0.95,
+    true_pd: Annotated[float | None, Option(help="Pd the detector is believed to have.")] = None,
+    true_far: Annotated[float | None, Option(help="FAR it is believed to have.")] = None,
 ) -> None:
     """Tell how many mines and how much ground it takes to show a performance."""
     with plain_errors():
@@ -86,13 +85,13 @@ def plan_mines_command(
 
 @plan_app.command("lane")
 def plan_lane_command(
-    lane: Annotated[Path, typer.Argument(help="TOML or CSV of the lane or lanes.")],
-    targets: Annotated[Path, typer.Argument(help="CSV with kind, depth (m) and count.")],
+    lane: Annotated[Path, Argument(help="TOML or CSV of the lane or lanes.")],
+    targets: Annotated[Path, Argument(help="CSV with kind, depth (m) and count.")],
     output: Output,
-    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
-    spacing: Annotated[float, typer.Option(help="Least distance between targets, m.")] = 3.0,
-    recipe: Annotated[Path | None, typer.Option(help="Recipe whose hash is registered with the plan.")] = None,
-    book: Annotated[Path | None, typer.Option(help="Register; beside the plan by default.")] = None,
+    seed: Annotated[int, Option(help="Seed of the draw.")] = 1,
+    spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
+    recipe: Annotated[Path | None, Option(help="Recipe whose hash is registered with the plan.")] = None,
+    book: Annotated[Path | None, Option(help="Register; beside the plan by default.")] = None,
 ) -> None:
     """Draw an emplacement plan and register it with the recipe that will be scored."""
     with plain_errors():
@@ -101,11 +100,9 @@ def plan_lane_command(
 
 
 def reproduce(
-    paper: Annotated[str, typer.Argument(help=f"One of {', '.join(PAPERS)}, or all.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to work in.")] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A small version that only shows that all of it runs.")
-    ] = False,
+    paper: Annotated[str, Argument(help=f"One of {', '.join(PAPERS)}, or all.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
+    quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from types import TracebackType
 from typing import Any
 
 from flgpr.execution.executors import LostWorkersError, Report, Work
@@ -31,13 +30,11 @@ class Cluster:
             self._client = self._distributed.Client(self.address, timeout=_PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
             raise ValueError(
-                f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
+                f"scheduler must be an address of a Dask scheduler, got {self.address} ({error})"
             ) from None
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._client is not None:
             self._client.close()
             self._client = None
@@ -51,9 +48,7 @@ class Cluster:
                 future.release()
                 yield report
         except self._distributed.KilledWorker as error:
-            raise LostWorkersError(
-                f"workers must live to do their work, several were lost at one piece ({error})"
-            ) from None
+            raise LostWorkersError(f"workers must live to do their work, several died at one piece ({error})") from None
         finally:
             for future in futures:
                 future.release()

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
-from types import TracebackType
 from typing import Any, Protocol
 
 import numba
@@ -38,9 +37,7 @@ class Executor(Protocol):
     def __enter__(self) -> Executor:
         """Begin."""
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Let the workers go; after an error what they have not begun is not done."""
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
@@ -55,9 +52,7 @@ class Here:
     def __enter__(self) -> Here:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         return None
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
@@ -85,9 +80,7 @@ class Processes:
         self._begin(None)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
@@ -116,9 +109,7 @@ class Processes:
                 return
             left = undone
             self._begin(pool)
-        raise LostWorkersError(
-            f"workers must live to do their work, they were killed {_TRIALS} times: too little memory?"
-        )
+        raise LostWorkersError(f"workers must live to do their work, they were killed {_TRIALS} times: out of memory?")
 
     def _begin(self, broken: ProcessPoolExecutor | None) -> ProcessPoolExecutor:
         """Start processes, unless another thread has done so since ``broken``."""

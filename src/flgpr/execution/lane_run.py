@@ -28,26 +28,10 @@ from flgpr.chain.sections import Section, lane_threshold
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
 from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, open_chain
-from flgpr.io import (
-    inside,
-    lane_text,
-    read_limited,
-    read_table,
-    replace_folder,
-    seal,
-    sha256,
-    unseal,
-    write_table,
-    write_whole,
-)
+from flgpr.io import inside, lane_text, read_limited, read_table, seal, sha256, unseal, write_table
+from flgpr.io.files import replace_folder, write_whole
 from flgpr.model import Lane
-from flgpr.results.result import (
-    MODEL,
-    SECTIONS,
-    ResultError,
-    check_free,
-    read_result,
-)
+from flgpr.results.result import MODEL, SECTIONS, ResultError, check_free, read_result
 
 FORMAT, VERSION = "flgpr-sections", 1
 Note = Callable[[Report], None]

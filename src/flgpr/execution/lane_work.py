@@ -105,9 +105,7 @@ def make_job(
         code_versions(),
         processor(),
         max_memory,
-        others=tuple(
-            (name, str(Path(path).resolve()), read_manifest(path)["sha256"]) for name, path in (others or {}).items()
-        ),
+        others=tuple((n, str(Path(p).resolve()), read_manifest(p)["sha256"]) for n, p in (others or {}).items()),
         truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(Path(truth).read_bytes())),
     )
 

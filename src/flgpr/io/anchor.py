@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
+from flgpr.io.files import existing
 from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
 
@@ -133,9 +134,7 @@ def read_anchor(path: str | Path) -> Anchor:
     direction of the lane's +y clockwise from true north, and ``azimuth_accuracy_deg``. A ValueError names the entry
     that is wrong.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"anchor file not found: {path}")
+    path = existing(path, "anchor file")
     try:
         told = _AnchorFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
         lane = [(*p.lane, 0.0)[:3] for p in told.point]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import MissingExtraError, optional
+from flgpr.io.files import existing
 from flgpr.io.textarrays import read_text_table
 
 LIMIT = MAX_MEMORY
@@ -74,9 +75,7 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
 
     HDF5 and MATLAB files are known by their content; .npz, .npy, .csv, .txt and Touchstone (.s2p, ...) by their ending.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"file not found: {path}")
+    path = existing(path)
     if path.stat().st_size > limit:
         raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
     opener = _opener(path)
@@ -190,9 +189,7 @@ def _open_npz(path: Path) -> _Opened:
             if dtype.hasobject:
                 continue
             if held + _bytes(shape, dtype) != member.file_size:
-                raise ValueError(
-                    f"{member.filename} holds {member.file_size} bytes, its header tells of {shape} {dtype}"
-                )
+                raise ValueError(f"{member.filename} holds {member.file_size} bytes, its header tells {shape} {dtype}")
             sizes[member.filename.removesuffix(".npy")] = member.file_size, member.compress_size
             infos.append(ArrayInfo(member.filename.removesuffix(".npy"), shape, str(dtype)))
 
@@ -214,7 +211,7 @@ def _open_npy(path: Path) -> _Opened:
     with path.open("rb") as file:
         shape, dtype, held = _npy_header(file)
     if held + _bytes(shape, dtype) != path.stat().st_size:
-        raise ValueError(f"the file holds {path.stat().st_size} bytes, its header tells of {shape} {dtype}")
+        raise ValueError(f"the file holds {path.stat().st_size} bytes, its header tells {shape} {dtype}")
 
     def read(name: str) -> Any:  # noqa: ARG001
         with path.open("rb") as file:

@@ -23,14 +23,11 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.files import canonical_json
+from flgpr.io.files import canonical_json, existing
 from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.phase import lengthen
 
 _NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
-_SCALARS = (
-    "TxTime", "RcvTime", "aFDOP", "aFRR1", "aFRR2", "FX1", "FX2", "TOA1", "TOA2", "TDTropoSRP", "SC0", "SCSS",
-)  # fmt: skip
 _VECTORS = ("TxPos", "TxVel", "RcvPos", "RcvVel", "SRPPos")
 _ORDER = (
     "TxTime", "TxPos", "TxVel", "RcvTime", "RcvPos", "RcvVel", "SRPPos", "aFDOP", "aFRR1", "aFRR2", "FX1", "FX2",
@@ -66,7 +63,10 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
         tree = _metadata(sarkit, run, names, pvps, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
-    arrays = {name: _packed(pvps[name], dtype) for name in names}
+    arrays = {name: np.zeros(len(time), dtype) for name in names}
+    for name, array in arrays.items():
+        for quantity, value in pvps[name].items():
+            array[quantity] = value
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, arrays[names[0]])
@@ -89,9 +89,7 @@ def read_cphd(path: str | Path, anchor: Anchor | None = None) -> xr.Dataset:
     vehicle frame has lane axes and its origin at the mean of the transmit positions of each vector, and the array must
     keep its form and heading. It needs sarkit (MissingExtraError).
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"file not found: {path}")
+    path = existing(path)
     sarkit = optional("sarkit.cphd", "cphd")
     try:
         with path.open("rb") as file, sarkit.Reader(file) as reader:
@@ -122,9 +120,7 @@ def _uniform(frequency: NDArray[np.float64]) -> None:
     step = (frequency[-1] - frequency[0]) / (frequency.size - 1)
     off = np.abs(frequency - (frequency[0] + step * np.arange(frequency.size))).max()
     if off > 1e-6 * step:
-        raise ValueError(
-            f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: select an even sub-band before"
-        )
+        raise ValueError(f"CPHD needs evenly spaced tones, these are up to {off:g} Hz off: select an even sub-band")
 
 
 def _ahead(run: xr.Dataset) -> Grid:
@@ -192,13 +188,6 @@ def _channel(
     return signal, full
 
 
-def _packed(values: dict[str, NDArray[Any]], dtype: np.dtype[Any]) -> NDArray[Any]:
-    packed = np.zeros(len(values["TxTime"]), dtype=dtype)
-    for name, value in values.items():
-        packed[name] = value
-    return packed
-
-
 def _metadata(
     sarkit: Any, run: xr.Dataset, names: list[str], pvps: dict[str, dict[str, NDArray[Any]]], anchor: Anchor,
     scene: Grid, time: NDArray[np.float64],
@@ -231,11 +220,12 @@ def _metadata(
     _data(root, names, scans, tones)
     _channels(root, run, names, first)
     _layout(root)
+    middle, duration = _dwell(first)
     root["Dwell"] = {
         "NumCODTimes": 1,
-        "CODTime": [{"Identifier": "all", "CODTimePoly": np.array([[_dwell(first)[0]]])}],
+        "CODTime": [{"Identifier": "all", "CODTimePoly": np.array([[middle]])}],
         "NumDwellTimes": 1,
-        "DwellTime": [{"Identifier": "all", "DwellTimePoly": np.array([[_dwell(first)[1]]])}],
+        "DwellTime": [{"Identifier": "all", "DwellTimePoly": np.array([[duration]])}],
     }
     return element.getroottree()
 
@@ -257,9 +247,7 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
     root["SceneCoordinates"] = {
         "EarthModel": "WGS_84",
         "IARP": {"ECF": anchor.to_geocentric(center), "LLH": np.array([lat, lon, height])},
-        "ReferenceSurface": {
-            "Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])},
-        },
+        "ReferenceSurface": {"Planar": {"uIAX": anchor.turn([1.0, 0, 0]), "uIAY": anchor.turn([0, 1.0, 0])}},
         "ImageArea": {"X1Y1": -half, "X2Y2": half},
         "ImageAreaCornerPoints": places,
         "ImageGrid": {

@@ -13,6 +13,7 @@ import numpy as np
 
 from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.extras import optional
+from flgpr.io.files import existing
 from flgpr.io.gprmax import explain_gprmax, is_gprmax
 from flgpr.model import POLARIZATIONS
 
@@ -36,9 +37,7 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
 
     It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA; another or damaged one is a ValueError.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"file not found: {path}")
+    path = existing(path)
     with path.open("rb") as file:
         head = file.read(64)
     if head.startswith(b"CPHD/"):
@@ -112,9 +111,8 @@ def _line(opened: ArrayFile, info: ArrayInfo) -> str:
     size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
     good = size[np.isfinite(size)]
     bad = values.size - good.size
-    span = (
-        f", {'magnitude ' if np.iscomplexobj(values) else ''}{good.min():.6g} to {good.max():.6g}" if good.size else ""
-    )
+    what = "magnitude " if np.iscomplexobj(values) else ""
+    span = f", {what}{good.min():.6g} to {good.max():.6g}" if good.size else ""
     return text + span + (f", {bad} not finite" if bad else "")
 
 

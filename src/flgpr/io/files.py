@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,22 @@ def sha256(data: bytes | memoryview) -> str:
 def canonical_json(value: Any) -> bytes:
     """Write a JSON value in its one canonical form: sorted keys, no spaces, no NaN (a ValueError), UTF-8."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def existing(path: str | Path, what: str = "file") -> Path:
+    """Give the path of a file that is there; else a FileNotFoundError says what is not."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{what} not found: {path}")
+    return Path(path)
+
+
+@contextmanager
+def faults_of(path: str | Path) -> Iterator[None]:
+    """Name the file whose content is a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def sync_directory(path: Path) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flgpr.io.arrays import open_arrays
 from flgpr.io.declared import MAX_MEMORY
+from flgpr.io.files import existing
 from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table, make_run
 
 _ARRAYS = ("data", "frequency_hz", "polarisation", "tx_xyz_m", "rx_xyz_m")
@@ -35,9 +36,7 @@ class FullwaveLane:
 
 def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveLane:
     """Read a full-wave lane from its .npz archive, whose arrays may take ``max_memory`` bytes each."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"full-wave archive not found: {path}")
+    path = existing(path, "full-wave archive")
     arrays = _load(path, max_memory)
     data, tx, rx = arrays["data"], arrays["tx_xyz_m"], arrays["rx_xyz_m"]
     if data.ndim != 5 or tx.shape != (*data.shape[:2], 3) or rx.shape != (data.shape[0], data.shape[2], 3):

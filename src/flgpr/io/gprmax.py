@@ -86,9 +86,7 @@ def read_gprmax(path: str | Path, limit: int = LIMIT) -> GprmaxOutput:
 def _read(path: Path) -> GprmaxOutput:
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
-            raise ValueError(
-                f"{path}: the root must have the attribute gprMax, it has {', '.join(file.attrs) or 'none'}"
-            )
+            raise ValueError(f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}")
         told = {name: _attribute(file, name, path) for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")}
         step, steps = float(told["dt"]), int(told["Iterations"])
         if not (np.isfinite(step) and step > 0 and steps > 0):
@@ -111,16 +109,13 @@ def _numbered(file: Any, name: str) -> list[Any]:
     groups = file.get(name)
     if not isinstance(groups, h5py.Group):
         return []
-    return [
-        groups[key] for key in sorted(groups, key=lambda key: (len(key), key)) if isinstance(groups[key], h5py.Group)
-    ]
+    members = [groups[key] for key in sorted(groups, key=lambda key: (len(key), key))]
+    return [one for one in members if isinstance(one, h5py.Group)]
 
 
 def _attribute(item: Any, name: str, path: Path) -> Any:
     if name not in item.attrs:
-        raise ValueError(
-            f"{path}: {item.name} must have the attribute {name}, it has {', '.join(item.attrs) or 'none'}"
-        )
+        raise ValueError(f"{path}: {item.name} must have the attribute {name}, got {', '.join(item.attrs) or 'none'}")
     return item.attrs[name]
 
 
@@ -294,7 +289,7 @@ class GprmaxRun:
             raise ValueError(f"{output.path}: cells must be {grid['cell']:g} m as in the manifest, got {output.cell}")
         if output.steps * output.time_step < 0.99 * grid["time_window"]:
             raise ValueError(
-                f"{output.path}: must reach {grid['time_window']:g} s, got {output.steps * output.time_step:g} s"
+                f"{output.path}: must last {grid['time_window']:g} s, got {output.steps * output.time_step:g} s"
             )
 
     def _field(self, output: GprmaxOutput, parts: list[Any]) -> NDArray[np.complex128]:

@@ -77,14 +77,10 @@ def _geometry(output: GprmaxOutput) -> tuple[FloatArray, list[FloatArray]]:
 def _tones(output: GprmaxOutput, band: tuple[float, float]) -> FloatArray:
     step = 1 / (output.steps * output.time_step)
     if not 0 < band[0] < band[1] < 0.5 / output.time_step:
-        raise ValueError(
-            f"band must increase and end below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}"
-        )
+        raise ValueError(f"band must increase below {0.5 / output.time_step:.3g} Hz, got {band[0]:g} to {band[1]:g}")
     numbers = np.arange(np.ceil(band[0] / step - 1e-6), np.floor(band[1] / step + 1e-6) + 1)
     if numbers.size < 2:
-        raise ValueError(
-            f"band must hold two tones, which are {step:.4g} Hz apart here, got {band[0]:g} to {band[1]:g}"
-        )
+        raise ValueError(f"band must hold two tones, which are {step:.4g} Hz apart, got {band[0]:g} to {band[1]:g}")
     return np.asarray(numbers * step)
 
 
@@ -112,9 +108,7 @@ def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArra
         one = output.excitation
         return fourier(one.samples, output.time_step, tones, one.start) * one.length
     if told.waveform is None:
-        raise ValueError(
-            f"{output.path}: the source's waveform is not in the file: its type and frequency must be told"
-        )
+        raise ValueError(f"{output.path}: the source's waveform is not in the file: type and frequency must be told")
     start = 0.5 * output.time_step
     time = start + output.time_step * np.arange(output.steps)
     current = pulse(*told.waveform, time)

@@ -214,9 +214,7 @@ class _Importer:
                 raise ValueError(f"frequency must have {count} tones as the signal has, got {tones.size}")
             check_frequency(np.sort(tones))
             if tones.max() > _HIGHEST_FREQUENCY:
-                raise ValueError(
-                    f"frequency must lie below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: unit right?"
-                )
+                raise ValueError(f"frequency must be below {_HIGHEST_FREQUENCY:g} Hz, got {tones.max():g}: unit right?")
             return signal, tones
         spec: Samples = m.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from flgpr.io.files import existing
 from flgpr.model.faults import parse_entries
 
 UNITS: dict[str, dict[str, float]] = {
@@ -184,7 +185,7 @@ class Mapping(_Table):
         lane = [p is not None and p.frame == "lane" for p in (self.antenna_position, self.tx_position)]
         if sum((self.pose is not None, self.track is not None, any(lane))) > 1:
             raise ValueError(
-                "where the vehicle was is told twice: give one of pose, track, or positions with frame = 'lane'"
+                "the vehicle's place is told twice: give one of pose, track, or positions with frame = 'lane'"
             )
         if self.track is not None and self.time is None:
             raise ValueError("track asks for the table time, the radar's time of every scan")
@@ -207,7 +208,4 @@ def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
 
 def read_mapping(path: str | Path) -> Mapping:
     """Read a mapping from a TOML file; what :func:`parse_mapping` refuses is a ValueError."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"mapping not found: {path}")
-    return parse_mapping(path.read_bytes(), str(path))
+    return parse_mapping(existing(path, "mapping").read_bytes(), str(path))

@@ -15,7 +15,6 @@ from contextlib import suppress
 from functools import partial
 from itertools import product
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import google_crc32c
@@ -175,9 +174,7 @@ class RunWriter:
     def __enter__(self) -> RunWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 self.commit()
@@ -192,7 +189,7 @@ class RunWriter:
         block = np.asarray(signal, dtype=np.complex64)
         if block.shape != self._shape:
             raise ValueError(
-                f"signal must have the shape (polarization, pair, frequency) = {self._shape}, got {block.shape}"
+                f"signal must have the shape (polarization, pair, frequency) {self._shape}, got {block.shape}"
             )
         count = len(self)
         self._signal.resize((count + 1, *self._shape))
@@ -232,7 +229,7 @@ class RunWriter:
     def _check_free(self, overwrite: bool) -> None:
         if self.path.exists() and not overwrite:
             raise FileExistsError(
-                f"path must not exist yet, got {self.path}: move it away (from Python, overwrite=True replaces it)"
+                f"path must not exist yet, got {self.path}: move it away (overwrite=True replaces it)"
             )
 
     def _discard(self) -> None:
@@ -318,9 +315,8 @@ def _resumed(begin: Callable[..., RunWriter], inputs: dict[str, Any]) -> RunWrit
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:
     """Digests of all that a run's scans hold."""
-    return {
-        name: sha256(np.ascontiguousarray(run[name].values).view(np.uint8).data) for name in ("signal", "pose", "time")
-    }
+    arrays = {name: np.ascontiguousarray(run[name].values) for name in ("signal", "pose", "time")}
+    return {name: sha256(values.view(np.uint8).data) for name, values in arrays.items()}
 
 
 def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
@@ -370,9 +366,7 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
     if not root.is_dir():
         partial = root.with_name(root.name + ".partial")
         if partial.is_dir():
-            raise RunStoreError(
-                f"{root}: writing stopped before the run was committed; {partial} holds what was written"
-            )
+            raise RunStoreError(f"{root}: writing stopped before the run was committed; {partial} has what was written")
         said = "which is no folder" if root.exists() else "which does not exist"
         raise FileNotFoundError(f"path must be a run store, got {root}, {said}")
     try:

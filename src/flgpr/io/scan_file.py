@@ -122,13 +122,10 @@ def parse_description(value: Any) -> RunDescription:
         tx, rx = (np.asarray(value[name], dtype=np.float64).reshape(-1, 3) for name in ("tx_m", "rx_m"))
         tones = np.asarray(value["frequency_hz"], dtype=np.float64)
         attrs = dict(value.get("attrs") or {})
-        found = RunDescription(
-            tones, [str(one) for one in value["polarization"]], tx, rx, str(value.get("title", "run")), attrs
-        )
-        check_frequency(found.frequency)
-        make_run(
-            np.zeros((1, *found.shape[:2], 1), np.complex64), tones[:1], found.polarization, tx, rx, np.zeros((1, 6))
-        )
+        labels = [str(one) for one in value["polarization"]]
+        found = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
+        check_frequency(tones)
+        make_run(np.zeros((1, *found.shape[:2], 1), np.complex64), tones[:1], labels, tx, rx, np.zeros((1, 6)))
         canonical_json(attrs)
     except (ValueError, TypeError) as error:
         raise ScanFileError(f"run description: {error}") from None
@@ -140,9 +137,8 @@ def as_run(description: RunDescription, scan: Scan) -> xr.Dataset:
     if scan.pose is None:
         raise ValueError(f"scan {scan.number} must have a pose, got none")
     one = description
-    return make_run(
-        scan.signal[None], one.frequency, one.polarization, one.tx_position, one.rx_position, scan.pose[None]
-    )
+    array = (one.polarization, one.tx_position, one.rx_position)
+    return make_run(scan.signal[None], one.frequency, *array, scan.pose[None])
 
 
 def encode_frame(kind: str, header: dict[str, Any], payload: bytes = b"") -> bytes:

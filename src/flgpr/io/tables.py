@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.io.files import write_whole
+from flgpr.io.files import existing, faults_of, write_whole
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
@@ -18,15 +18,10 @@ _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_object
 
 def read_table(path: str | Path, kind: str) -> pd.DataFrame:
     """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{kind} file not found: {path}")
-    names = {f"{name}_id": str for name in ("alarm", "target", "object")}
-    try:
-        table = pd.read_csv(path, dtype=names)
+    path = existing(path, f"{kind} file")
+    with faults_of(path):
+        table = pd.read_csv(path, dtype={f"{name}_id": str for name in ("alarm", "target", "object")})
         return _CHECKS[kind](table)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
@@ -51,9 +46,7 @@ def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
 
 def read_lane(path: str | Path) -> Lane:
     """Read a lane from TOML with x_min, x_max, y_min and y_max, m."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"lane file not found: {path}")
+    path = existing(path, "lane file")
     try:
         return as_lane(tomllib.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError) as error:

@@ -59,9 +59,8 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
     mark = next((mark for mark in ";\t," if mark in first), None)
     if mark is None:
         return [(k, line.split()) for k, line in lines]
-    return [
-        (k, row) for (k, _), row in zip(lines, csv.reader([line for _, line in lines], delimiter=mark), strict=True)
-    ]
+    cells = csv.reader([line for _, line in lines], delimiter=mark)
+    return [(k, row) for (k, _), row in zip(lines, cells, strict=True)]
 
 
 def _number(cell: str) -> complex | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.extras import optional
+from flgpr.io.files import existing, faults_of
 from flgpr.io.textarrays import read_text_table
 from flgpr.model.track import course, make_track
 
@@ -29,11 +30,10 @@ def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
     roll are zero where there are no such columns. A missing column, a value that is not finite or a time that does not
     increase is a ValueError.
     """
-    path = Path(path)
     columns = _columns(path)
     if heading not in ("column", "course"):
         raise ValueError(f"heading must be 'column' or 'course', got {heading!r}")
-    try:
+    with faults_of(path):
         time = _needed(columns, "time_s")
         place = np.stack([_needed(columns, f"{axis}_m") for axis in "xyz"], axis=1)
         if heading == "course":
@@ -41,8 +41,6 @@ def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
         else:
             angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
         return make_track(time, place, *angles)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:
@@ -53,9 +51,8 @@ def read_survey(path: str | Path) -> NDArray[np.float64]:
     point is midway, heading and roll follow from the line between them, and the pitch must be given. Poses are in m and
     rad.
     """
-    path = Path(path)
     columns = _columns(path)
-    try:
+    with faults_of(path):
         if "left_x_m" in columns:
             left, right = (
                 np.stack([_needed(columns, f"{side}_{axis}_m") for axis in "xyz"], axis=1) for side in ("left", "right")
@@ -76,8 +73,6 @@ def read_survey(path: str | Path) -> NDArray[np.float64]:
         bad = ~np.isfinite(pose).all(axis=1)
         if bad.any():
             raise ValueError(f"poses must be finite, got other values for scan {int(bad.argmax())}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return pose
 
 
@@ -100,9 +95,7 @@ def read_nmea(
     height : float, optional
         Height of the antenna over the lane's ground, m. Needed where the anchor has no heights.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"file not found: {path}")
+    path = existing(path)
     nmea = optional("pynmeagps", "gnss")
     if height is None and not anchor.heights_known:
         raise ValueError("height must be given, the anchor's points have none")
@@ -154,13 +147,9 @@ def _later(clock: Any, last: float) -> float:
     return float(now)
 
 
-def _columns(path: Path) -> dict[str, NDArray[Any]]:
-    if not path.is_file():
-        raise FileNotFoundError(f"file not found: {path}")
-    try:
-        return read_text_table(path)
-    except (ValueError, OSError) as error:
-        raise ValueError(f"{path}: {error}") from None
+def _columns(path: str | Path) -> dict[str, NDArray[Any]]:
+    with faults_of(path):
+        return read_text_table(existing(path))
 
 
 def _needed(columns: Mapping[str, NDArray[Any]], name: str) -> NDArray[np.float64]:

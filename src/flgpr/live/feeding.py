@@ -7,6 +7,7 @@ import math
 import socket
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from flgpr.io import (
@@ -72,24 +73,20 @@ def feed(
     return last - first
 
 
-class _FolderSink:
+class _FolderSink(AbstractContextManager["_FolderSink"]):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-
-    def __enter__(self) -> _FolderSink:
-        return self
 
     def __exit__(self, *_: object) -> None:
         pass
 
     def begin(self, description: RunDescription) -> None:
         path = self._folder / RUN_FILE
-        text = json.dumps(description.as_json(), indent=1) + "\n"
-        if path.exists() and path.read_text(encoding="utf-8") != text:
-            raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
         if not path.exists():
             write_description(description, self._folder)
+        elif path.read_text(encoding="utf-8") != json.dumps(description.as_json(), indent=1) + "\n":
+            raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
 
     def scan(self, number: int, frame: bytes) -> None:
         write_whole(self._folder / scan_name(number), frame)
@@ -98,7 +95,7 @@ class _FolderSink:
         write_whole(self._folder / END_FILE, json.dumps({"scans": scans}) + "\n")
 
 
-class _SocketSink:
+class _SocketSink(AbstractContextManager["_SocketSink"]):
     def __init__(self, path: Path) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -106,9 +103,6 @@ class _SocketSink:
         except OSError as error:
             self._socket.close()
             raise ValueError(f"socket must be one that flgpr live listens on, got {path}: {error}") from None
-
-    def __enter__(self) -> _SocketSink:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()

@@ -24,20 +24,13 @@ from flgpr.io import (
     read_anchor,
     read_lane,
     sha256,
-    write_table,
-    write_whole,
 )
+from flgpr.io.files import write_whole
+from flgpr.io.tables import write_table
 from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
-from flgpr.live.state import (
-    SNAPSHOT_FILE,
-    Snapshot,
-    SnapshotWriter,
-    read_snapshot,
-    restore_snapshot,
-    take_snapshot,
-)
+from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox, SocketWatch
 from flgpr.model import Lane
@@ -310,6 +303,4 @@ def _check_output(folder: Path) -> None:
     own = {EVENT_FILE, "alarms.csv", "live.json"}
     names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
     if folder.is_file() or any(name not in own and not name.startswith(SNAPSHOT_FILE) for name in names):
-        raise FileExistsError(
-            f"output must be a new folder or one of a live run, got {folder}, which holds other files"
-        )
+        raise FileExistsError(f"output must be a new folder or a live run's, got {folder}, which holds other files")

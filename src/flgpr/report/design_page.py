@@ -137,14 +137,11 @@ def ratio_figure(designs: Sequence[Design], kind: str) -> Figure:
             axes.set_axis_off()
         for axes, label in zip(row, some, strict=False):
             value = design.ratio[kind, label]
-            image = axes.pcolormesh(
-                design.ratio_y, design.ratio_x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest"
-            )
+            y, x = design.ratio_y, design.ratio_x
+            image = axes.pcolormesh(y, x, value.T, vmin=low, vmax=high, cmap=_SHADES, shading="nearest")
             for i, j in np.ndindex(*value.shape):
-                dark = value[i, j] > (low + high) / 2
-                colour = "black" if dark else "white"
-                where = (design.ratio_y[i], design.ratio_x[j])
-                axes.text(*where, f"{value[i, j]:.0f}", color=colour, fontsize=8, ha="center", va="center")
+                colour = "black" if value[i, j] > (low + high) / 2 else "white"
+                axes.text(y[i], x[j], f"{value[i, j]:.0f}", color=colour, fontsize=8, ha="center", va="center")
             axes.set(title=f"{design.sensor.name}, {kind}, {label}", xlabel="ahead y (m)", ylabel="across x (m)")
     if image is not None:
         figure.colorbar(image, ax=rows, label="signal to clutter (dB)")

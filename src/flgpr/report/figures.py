@@ -97,9 +97,8 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
     if looks is not None:
         most, looks = int(looks.max()), _thinned(looks)
-        mesh = plan.pcolormesh(
-            looks["x"], looks["y"], looks, cmap="Blues", vmin=0, vmax=max(most, 1), shading="nearest"
-        )
+        shades: dict[str, Any] = {"cmap": "Blues", "vmin": 0, "vmax": max(most, 1), "shading": "nearest"}
+        mesh = plan.pcolormesh(looks["x"], looks["y"], looks, **shades)
         figure.colorbar(mesh, ax=plan, label="scans that see the ground", shrink=0.7)
     plan.add_patch(_lane_patch(lane))
     for k, one in enumerate(pose[:: -(-len(pose) // _POSES)]):

@@ -126,11 +126,10 @@ def report_html(
         values |= {"bands": bands or {}, "told": {**scored[0].told_rules(), **(notes or {})}, "in_words": _in_words}
     alarms = scored[0].labels if scored else result.detections[0].alarms if result else pd.DataFrame()
     columns = [name for name in _COLUMNS if name in alarms]
+    rows = alarms[:_MOST].to_dict("records")
     values["n_alarms"] = len(alarms)
     values["columns"] = [_COLUMNS[name][0] for name in columns]
-    values["alarms"] = [
-        [_plain(row[name], _COLUMNS[name][1]) for name in columns] for row in alarms[:_MOST].to_dict("records")
-    ]
+    values["alarms"] = [[_plain(row[name], _COLUMNS[name][1]) for name in columns] for row in rows]
     return render("report.html", **values)
 
 
@@ -187,9 +186,7 @@ def _scored(
         "by": by,
         "breakdown": _rows(groups, (*(f"{{{name}}}" for name in by), *_GROUP)),
         "missed": _rows(missed, _MISSED),
-        "missed_patches": _patches(
-            [key for key in missed["target_id"] if key in target_patches][:worst], target_patches
-        ),
+        "missed_patches": _patches([k for k in missed["target_id"] if k in target_patches][:worst], target_patches),
         "false_alarms": _rows(false, _FALSE),
         "false_patches": _patches([key for key in false["key"] if key in alarm_patches], alarm_patches),
     }

@@ -19,21 +19,9 @@ import flgpr
 from flgpr.chain.lane_chain import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
-from flgpr.io import (
-    canonical_json,
-    check_free_folder,
-    inside,
-    read_lane,
-    read_limited,
-    read_table,
-    replace_folder,
-    seal,
-    sha256,
-    unseal,
-    write_geojson,
-    write_table,
-    write_whole,
-)
+from flgpr.io import canonical_json, inside, read_lane, read_limited, read_table, seal, sha256, unseal
+from flgpr.io.files import check_free_folder, replace_folder, write_whole
+from flgpr.io.tables import write_geojson, write_table
 from flgpr.model import Lane
 from flgpr.results.view_files import plain_json, write_view
 

@@ -35,10 +35,8 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
     if "soil" not in run:
         return np.full(len(truth), np.nan)
     x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
-    permittivity = run["soil"]["permittivity"]
-    shifts = [
-        refraction_shift(depth, permittivity, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in run["pose"]
-    ]
+    soil = run["soil"]["permittivity"]
+    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in run["pose"]]
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 

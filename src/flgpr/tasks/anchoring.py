@@ -11,7 +11,7 @@ import numpy as np
 
 from flgpr.io import open_run, read_lane, save_run, write_whole
 from flgpr.io.anchor import Anchor, read_anchor
-from flgpr.io.files import check_new
+from flgpr.io.files import check_new, existing
 from flgpr.io.textarrays import read_text_table
 from flgpr.model import Lane
 
@@ -26,9 +26,7 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     ``latitude_deg`` in the system ``crs``, and perhaps ``height_m``, ellipsoidal. ``accuracy`` is the standard
     deviation of one surveyed coordinate, m.
     """
-    path = Path(points)
-    if not path.is_file():
-        raise FileNotFoundError(f"file of surveyed points not found: {path}")
+    path = existing(points, "file of surveyed points")
     columns = read_text_table(path)
     kinds = [kind for kind in (_PLANE, _GLOBE) if set(kind) <= set(columns)]
     missing = [name for name in ("lane_x_m", "lane_y_m") if name not in columns]

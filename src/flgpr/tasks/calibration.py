@@ -13,12 +13,12 @@ import xarray as xr
 from flgpr.calibrate import BiasFit, ClockFit, estimate_clock, estimate_range_bias, remove_range_bias, with_track
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
-from flgpr.io.anchor import read_anchor
-from flgpr.io.files import check_new
+from flgpr.io.files import check_new, existing
 from flgpr.io.textarrays import read_text_table
-from flgpr.io.tracks import read_nmea, read_track
+from flgpr.io.tracks import read_track
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.track import TRACK_COLUMNS, check_track
+from flgpr.tasks.exchange import track_of
 
 PathLike = str | Path
 _LARGEST = 2_000_000  # pixels of the area that is focused for every trial
@@ -84,9 +84,7 @@ def calibrate_range_bias(
     """
     check_new(output)
     held = open_run(run).compute()
-    path = Path(reflectors)
-    if not path.is_file():
-        raise FileNotFoundError(f"file of reflectors not found: {path}")
+    path = existing(reflectors, "file of reflectors")
     columns = read_text_table(path)
     missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
     if missing:
@@ -104,12 +102,8 @@ def calibrate_range_bias(
 
 def _read_track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
     """Read a track in lane coordinates, as import writes it or as :func:`read_track` describes, or an NMEA log."""
-    if not path.is_file():
-        raise FileNotFoundError(f"track not found: {path}")
-    if path.suffix.lower() != ".csv":
-        if anchor is None:
-            raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
-        return read_nmea(path, read_anchor(anchor))
+    if existing(path, "track").suffix.lower() != ".csv":
+        return track_of(path, anchor)
     names = [column.name for column in TRACK_COLUMNS]
     columns = read_text_table(path)
     if set(names) <= set(columns):

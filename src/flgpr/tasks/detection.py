@@ -116,9 +116,7 @@ def detect_runs(
     lane_names(runs)  # refuses runs of one name
     text = _text_of(recipe, runs[0], model, how.max_memory)
     if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
-        raise ValueError(
-            f"lanes must be given or a recipe: {runs[0]} is so short that the recipe made for it has its lane"
-        )
+        raise ValueError(f"lanes must be given or a recipe: {runs[0]} is so short that its own recipe has its lane")
     folders = detect_survey(runs, text, output, lanes, model, section, others, report, lanes_at_once, how)
     return [result for folder in folders for result in results_at(folder)]
 

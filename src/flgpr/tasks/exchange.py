@@ -7,26 +7,17 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from flgpr.io import MAX_MEMORY, open_run, read_table, save_run, sha256, write_table
+from flgpr.io import MAX_MEMORY, georeferenced, open_run, read_table, save_run, sha256, write_table
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.files import check_new
-from flgpr.io.georeferenced import (
-    georeference,
-    write_earth_csv,
-    write_earth_geojson,
-    write_geopackage,
-    write_geotiff,
-    write_kml,
-)
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.track import reference_track
 from flgpr.results.result import read_result
 
 PathLike = str | Path
-TABLE_FORMATS = {"geojson": ".geojson", "gpkg": ".gpkg", "kml": ".kml", "csv": ".csv"}
-FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
+TABLE_FORMATS = ("geojson", "gpkg", "kml", "csv")
 
 
 def import_with_mapping(
@@ -63,17 +54,9 @@ def import_with_mapping(
     """
     _fresh(Path(output))
     pose = read_survey(survey) if survey is not None else None
-    moved = None
-    if track is not None:
-        moved = reference_track(_track(Path(track), anchor), lever_arm, latency)
-    arrived = import_mapped(
-        mapping,
-        [Path(one) for one in data] if data else None,
-        limit=max_memory,
-        pose=pose,
-        track=moved,
-        clock_offset=clock_offset,
-    )
+    moved = None if track is None else reference_track(track_of(Path(track), anchor), lever_arm, latency)
+    files = [Path(one) for one in data or ()]
+    arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset)
     store, run = Path(output), _tied(arrived.run, anchor)
     if arrived.track is not None:  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
@@ -125,7 +108,7 @@ def export_result(
     target, tie = Path(output), read_anchor(anchor)
     if to == "geotiff":
         _fresh(target)
-        write_geotiff(chosen[0].view, target, tie, identity)
+        georeferenced.write_geotiff(chosen[0].view, target, tie, identity)
         return target
     return _write_points(chosen[0].alarms, target, to, tie, "alarms", identity, time)
 
@@ -136,20 +119,21 @@ def _write_points(
     if to not in TABLE_FORMATS:
         raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
     _fresh(output)
-    points = georeference(rows, anchor, kind, identity, time)
+    points = georeferenced.georeference(rows, anchor, kind, identity, time)
     if to == "geojson":
         about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": anchor.sigma, "processing_id": identity}
-        write_earth_geojson(points, output, about)
+        georeferenced.write_earth_geojson(points, output, about)
     elif to == "gpkg":
-        write_geopackage(points, output, kind)
+        georeferenced.write_geopackage(points, output, kind)
     elif to == "kml":
-        write_kml(points, output, f"{kind} {identity}")
+        georeferenced.write_kml(points, output, f"{kind} {identity}")
     else:
-        write_earth_csv(points, output)
+        georeferenced.write_earth_csv(points, output)
     return output
 
 
-def _track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
+def track_of(path: Path, anchor: PathLike | None) -> pd.DataFrame:
+    """Read a track from CSV, or from an NMEA log with the anchor that it needs."""
     if path.suffix.lower() == ".csv":
         return read_track(path)
     tie = _anchor(anchor)

@@ -15,26 +15,16 @@ import pandas as pd
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import results_at
 from flgpr.io import read_table, write_table, write_whole
+from flgpr.io.files import existing
 from flgpr.model import Lane
 from flgpr.report import score_files
 from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
 from flgpr.results.score import blind_roc_json, score_detections
 from flgpr.results.view_score import VIEW_SCORE, view_score
-from flgpr.scoring import (
-    BlindScore,
-    Rules,
-    SamplePlan,
-    Score,
-    as_lanes,
-    content_hash,
-    emplacement_plan,
-    register,
-    require_registered,
-    sample_size,
-    score,
-    score_blind,
-    seal_truth,
-)
+from flgpr.scoring import BlindScore, Rules, SamplePlan, Score, as_lanes, content_hash, register, score
+from flgpr.scoring.blind import score_blind, seal_truth
+from flgpr.scoring.ledger import require_registered
+from flgpr.scoring.planning import emplacement_plan, sample_size
 
 PathLike = str | Path
 
@@ -45,9 +35,7 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     TOML holds ``x_min``, ``x_max``, ``y_min``, ``y_max`` (m), or a table of these per lane; CSV has these columns, one
     row per lane, named in the column ``lane``. A file that holds no lanes is a ValueError.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"lane file not found: {path}")
+    path = existing(path, "lane file")
     try:
         if path.suffix.lower() == ".csv":
             lanes = as_lanes(pd.read_csv(path))
@@ -201,9 +189,8 @@ def seal(
 
     The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`.
     """
-    return seal_truth(
-        read_table(truth, "truth"), read_lanes(lane), output, passphrase, halo=halo, area=area, by=by
-    )  # fmt: skip
+    rules: dict[str, Any] = {"halo": halo, "area": area, "by": by}
+    return seal_truth(read_table(truth, "truth"), read_lanes(lane), output, passphrase, **rules)
 
 
 def score_sealed(
@@ -214,9 +201,7 @@ def score_sealed(
     ``output`` is a folder for ``roc.json`` with what the score tells, ``log`` the log of all looks, beside the sealed
     file by default. Errors are those of :func:`flgpr.scoring.score_blind`.
     """
-    if not Path(sealed).is_file():
-        raise FileNotFoundError(f"sealed truth not found: {sealed}")
-    told = score_blind(read_table(alarms, "alarms"), sealed, passphrase, log)
+    told = score_blind(read_table(alarms, "alarms"), existing(sealed, "sealed truth"), passphrase, log)
     if output is not None:
         _write(Path(output), {"roc.json": blind_roc_json(told)})
     return told
@@ -276,10 +261,8 @@ def plan_lane(
     place = Path(output)
     if place.exists():
         raise FileExistsError(f"{place} exists: a plan is drawn once")
-    if not Path(targets).is_file():
-        raise FileNotFoundError(f"targets file not found: {targets}")
-    where = read_lanes(lane)
-    plan = emplacement_plan(where, pd.read_csv(targets), seed, spacing=spacing, edge=edge)
+    sorts, where = pd.read_csv(existing(targets, "targets file")), read_lanes(lane)
+    plan = emplacement_plan(where, sorts, seed, spacing=spacing, edge=edge)
     entry: dict[str, Any] = {"event": "plan", "lanes": _borders(where)}
     entry |= {str(name): value for name, value in plan.attrs.items()}
     if recipe is not None:

@@ -23,7 +23,7 @@ from starlette.routing import Route
 
 from flgpr.io import read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.session import LIVE_FILE, LiveFile, Source, ViewError, open_source
+from flgpr.viewer.session import LIVE_FILE, LiveFile, ViewError, open_source
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -54,16 +54,16 @@ class Viewer:
             raise ValueError("paths must name a result or a run to view, got none")
         if not is_loopback(host):
             if not allow_remote:
-                raise ValueError(
-                    f"host must be of this machine (127.0.0.1) unless remote access is allowed, got {host}"
-                )
+                raise ValueError(f"host must be of this machine (127.0.0.1) unless remote access is on, got {host}")
             warnings.warn(
                 f"the viewer listens on {host}: whoever reaches it and learns the address with its token can read "
                 "these results, and nothing on the way is encrypted",
                 stacklevel=2,
             )
         self._sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
-        self._live = LiveFile(live) if live is not None else _live_beside(self._sources)
+        if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
+            live = self._sources[0].folder
+        self._live = None if live is None else LiveFile(live)
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
@@ -101,10 +101,10 @@ class Viewer:
         reads: dict[str, Callable[..., Response]] = {
             "/data/session.json": self._session,
             "/data/live": self._live_events,
-            "/data/{source:int}/index.json": self._index,
-            "/data/{source:int}/score.json": self._score,
-            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._tile,
-            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._evidence,
+            "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
+            "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
+            "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
+            "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
         return routes + [Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC]
@@ -114,31 +114,25 @@ class Viewer:
         told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
         return _answer(json.dumps(told).encode(), _JSON)
 
-    def _index(self, request: Request) -> Response:
-        return _answer(self._source(request).index_bytes(), _JSON)
+    def _of(self, read: Callable[..., bytes | None], kind: str = _BYTES) -> Callable[[Request], Response]:
+        """Answer with what is read of the source that the path names, at the numbers that it names."""
 
-    def _score(self, request: Request) -> Response:
-        return _answer(self._source(request).score_bytes() or b"null", _JSON)
+        def answer(request: Request) -> Response:
+            number, rest = (
+                request.path_params["source"],
+                {k: v for k, v in request.path_params.items() if k != "source"},
+            )
+            if number >= len(self._sources):
+                raise HTTPException(404)
+            return _answer(read(self._sources[number], **rest), kind)
 
-    def _tile(self, request: Request) -> Response:
-        number = [request.path_params[name] for name in ("layer", "level", "tile")]
-        return _answer(self._source(request).tile(*number), _BYTES)
-
-    def _evidence(self, request: Request) -> Response:
-        number = [request.path_params[name] for name in ("detection", "alarm")]
-        return _answer(self._source(request).evidence(*number), _BYTES)
+        return answer
 
     def _live_events(self, request: Request) -> Response:
         text = request.query_params.get("after", "0")
         if self._live is None or not (text.isascii() and text.isdigit() and len(text) < 16):
             return _answer(None, _JSON)
         return _answer(json.dumps(self._live.after(int(text))).encode(), _JSON)
-
-    def _source(self, request: Request) -> Source:
-        number = request.path_params["source"]
-        if number >= len(self._sources):
-            raise HTTPException(404)
-        return self._sources[number]
 
 
 def serve(
@@ -160,12 +154,6 @@ def serve(
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
     with contextlib.suppress(KeyboardInterrupt):
         viewer.run()
-
-
-def _live_beside(sources: Sequence[Source]) -> LiveFile | None:
-    if sources and (sources[0].folder / LIVE_FILE).is_file():
-        return LiveFile(sources[0].folder)
-    return None
 
 
 def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
