@@ -17,8 +17,9 @@ from flgpr_papers.flsar2004 import examples as ex
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import study as flsar2004
-from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, _turned, lane_images, load_settings
+from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, lane_images, load_settings
 from flgpr_papers.kit.findings import OPEN, VERDICTS, difference_of_shares, read_findings
+from flgpr_papers.kit.lanes import turned
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_the_way_back_sees_the_same_mines_turned(small):
     sensor = load_sensor(small.sensor)
     sensor = sensor.model_copy(update={"tones": sensor.tones.model_copy(update={"step": 8e7, "count": 30})})
     out = Simulator(_scene(small, "arid-sand"), sensor, 3)
-    back = Simulator(_turned(small, "arid-sand", out), sensor, 4)
+    back = Simulator(turned(_scene(small, "arid-sand"), 3), sensor, 4)
     np.testing.assert_allclose(back.truth["x"], -out.truth["x"])
     np.testing.assert_allclose(back.truth["y"], small.length - out.truth["y"])
     assert (back.truth["kind"] == out.truth["kind"]).all()

@@ -31,57 +31,30 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Training:
-    """What a lane's training looks teach.
+    """What a lane's training looks teach."""
 
-    Attributes
-    ----------
-    whitener : ClutterWhitener
-        Mean and covariance of the clutter.
-    white : (n_samples, n_features) ndarray of complex
-        Whitened target cuts, taken where the mines are brightest.
-    surveyed : (n_samples, n_features) ndarray of complex
-        Whitened target cuts, taken where survey and refraction place the mines.
-    pixels : (n_pixels, n_polarizations) ndarray of complex
-        Clutter pixels.
-    unshrunk : ClutterWhitener
-        Whitener with sample moments.
-    clutter_energy : float
-        Mean energy of the whitened clutter samples.
-    clutter : (n_samples, n_features) ndarray of complex
-        Clutter cuts as imaged.
-    """
-
-    whitener: ClutterWhitener
-    white: ComplexArray
+    whitener: ClutterWhitener  #: mean and covariance of the clutter
+    white: ComplexArray  #: (n_samples, n_features) whitened target cuts, taken where the mines are brightest
+    #: (n_samples, n_features) whitened target cuts, taken where survey and refraction place the mines
     surveyed: ComplexArray
-    pixels: ComplexArray
-    unshrunk: ClutterWhitener
-    clutter_energy: float
-    clutter: NDArray[Any]
+    pixels: ComplexArray  #: (n_pixels, n_polarizations) clutter pixels
+    unshrunk: ClutterWhitener  #: whitener with sample moments
+    clutter_energy: float  #: mean energy of the whitened clutter samples
+    clutter: NDArray[Any]  #: (n_samples, n_features) clutter cuts as imaged
 
 
 @dataclass
 class Peaks:
-    """Values in boxes of one detector on one lane.
+    """Values in boxes of one detector on one lane."""
 
-    Attributes
-    ----------
-    target, clutter : list of float
-        Peaks in the boxes at the mines and off them.
-    target_quantile, clutter_quantile : list of float
-        High quantiles of the same boxes.
-    depth : list of float
-        Depth of each mine, m.
-    rock : list of bool
-        Whether a rock lies in or near each clutter box.
-    """
-
+    #: target, clutter: peaks in the boxes at the mines and off them
     target: list[float] = field(default_factory=list)
     clutter: list[float] = field(default_factory=list)
+    #: target_quantile, clutter_quantile: high quantiles of the same boxes
     target_quantile: list[float] = field(default_factory=list)
     clutter_quantile: list[float] = field(default_factory=list)
-    depth: list[float] = field(default_factory=list)
-    rock: list[bool] = field(default_factory=list)
+    depth: list[float] = field(default_factory=list)  #: depth of each mine, m
+    rock: list[bool] = field(default_factory=list)  #: whether a rock lies in or near each clutter box
 
 
 def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:

@@ -20,18 +20,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PointResponse:
-    """Image of a point on the ground at the study's range.
+    """Image of a point on the ground at the study's range."""
 
-    Attributes
-    ----------
-    down, cross : (n,) ndarray
-        Distance from the point down-track and cross-track, m.
-    down_level, cross_level : (n,) ndarray
-        Magnitude along them over the peak.
-    """
-
+    #: down, cross: (n,) distance from the point down-track and cross-track, m
     down: FloatArray
     cross: FloatArray
+    #: down_level, cross_level: (n,) magnitude along them over the peak
     down_level: FloatArray
     cross_level: FloatArray
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,43 +14,27 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.windows import ramp
 from flgpr.model import Sensor, Tones, lane_to_scan, load_sensor, make_run
 from flgpr.scoring import refraction_shift
-from flgpr.simulate import Scene, Simulator, draw_world
+from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
+from flgpr_papers.kit.lanes import BARE, changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"
 WORLDS = ("roadside", "open")
-_NOTHING = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
 _SIGNATURES, _SIGNATURE_SHARE = 999_000, 0.2
 
 
 @dataclass(frozen=True)
 class Look:
-    """One mine seen from one stop.
+    """One mine seen from one stop."""
 
-    Attributes
-    ----------
-    image : xarray.DataArray
-        Image (polarization, y, x) in the scan frame, self-signature removed.
-    place : (2,) ndarray
-        Surveyed x and y of the mine in the scan frame, m.
-    depth : float
-        Depth of its top, m.
-    trains : bool
-        Whether the mine belongs to the training set.
-    shift : float
-        How far behind its place the mine appears for the refraction at its depth, m.
-    rocks : (rock, 2) ndarray
-        Places of rocks in the scan frame, m.
-    """
-
-    image: xr.DataArray
-    place: FloatArray
-    depth: float
-    trains: bool
-    shift: float
-    rocks: FloatArray
+    image: xr.DataArray  #: image (polarization, y, x) in the scan frame, self-signature removed
+    place: FloatArray  #: (2,) surveyed x and y of the mine in the scan frame, m
+    depth: float  #: depth of its top, m
+    trains: bool  #: whether the mine belongs to the training set
+    shift: float  #: how far behind its place the mine appears for the refraction at its depth, m
+    rocks: FloatArray  #: (rock, 2) places of rocks in the scan frame, m
 
 
 def study_sensor(recipe: StudyRecipe) -> Sensor:
@@ -108,7 +91,7 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     One look per mine; these mines lie in no lane of the study.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
-    bare = _changed(scene, surface={"echo": False}, clutter=_NOTHING)
+    bare = changed(scene, surface={"echo": False}, clutter=BARE)
     simulator = Simulator(bare, study_sensor(recipe), _SIGNATURES, errors=False)
     found = _images(recipe, simulator, simulator.scans(), "none")
     return [
@@ -158,14 +141,15 @@ def _scene(recipe: StudyRecipe, site: Site, seed: int, share: float) -> tuple[Sc
 
 
 def _direction(
-    recipe: StudyRecipe, scene: Scene, seed: int, turned: bool
+    recipe: StudyRecipe, scene: Scene, seed: int, back: bool
 ) -> dict[str, list[tuple[xr.DataArray, FloatArray, float, FloatArray]]]:
     """Images of every stop in both worlds. Echoes add, so the roadside is simulated by itself and added."""
     sensor = study_sensor(recipe)
-    ground = _changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
-    roadside = _changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, surface={"echo": False}, targets=[])
-    if turned:  # what the seed before put there, from the other end
-        ground, roadside = _turned(ground, seed - 1), _turned(roadside, seed - 1)
+    ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
+    roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, surface={"echo": False}, targets=[])
+    if back:  # what the seed before put there, from the other end
+        ground, roadside = turned(ground, seed - 1), turned(roadside, seed - 1)
+        ground = ground.model_copy(update={"targets": ground.targets[::-1]})  # in the order of the stops
     simulator = Simulator(ground, sensor, seed)
     beside = Simulator(roadside, sensor, seed, errors=False)
     signal = np.stack(list(simulator.scans()))
@@ -175,35 +159,6 @@ def _direction(
         "roadside": _images(recipe, simulator, with_roadside, signature),
         "open": _images(recipe, simulator, signal, signature),
     }
-
-
-def _changed(scene: Scene, targets: list[Any] | None = None, **parts: dict[str, Any]) -> Scene:
-    """Make a scene anew with some entries of its parts replaced."""
-    data = scene.model_dump(exclude_unset=True)
-    for part, entries in parts.items():
-        data[part] = {**data.get(part, {}), **entries}
-    if targets is not None:
-        data["targets"] = targets
-    return Scene.model_validate(data)
-
-
-def _turned(scene: Scene, seed: int) -> Scene:
-    """Turn the lane by half a turn with all that the seed put there."""
-    world = draw_world(scene, seed)
-
-    def turn(thing: Any) -> dict[str, Any]:
-        fields: dict[str, Any] = thing.model_dump()
-        fields["x"], fields["y"] = -fields["x"], scene.length - fields["y"]
-        if "azimuth" in fields:
-            fields["azimuth"] += np.pi
-        return fields
-
-    data = scene.model_dump(exclude_unset=True)
-    data["targets"] = [turn(target) for target in reversed(world.targets)]
-    data["objects"] = [turn(thing) for thing in world.objects]
-    data["patches"] = [turn(patch) for patch in world.patches]
-    data["clutter"] = _NOTHING
-    return Scene.model_validate(data)
 
 
 def _images(

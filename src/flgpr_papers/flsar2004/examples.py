@@ -48,33 +48,17 @@ ANTENNA_HEIGHT = 3.5
 
 @dataclass(frozen=True)
 class Site:
-    """Both drives at a site, one behind the other in one strip.
-
-    Attributes
-    ----------
-    name : str
-        Site.
-    wave : (polarization, range, y, x) ndarray of complex64
-        Images; the phase of the way to the pixel at the middle of the band is taken out.
-    image : (polarization, range, y, x) ndarray of float32
-        Their magnitudes.
-    grid : Grid
-        Pixels of the strip.
-    mines : DataFrame
-        One row per mine and drive: x, y in the strip, kind, depth, target (the same for both drives), subset.
-    lanes : tuple of Lane
-        The lane in both drives.
-    registration : dict
-        Of (polarization, range) to the registration by fiducials, drive by drive.
-    """
+    """Both drives at a site, one behind the other in one strip."""
 
     name: str
+    #: (polarization, range, y, x) images; the phase of the way to the pixel at the middle of the band is taken out
     wave: NDArray[np.complex64]
-    image: NDArray[np.float32]
-    grid: Grid
+    image: NDArray[np.float32]  #: (polarization, range, y, x) their magnitudes
+    grid: Grid  #: pixels of the strip
+    #: one row per mine and drive: x, y in the strip, kind, depth, target (the same for both drives), subset
     mines: pd.DataFrame
-    lanes: tuple[Lane, ...]
-    registration: dict[str, Registration]
+    lanes: tuple[Lane, ...]  #: the lane in both drives
+    registration: dict[str, Registration]  #: of (polarization, range) to the registration by fiducials, drive by drive
 
     @property
     def area(self) -> float:
@@ -121,18 +105,10 @@ def signatures(
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to make templates and to correlate with them.
+    """A way to make templates and to correlate with them."""
 
-    Attributes
-    ----------
-    components : int
-        Number of principal components; 0 is the mean.
-    magnitude : bool
-        Whether magnitudes are correlated, or complex values.
-    """
-
-    components: int
-    magnitude: bool
+    components: int  #: number of principal components; 0 is the mean
+    magnitude: bool  #: whether magnitudes are correlated, or complex values
 
 
 MAIN = Variant(0, True)
@@ -336,25 +312,14 @@ def one_class(settings: Classify, kind: str = "rvm") -> Classifier:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Scores of examples by classifiers that have not seen them.
+    """Scores of examples by classifiers that have not seen them."""
 
-    Attributes
-    ----------
-    mine : (n,) ndarray
-        Scores of the mines.
-    clutter : (m, repeats) ndarray
-        Scores of the clutter; a novelty detector scores it in every fold (par. 52).
-    target, tile : ndarray of str
-        Mine that each score belongs to, and name of each clutter example.
-    kept : (fold,) ndarray
-        Share of the training examples kept as vectors.
-    """
-
-    mine: FloatArray
-    clutter: FloatArray
+    mine: FloatArray  #: (n,) scores of the mines
+    clutter: FloatArray  #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
+    #: target, tile: mine that each score belongs to, and name of each clutter example
     target: NDArray[Any]
     tile: NDArray[Any]
-    kept: FloatArray
+    kept: FloatArray  #: (fold,) share of the training examples kept as vectors
 
 
 def held_out(

@@ -53,24 +53,12 @@ SHALLOW = 0.06
 
 @dataclass
 class Results:
-    """What a part yields.
+    """What a part yields."""
 
-    Attributes
-    ----------
-    curves : dict
-        ROC by figure and label.
-    areas : dict
-        Areas under ROCs with their intervals.
-    findings : list of Finding
-        Findings.
-    notes : dict
-        What else is told, as JSON can hold it.
-    """
-
-    curves: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)
-    areas: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    curves: dict[str, dict[str, pd.DataFrame]] = field(default_factory=dict)  #: ROC by figure and label
+    areas: dict[str, tuple[float, float, float]] = field(default_factory=dict)  #: areas under ROCs with their intervals
     findings: list[Finding] = field(default_factory=list)
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)  #: what else is told, as JSON can hold it
 
     def add(self, other: Results) -> None:
         """Take another part's results in."""
@@ -82,24 +70,12 @@ class Results:
 
 @dataclass(frozen=True)
 class Material:
-    """What all parts work on.
-
-    Attributes
-    ----------
-    settings : Settings
-        The settings.
-    sites : list of Site
-        Both sites.
-    templates : list of ndarray
-        Templates of each.
-    examples : list of (DataFrame, ndarray)
-        Examples without prescreener of each, and their features.
-    """
+    """What all parts work on."""
 
     settings: Settings
-    sites: list[Site]
-    templates: list[NDArray[Any]]
-    examples: list[Examples]
+    sites: list[Site]  #: both sites
+    templates: list[NDArray[Any]]  #: templates of each
+    examples: list[Examples]  #: examples without prescreener of each, and their features
 
 
 def prepare(settings: Settings, sites: list[Site]) -> Material:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,10 +17,11 @@ from flgpr.imaging import ImagingOperator
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
 from flgpr.simulate import Scene
-from flgpr.simulate.scene import Clutter, Surface, Target, TargetDraw, Thing
+from flgpr.simulate.scene import Surface, TargetDraw, Thing
 from flgpr.simulate.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
+from flgpr_papers.kit.lanes import turned
 from flgpr_papers.kit.settings import Table, packaged
 
 FloatArray = NDArray[np.float64]
@@ -113,31 +112,18 @@ def load_settings(quick: bool = False) -> Settings:
 
 @dataclass(frozen=True)
 class Pass:
-    """One drive along a lane.
-
-    Attributes
-    ----------
-    site : str
-        Where.
-    direction : str
-        "out" or "back"; the frame is that of the drive.
-    image : (polarization, range, y, x) ndarray of complex64
-        In units of the scans' gain; the phase that the way to the pixel turns at the middle of the band is taken out.
-    grid : Grid
-        Pixels.
-    truth, fiducials : DataFrame
-        Mines and fiducials in the frame of the drive.
-    key : str
-        Digest of what the images were made of.
-    """
+    """One drive along a lane."""
 
     site: str
-    direction: str
+    direction: str  #: "out" or "back"; the frame is that of the drive
+    #: (polarization, range, y, x) in units of the scans' gain; the phase that the way to the pixel turns at the middle
+    #: of the band is taken out
     image: NDArray[np.complex64]
-    grid: Grid
+    grid: Grid  #: pixels
+    #: truth, fiducials: mines and fiducials in the frame of the drive
     truth: pd.DataFrame
     fiducials: pd.DataFrame
-    key: str = ""
+    key: str = ""  #: digest of what the images were made of
 
 
 def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
@@ -150,11 +136,11 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
     seed = settings.seed + 10 * settings.sites.index(site)
     scene = _scene(settings, site)
     out = Simulator(scene, sensor, seed)
-    turned = _turned(settings, site, out)
-    back = Simulator(turned, sensor, seed + 1)
+    other = turned(scene, seed)
+    back = Simulator(other, sensor, seed + 1)
     folder.mkdir(parents=True, exist_ok=True)
     passes = []
-    for name, simulator, world in (("out", out, scene), ("back", back, turned)):
+    for name, simulator, world in (("out", out, scene), ("back", back, other)):
         imaging = {key: getattr(settings, key) for key in ("ranges", "step", "lane", "spacing", "margin", "window")}
         content = {
             "scene": world.model_dump(mode="json"), "sensor": sensor.model_dump(mode="json"), "seed": seed,
@@ -186,24 +172,6 @@ def _track(settings: Settings) -> Drive:
     first = -settings.ranges[-1] - settings.step
     last = settings.length - settings.ranges[0] + settings.step
     return Drive(positions=tuple(np.arange(first, last + 0.1, settings.step).tolist()))
-
-
-def _turned(settings: Settings, site: str, out: Simulator) -> Scene:
-    """Turn mines, stones and posts about, as a vehicle sees them that comes from the other end."""
-
-    def turn(thing: Any) -> Any:
-        update = {"x": -thing.x, "y": settings.length - thing.y}
-        if isinstance(thing, Target):
-            update["azimuth"] = thing.azimuth + math.pi
-        return thing.model_copy(update=update)
-
-    world = out.world
-    return Scene(
-        name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
-        targets=tuple(map(turn, world.targets)), objects=tuple(map(turn, world.objects)),
-        patches=tuple(map(turn, world.patches)), clutter=Clutter(rocks=0, bushes=0, posts=0, patches=0),
-        track=_track(settings), surface=Surface(density=settings.density),
-    )  # fmt: skip
 
 
 def _one_pass(

@@ -48,28 +48,15 @@ _METHODS = ("none", "iteration", "per frame", "least squares")
 
 @dataclass(frozen=True)
 class FullwaveStudy:
-    """What became of the lane.
+    """What became of the lane."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row per roadside rule, method and object: change of the peak in HH and VV (dB), share of the response
-        masked, rank among the alarms in VV and false alarms above.
-    false : DataFrame
-        One row per roadside rule and method: false alarms in the lane, residual.
-    images : dict of str to (y, x) ndarray
-        Magnitudes and masks for the figure.
-    thresholds : Thresholds
-        In units of the median of the sub-region.
-    worlds : int
-        Number of calibration lanes.
-    """
-
+    #: one row per roadside rule, method and object: change of the peak in HH and VV (dB), share of the response
+    #: masked, rank among the alarms in VV and false alarms above
     table: pd.DataFrame
-    false: pd.DataFrame
-    images: dict[str, NDArray[Any]]
-    thresholds: Thresholds
-    worlds: int
+    false: pd.DataFrame  #: one row per roadside rule and method: false alarms in the lane, residual
+    images: dict[str, NDArray[Any]]  #: magnitudes and masks for the figure
+    thresholds: Thresholds  #: in units of the median of the sub-region
+    worlds: int  #: number of calibration lanes
 
 
 def fullwave_study(quick: bool = False) -> FullwaveStudy:

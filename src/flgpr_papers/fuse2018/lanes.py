@@ -19,6 +19,7 @@ from flgpr.model import Grid, Sensor, check_run, check_shared_poses, complete_sc
 from flgpr.simulate import Scene, Simulator, draw_world
 from flgpr_papers.fuse2018.recipe import FuseRecipe, Image
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
+from flgpr_papers.kit.lanes import told
 
 BANDS = ("l", "x")
 ComplexArray = NDArray[np.complex64]
@@ -54,34 +55,21 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str, quick: bool = False) ->
 
 @dataclass(frozen=True)
 class Frames:
-    """A lane's frames in both bands, self-signature taken off, and what is there.
-
-    Attributes
-    ----------
-    name : str
-        Lane.
-    frequency : dict of str to ndarray
-        Tones of each band, Hz.
-    data : dict of str to (frame, polarization, pair, frequency) ndarray
-        VV and VH of the L band under "l", VV of the X band under "x"; a single-band radar has no "x".
-    tx, rx : dict of str to (pair, 3) ndarray
-        Antenna positions in the vehicle frame, m.
-    pose : dict of str to (frame, 6) ndarray
-        Reported poses of each band's reference point.
-    truth, objects : DataFrame
-        What is in and beside the lane; for calibration and scoring.
-    mines : (frame, 1, pair, frequency) ndarray or None
-        What the mines alone add to VV of the L band, without errors of the radar; to tell what becomes of it.
-    """
+    """A lane's frames in both bands, self-signature taken off, and what is there."""
 
     name: str
-    frequency: dict[str, FloatArray]
+    frequency: dict[str, FloatArray]  #: tones of each band, Hz
+    #: VV and VH of the L band under "l", VV of the X band under "x"; a single-band radar has no "x"
     data: dict[str, ComplexArray]
+    #: tx, rx: antenna positions in the vehicle frame, m
     tx: dict[str, FloatArray]
     rx: dict[str, FloatArray]
-    pose: dict[str, FloatArray]
+    pose: dict[str, FloatArray]  #: reported poses of each band's reference point
+    #: truth, objects: what is in and beside the lane; for calibration and scoring
     truth: pd.DataFrame
     objects: pd.DataFrame
+    #: (frame, 1, pair, frequency) what the mines alone add to VV of the L band, without errors of the radar; to tell
+    #: what becomes of it
     mines: ComplexArray | None = None
 
     def __len__(self) -> int:
@@ -110,10 +98,8 @@ def mines_alone(folder: Path, recipe: FuseRecipe, name: str, quick: bool, track:
     """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines."""
     sensor, seed = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)}), recipe.lanes.seeds[name]
     scene = lane_scene(recipe, name, "l", quick)
-    world, told = draw_world(scene, seed), scene.model_dump(exclude_unset=True, exclude={"draws"})
-    told |= {part: [one.model_dump() for one in getattr(world, part)] for part in ("targets", "objects", "patches")}
-    told["clutter"] = {kind: 0.0 for kind in ("rocks", "bushes", "posts", "patches")}
-    twins = [Scene.model_validate(one) for one in (told, told | {"targets": []})]
+    lane = told(scene, seed)
+    twins = [Scene.model_validate(one) for one in (lane, lane | {"targets": []})]
     key = key_of([twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed)
     path = folder / f"{name}-mines-{key}.bundle"
     if not path.is_file():
@@ -151,39 +137,19 @@ def read_frames(
 
 @dataclass(frozen=True)
 class Aperture:
-    """Consecutive frames that are summed coherently, and the ground ahead of the latest.
+    """Consecutive frames that are summed coherently, and the ground ahead of the latest."""
 
-    Attributes
-    ----------
-    frames : tuple of int
-        Frames, the latest last.
-    grid : Grid
-        Pixels in the lane frame.
-    origin : (x, y) tuple of float
-        Where the array stands in the latest frame, m.
-    region : (y, x) ndarray of int
-        Sub-region in range of every pixel.
-    operators : sequence of callable
-        Per frame, the maker of its L-band operator.
-    data : (frame, 1, pair, frequency) ndarray
-        VV of the L band.
-    looks : (frame, y, x) ndarray of complex64
-        VV image of every frame.
-    vv, vh : (y, x) ndarray of complex64
-        Coherent sums over the frames (Eq. 4).
-    x : (y, x) ndarray of float32 or None
-        X band: mean magnitude over the frames, since its wavelength is too short for the poses (see the page).
-    """
-
-    frames: tuple[int, ...]
-    grid: Grid
-    origin: tuple[float, float]
-    region: NDArray[np.int64]
-    operators: Sequence[Callable[[FloatArray], ImagingOperator]]
-    data: ComplexArray
-    looks: ComplexArray
+    frames: tuple[int, ...]  #: frames, the latest last
+    grid: Grid  #: pixels in the lane frame
+    origin: tuple[float, float]  #: (x, y) where the array stands in the latest frame, m
+    region: NDArray[np.int64]  #: (y, x) sub-region in range of every pixel
+    operators: Sequence[Callable[[FloatArray], ImagingOperator]]  #: per frame, the maker of its L-band operator
+    data: ComplexArray  #: (frame, 1, pair, frequency) VV of the L band
+    looks: ComplexArray  #: (frame, y, x) VV image of every frame
+    #: vv, vh: (y, x) coherent sums over the frames (Eq. 4)
     vv: ComplexArray
     vh: ComplexArray
+    #: (y, x) X band: mean magnitude over the frames, since its wavelength is too short for the poses (see the page)
     x: NDArray[np.float32] | None
 
     def stack_on(self, points: FloatArray) -> FrameStack:

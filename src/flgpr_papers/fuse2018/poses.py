@@ -21,24 +21,12 @@ _HALF, _STEP = 0.35, 0.025
 
 @dataclass(frozen=True)
 class PoseStudy:
-    """Loss of the coherent sum at reflectors on the ground.
+    """Loss of the coherent sum at reflectors on the ground."""
 
-    Attributes
-    ----------
-    errors : (error,) tuple of float
-        Deviation of the position in each axis, m.
-    predicted : dict of str to (error,) ndarray
-        By band, :func:`flgpr.clutter.coherent_loss_db` for many frames, dB.
-    measured : (error, draw * place) ndarray
-        L band, as many frames as the study sums, dB.
-    needed : dict of str to float
-        By band, the accuracy for a loss of 1 dB, m.
-    """
-
-    errors: tuple[float, ...]
-    predicted: dict[str, NDArray[np.float64]]
-    measured: NDArray[np.float64]
-    needed: dict[str, float]
+    errors: tuple[float, ...]  #: (error,) deviation of the position in each axis, m
+    predicted: dict[str, NDArray[np.float64]]  #: by band, :func:`flgpr.clutter.coherent_loss_db` for many frames, dB
+    measured: NDArray[np.float64]  #: (error, draw * place) L band, as many frames as the study sums, dB
+    needed: dict[str, float]  #: by band, the accuracy for a loss of 1 dB, m
 
 
 def pose_study(recipe: FuseRecipe, draws: int) -> PoseStudy:

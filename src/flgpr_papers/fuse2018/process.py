@@ -50,21 +50,12 @@ VARIANTS = {
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the calibration lane teaches.
+    """What the calibration lane teaches."""
 
-    Attributes
-    ----------
-    thresholds : Thresholds
-        Of the masks.
-    background : (row,) ndarray
-        Median magnitude of VV between the roadsides at every distance ahead: alarms are measured in units of it.
-    looks : (region,) ndarray of int
-        Looks at targets that the thresholds rest on.
-    """
-
-    thresholds: Thresholds
+    thresholds: Thresholds  #: of the masks
+    #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are measured in units of it
     background: FloatArray
-    looks: NDArray[np.int64]
+    looks: NDArray[np.int64]  #: (region,) looks at targets that the thresholds rest on
 
 
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
@@ -93,59 +84,32 @@ def _within(table: pd.DataFrame, one: Aperture, margin: float) -> FloatArray:
 
 @dataclass
 class LaneRecords:
-    """What a lane's frames yield, row by row.
+    """What a lane's frames yield, row by row."""
 
-    Attributes
-    ----------
-    alarms : list of dict
-        variant, frame, x, y (m), magnitude over the background.
-    boxes : list of dict
-        frame, object, side, stage, power in the box.
-    mines : list of dict
-        frame, target, variant, peak, whether the mask covers the original peak.
-    courses : list of dict
-        frame, variant, iterations kept, rise at which it stopped, residual, share of pixels masked, CPU seconds.
-    coherence : list of dict
-        frame, loss of the coherent sum at the strongest pixels, dB.
-    own : list of dict
-        frame, target, variant, change of what the mine alone gives at its peak, dB.
-    maps : dict of str to [sum, count]
-        Lane maps.
-    """
-
+    #: variant, frame, x, y (m), magnitude over the background
     alarms: list[dict[str, Any]] = field(default_factory=list)
-    boxes: list[dict[str, Any]] = field(default_factory=list)
+    boxes: list[dict[str, Any]] = field(default_factory=list)  #: frame, object, side, stage, power in the box
+    #: frame, target, variant, peak, whether the mask covers the original peak
     mines: list[dict[str, Any]] = field(default_factory=list)
+    #: frame, variant, iterations kept, rise at which it stopped, residual, share of pixels masked, CPU seconds
     courses: list[dict[str, Any]] = field(default_factory=list)
+    #: frame, loss of the coherent sum at the strongest pixels, dB
     coherence: list[dict[str, Any]] = field(default_factory=list)
+    #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
-    maps: dict[str, FloatArray] = field(default_factory=dict)
+    maps: dict[str, FloatArray] = field(default_factory=dict)  #: lane maps
     looks: FloatArray | None = None
 
 
 @dataclass(frozen=True)
 class Cleaned:
-    """An aperture with its masks and what each variant made of it.
+    """An aperture with its masks and what each variant made of it."""
 
-    Attributes
-    ----------
-    aperture : Aperture
-        The aperture.
-    masks : dict of str to (y, x) ndarray of bool
-        Mixed masks: "pixel", "region" and "L".
-    course : Iterated
-        The paper's iteration.
-    images : dict of str to (y, x) ndarray of complex64
-        By variant.
-    rows : list of dict
-        One per variant, for ``LaneRecords.courses``.
-    """
-
-    aperture: Aperture
-    masks: dict[str, BoolArray]
-    course: Iterated
-    images: dict[str, ComplexArray]
-    rows: list[dict[str, Any]]
+    aperture: Aperture  #: the aperture
+    masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region" and "L"
+    course: Iterated  #: the paper's iteration
+    images: dict[str, ComplexArray]  #: by variant
+    rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
 
 
 def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: Sequence[str]) -> Cleaned:

@@ -33,36 +33,24 @@ TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own")
 
 @dataclass(frozen=True)
 class LaneResult:
-    """A lane's results.
-
-    Attributes
-    ----------
-    name : str
-        Lane.
-    truth, objects : DataFrame
-        What is in and beside it.
-    frames : int
-        Number of apertures.
-    origins : (frame, 2) ndarray
-        Place of the array in each aperture's latest frame by number of the frame, m; NaN for frames without one.
-    alarms, boxes, mines, courses, coherence, own : DataFrame
-        As :class:`LaneRecords` describes them.
-    maps : dict of str to (y, x) ndarray
-        Mean magnitude over the background of all looks, by variant; NaN where there was no look.
-    """
+    """A lane's results."""
 
     name: str
+    #: truth, objects: what is in and beside it
     truth: pd.DataFrame
     objects: pd.DataFrame
-    frames: int
+    frames: int  #: number of apertures
+    #: (frame, 2) place of the array in each aperture's latest frame by number of the frame, m; NaN for frames without
+    #: one
     origins: FloatArray
+    #: alarms, boxes, mines, courses, coherence, own: as :class:`LaneRecords` describes them
     alarms: pd.DataFrame
     boxes: pd.DataFrame
     mines: pd.DataFrame
     courses: pd.DataFrame
     coherence: pd.DataFrame
     own: pd.DataFrame
-    maps: Arrays
+    maps: Arrays  #: mean magnitude over the background of all looks, by variant; NaN where there was no look
 
 
 def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None = None) -> str:

@@ -43,38 +43,23 @@ _Z = 1.959964
 class Finding:
     """One statement of a paper beside ours.
 
-    Attributes
-    ----------
-    claim, paper, ours : str
-        What the paper says, its figure ("not tried" where the question is ours) and ours with its interval.
-    verdict : {"agrees", "disagrees", "cannot say", "open"}
-        By the module's rules, or by those that the paper's own module adds.
-    note : str
-        What stands behind it, and why it may differ.
-    quantity : str
-        The number that stands for the claim, where it is one.
-    interval : (float, float, float), optional
-        That number and its 95 % interval.
-    rule : (float, float), optional
-        The claim agrees where the number lies between these.
-    group : str
-        On which lanes, where the same was asked of several.
-
     Raises
     ------
     ValueError
         If it agrees or disagrees and has no interval.
     """
 
+    #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours) and ours with its
+    #: interval
     claim: str
     paper: str
     ours: str
-    verdict: str
-    note: str = ""
-    quantity: str = ""
-    interval: Interval | None = None
-    rule: tuple[float, float] | None = None
-    group: str = ""
+    verdict: str  #: by the module's rules, or by those that the paper's own module adds
+    note: str = ""  #: what stands behind it, and why it may differ
+    quantity: str = ""  #: the number that stands for the claim, where it is one
+    interval: Interval | None = None  #: that number and its 95 % interval
+    rule: tuple[float, float] | None = None  #: the claim agrees where the number lies between these
+    group: str = ""  #: on which lanes, where the same was asked of several
 
     def __post_init__(self) -> None:
         if self.verdict in (AGREES, DISAGREES) and (self.interval is None or np.isnan(self.interval).any()):

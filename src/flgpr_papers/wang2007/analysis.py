@@ -37,31 +37,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LaneResult:
-    """What was found in a lane, and what is there.
+    """What was found in a lane, and what is there."""
 
-    Attributes
-    ----------
-    name : str
-        The lane's name.
-    lane : Lane
-        Its borders.
-    truth : DataFrame
-        Its targets.
-    alarms, features : DataFrame
-        Alarms of the prescreener and their features, row by row.
-    view : xarray.DataArray
-        Run-view (polarization, subband, y, x).
-    wide_view : xarray.DataArray
-        Run-view (y, x) of the prescreener's channel over the full range of the images.
-    """
-
-    name: str
-    lane: Lane
-    truth: pd.DataFrame
+    name: str  #: the lane's name
+    lane: Lane  #: its borders
+    truth: pd.DataFrame  #: its targets
+    #: alarms, features: alarms of the prescreener and their features, row by row
     alarms: pd.DataFrame
     features: pd.DataFrame
-    view: xr.DataArray
-    wide_view: xr.DataArray
+    view: xr.DataArray  #: run-view (polarization, subband, y, x)
+    wide_view: xr.DataArray  #: run-view (y, x) of the prescreener's channel over the full range of the images
 
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
