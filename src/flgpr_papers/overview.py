@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from flgpr.chain.progress import Track, silent
+from flgpr.execution.executors import Here, Processes
 from flgpr.io import write_whole
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
@@ -20,7 +21,7 @@ PAPERS = {
 """Every paper that can be run again: authors, year and subject by name."""
 
 
-def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track = silent, workers: int = 1) -> Path:
     """Run a paper's experiment again on simulated lanes, or all of them; what was stopped goes on where it was.
 
     With "all" every paper works in a folder of its own, and the overview is written anew after each, so that a run that
@@ -36,6 +37,8 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
         Small versions that only show that everything runs; every page says so.
     track : Track
         Shows progress.
+    workers : int
+        Number of processes that take a paper each, of "all".
 
     Returns
     -------
@@ -49,23 +52,34 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
     """
     if paper != "all" and paper not in PAPERS:
         raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
-    if paper != "all":
-        return run_study(paper, Path(output), quick, track)
     folder = Path(output)
+    if paper != "all":
+        return run_study(paper, folder, quick, track)
     folder.mkdir(parents=True, exist_ok=True)
+    jobs = [(name, str(folder / name), quick) for name in sorted(PAPERS, reverse=True)]  # the longest comes first
     pages: dict[str, Path] = {}
-    for name in PAPERS:
-        pages[name] = run_study(name, folder / name, quick, track).relative_to(folder)
-        rows = {one: verdict_rows(folder / one) for one in pages}
-        write_whole(folder / "verdicts.csv", verdicts_csv(rows))
-        write_whole(folder / "index.html", overview_html(pages, rows, quick))
+    with Processes(workers) if workers > 1 else Here() as executor:
+        if workers > 1:
+            done = track(executor.run(study_page, jobs), "papers", len(jobs))
+        else:
+            done = ({"paper": job[0], "page": str(run_study(job[0], Path(job[1]), quick, track))} for job in jobs)
+        for one in done:
+            pages[one["paper"]] = Path(one["page"]).relative_to(folder)
+            rows = {name: verdict_rows(folder / name) for name in PAPERS if name in pages}
+            write_whole(folder / "verdicts.csv", verdicts_csv(rows))
+            write_whole(folder / "index.html", overview_html(pages, rows, quick))
     return folder / "index.html"
 
 
-def run_study(paper: str, folder: Path, quick: bool, track: Track) -> Path:
+def run_study(paper: str, folder: Path, quick: bool, track: Track = silent) -> Path:
     """Run the study of one paper, which is loaded for it; returns its page."""
     page: Path = import_module(f"flgpr_papers.{paper}.study").reproduce(folder, quick, track)
     return page
+
+
+def study_page(paper: str, folder: str, quick: bool) -> dict[str, str]:
+    """Run a study in a process of its own and tell which page it wrote."""
+    return {"paper": paper, "page": str(run_study(paper, Path(folder), quick))}
 
 
 def verdict_rows(folder: Path) -> list[tuple[str, str, str]]:

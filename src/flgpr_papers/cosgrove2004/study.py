@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +44,6 @@ def reproduce(
     quick: bool = False,
     track: Track = silent,
     recipe: StudyRecipe | None = None,
-    workers: int = 1,
 ) -> Path:
     """Run the study and write its page, figures, findings and trained detectors.
 
@@ -63,8 +59,6 @@ def reproduce(
         Shows progress.
     recipe : StudyRecipe, optional
         Study in place of the packaged one.
-    workers : int
-        Number of processes that simulate lanes.
 
     Returns
     -------
@@ -76,7 +70,7 @@ def reproduce(
     (folder / "lanes").mkdir(parents=True, exist_ok=True)
     seeds = range(1, 1 + (study.study.quick_seeds if quick else study.study.seeds))
     share = study.study.quick_share if quick else study.study.share
-    cases = _run_cases(study, folder, seeds, share, track, workers)
+    cases = _run_cases(study, folder, seeds, share, track)
     tables = {world: pd_table(study, cases[world]) for world in WORLDS}
     found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
     responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
@@ -126,36 +120,16 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
 
 
 def _run_cases(
-    recipe: StudyRecipe, folder: Path, seeds: range, share: float, track: Track, workers: int
+    recipe: StudyRecipe, folder: Path, seeds: range, share: float, track: Track
 ) -> dict[str, dict[str, list[Case]]]:
     """Run the seeds that are not yet on disk, then read all; returns world, site, cases."""
     key = key_of(recipe.model_dump(mode="json"), share)
     paths = {seed: folder / "lanes" / f"seed-{seed}-{key}.json" for seed in seeds}
-    todo = {
-        seed: (recipe, seed, share, folder / "models" if seed == seeds[0] else None)
-        for seed in seeds
-        if not paths[seed].is_file()
-    }
-    with _executor(workers) as run:
-        for seed, made in track(run(todo), "lanes, seed by seed", len(todo)):
-            write_whole(paths[seed], json.dumps(made))
+    todo, models = [seed for seed in seeds if not paths[seed].is_file()], folder / "models"
+    for seed in track(todo, "lanes, seed by seed", len(todo)):
+        write_whole(paths[seed], json.dumps(run_seed(recipe, seed, share, models if seed == seeds[0] else None)))
     read = [json.loads(paths[seed].read_text("utf-8")) for seed in seeds]
     return {world: {site: [one[world][site] for one in read] for site in recipe.sites} for world in WORLDS}
-
-
-@contextmanager
-def _executor(workers: int) -> Iterator[Callable[[Mapping[int, tuple[Any, ...]]], Iterator[tuple[int, Any]]]]:
-    """Give a function that runs seeds and yields what each makes, here or in processes."""
-    if workers == 1:
-        yield lambda jobs: ((seed, run_seed(*values)) for seed, values in jobs.items())
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-
-        def run(jobs: Mapping[int, tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-            futures = {pool.submit(run_seed, *values): seed for seed, values in jobs.items()}
-            return ((futures[done], done.result()) for done in as_completed(futures))
-
-        yield run
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
