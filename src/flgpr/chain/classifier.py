@@ -130,10 +130,8 @@ def make_training_set(
 ) -> TrainingSet:
     """Label and weigh the alarms of lanes, each (name, alarms, features, truth, lane).
 
-    Those that are neither hit nor false are left out.
-
-    So are alarms that lack one of the ``columns`` (default all), and hits on the rows of each lane's truth that are
-    ``spent``, as they made templates or thresholds.
+    Left out are those that are neither hit nor false, that lack one of the ``columns`` (default all), and hits on the
+    rows of each lane's truth that are ``spent``, as they made templates or thresholds.
     """
     labels = label_lanes([(name, alarms, truth, lane) for name, alarms, _, truth, lane in lanes], label_radius)
     table = pd.concat([features for _, _, features, _, _ in lanes], ignore_index=True)

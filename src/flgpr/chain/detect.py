@@ -24,12 +24,12 @@ def detect(
     section: Section | None = None,
     others: Mapping[str, xr.Dataset] | None = None,
 ) -> list[Detection]:
-    """Run a recipe on a run, in memory.
+    """Run a recipe on a run, in memory: its own result first, then its variants.
 
     Parameters
     ----------
     run : xarray.Dataset
-        A run.
+        A run, which the recipe must fit, see :func:`flgpr.chain.fitting.check_fit`.
     recipe : Recipe
         The recipe.
     lane : Lane, optional
@@ -42,16 +42,6 @@ def detect(
         Part of the lane, for recipes without variants; default all of it.
     others : mapping of str to xarray.Dataset, optional
         Runs taken together with this one, such as a second band, by the names that the recipe gives them.
-
-    Returns
-    -------
-    list of Detection
-        The recipe's own result first, then its variants.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run, see :func:`flgpr.chain.fitting.check_fit`.
     """
     chain = LaneChain(run, recipe, area_of(run, recipe, lane), model, section=section, others=others)
     chain.go(track)

@@ -31,7 +31,6 @@ ALLOWED = {
 }
 """Estimators by the name that recipes use; what else a file holds is refused when it is read."""
 _TRUSTED = ("flgpr.detect.", "sklearn.", "numpy.", "builtins.", "scipy.sparse.", "collections.OrderedDict")
-_FILE = "detector"
 
 
 def find_estimator(name: str) -> Any:
@@ -52,7 +51,7 @@ class TrainedEstimator:
     centre: FloatArray
     scale: FloatArray
     estimator: Any
-    file: NDArray[np.uint8]
+    file: NDArray[np.uint8]  #: bytes of the estimator, as :meth:`arrays` gives them
     notes: dict[str, Any] = field(default_factory=dict)
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
@@ -80,11 +79,7 @@ class TrainedEstimator:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Give its arrays."""
-        return {
-            "centre": self.centre,
-            "scale": self.scale,
-            "estimator": np.frombuffer(_dumped(self.estimator), np.uint8),
-        }
+        return {"centre": self.centre, "scale": self.scale, "estimator": self.file}
 
     @classmethod
     def restored(
@@ -128,26 +123,9 @@ def _dumped(estimator: Any) -> NDArray[np.uint8]:
 
 
 def train_estimator(examples: TrainingSet, table: DetectorTable, features: Sequence[str]) -> TrainedEstimator:
-    """Train the estimator that a recipe names.
+    """Train the estimator that a recipe names on some columns of labelled alarms.
 
-    Parameters
-    ----------
-    examples : TrainingSet
-        Labelled alarms.
-    table : DetectorTable
-        What to train.
-    features : sequence of str
-        Columns to use.
-
-    Returns
-    -------
-    TrainedEstimator
-        The estimator.
-
-    Raises
-    ------
-    ValueError
-        If a class has no example, or the options do not fit the estimator.
+    A class without an example, or options that do not fit the estimator, are a ValueError.
     """
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1

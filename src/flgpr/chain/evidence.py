@@ -28,33 +28,21 @@ Tracer = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What explains the alarms of a detection, in the order of its table, at most ``MOST_ALARMS`` of them.
+    """What explains the alarms of a detection, in the order of its table, at most ``MOST_ALARMS`` of them."""
 
-    Attributes
-    ----------
-    polarization, subband : list of str
-        Channels.
-    patch : PatchShape
-        Shape of the patches.
-    cut, trace : ndarray
-        Range offsets of the cuts and of the A-scans about the alarm, m; ``trace`` is empty without raw data.
-    scans : list of list of dict
-        Per alarm, nearest scan first: ``scan``, ``distance`` (m, ground range from the array).
-    blocks : list of ndarray
-        Per alarm float16 (scan, value), dB: patches (polarization, subband, y, x), cuts (polarization, subband, cut),
-        A-scans (polarization, trace), one after the other; NaN outside the image.
-    polarimetric : DataFrame
-        ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing.
-    """
-
+    #: polarization, subband: channels
     polarization: list[str]
     subband: list[str]
-    patch: PatchShape
+    patch: PatchShape  #: shape of the patches
+    #: cut, trace: range offsets of the cuts and of the A-scans about the alarm, m; ``trace`` is empty without raw data
     cut: NDArray[np.float64]
     trace: NDArray[np.float64]
+    #: per alarm, nearest scan first: ``scan``, ``distance`` (m, ground range from the array)
     scans: list[list[dict[str, Any]]]
+    #: per alarm (scan, value), dB: patches (polarization, subband, y, x), cuts (polarization, subband, cut), A-scans
+    #: (polarization, trace), one after the other; NaN outside the image
     blocks: list[NDArray[np.float16]]
-    polarimetric: pd.DataFrame
+    polarimetric: pd.DataFrame  #: ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing
 
 
 @dataclass(frozen=True)
@@ -81,10 +69,9 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
 class EvidenceSums:
     """What explains alarms, gathered scan by scan, from the ``MOST_SCANS`` nearest scans that see each.
 
-    Alarms (x, y in the lane frame, m) come the most mine-like first; ``y_max`` is the farthest distance ahead of
-    the array that counts, m. A-scans need the ``run``; ``subband`` is that of the polarimetric point, default the
-    first. ``poses`` are those (6,) of all scans that will be taken in, here or by others, as far as they see the
-    same alarms: with them only the scans that will be kept are cut up.
+    Alarms (x, y in the lane frame, m) come the most mine-like first. A-scans need the ``run``; ``subband`` is that of
+    the polarimetric point, default the first. ``poses`` are those (6,) of all scans that will be taken in, here or by
+    others, as far as they see the same alarms: with them only the scans that will be kept are cut up.
     """
 
     def __init__(
@@ -137,12 +124,11 @@ class EvidenceSums:
         looks = [(number, look) for number, some in enumerate(self._looks) for look in some]
         seen = np.flatnonzero(self._seen)
         polarization, subband = self._channels
-        values = np.array([look.values for _, look in looks], dtype=np.float16)
         return {
             "alarm": np.array([number for number, _ in looks], dtype=np.int64),
             "scan": np.array([look.scan for _, look in looks], dtype=np.int64),
             "distance": np.array([look.distance for _, look in looks], dtype=np.float64),
-            "values": values.reshape(len(looks), -1 if looks else 0),
+            "values": _stacked([look for _, look in looks]),
             "seen": seen,
             "coherency": self._coherency[seen],
             "polarization": np.array(polarization, dtype=np.str_),
@@ -167,16 +153,18 @@ class EvidenceSums:
             _CUT,
             _TRACE if self._run is not None else np.zeros(0),
             [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in self._looks],
-            [
-                np.array([look.values for look in one], dtype=np.float16).reshape(len(one), -1 if one else 0)
-                for one in self._looks
-            ],
+            [_stacked(one) for one in self._looks],
             entropy_alpha_points(self._coherency),
         )
 
     def _look(self, number: int, look: _Look) -> None:
         some = [*self._looks[number], look]
         self._looks[number] = sorted(some, key=lambda one: (one.distance, one.scan))[:MOST_SCANS]
+
+
+def _stacked(looks: list[_Look]) -> NDArray[np.float16]:
+    values = np.array([look.values for look in looks], dtype=np.float16)
+    return values.reshape(len(looks), -1 if looks else 0)
 
 
 def _distance(point: NDArray[np.float64]) -> float:
@@ -210,10 +198,7 @@ def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
 
 
 def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Make the matrix (frequency, offset) that takes focused tones (Hz) to range offsets r (m).
-
-    ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one.
-    """
+    """Make the matrix (frequency, offset) ``w(f)·exp(+j4πfr/c)``, w the Hann window of sum one, r in m."""
     weight = band_weights(frequency, ((float(frequency[0]), float(frequency[-1])),), WINDOWS["hann"])[0]
     scale = weight / max(float(weight.sum()), np.finfo(float).tiny)
     phase = 4 * np.pi * frequency[:, None] * offsets / SPEED_OF_LIGHT
@@ -258,10 +243,7 @@ def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.c
 
 
 def entropy_alpha_points(coherency: NDArray[np.complex128]) -> pd.DataFrame:
-    """Entropy and mean alpha angle of coherency matrices (alarm, 3, 3) (Cloude and Pottier 1997), in the Pauli basis.
-
-    ``entropy`` (0 to 1, logarithm to base 3) and ``alpha`` (rad); NaN for a zero matrix.
-    """
+    """Entropy (0 to 1) and mean angle alpha (rad) of coherency matrices (alarm, 3, 3); NaN for a zero one."""
     values, vectors = np.linalg.eigh(coherency)
     values = np.maximum(values, 0.0)
     total = values.sum(axis=-1, keepdims=True)

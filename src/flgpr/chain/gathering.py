@@ -144,10 +144,7 @@ class AlarmFeatures:
 
 
 class AlarmSums:
-    """Features of alarms (x, y in the lane frame, m), gathered scan by scan.
-
-    ``rows`` are their numbers among all alarms, by which states are exchanged; default 0, 1, ...
-    """
+    """Features of alarms (x, y in the lane frame, m), gathered scan by scan; ``rows`` are their numbers among all."""
 
     def __init__(self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None) -> None:
         self._how, self._rows = how, np.arange(len(alarms)) if rows is None else rows

@@ -22,22 +22,15 @@ from flgpr.chain.gathering import AlarmFeatures, AlarmSums, look_sums
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, bundled, group_of
-from flgpr.chain.recipe import Recipe, SuppressionTable
+from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled, group_of
+from flgpr.chain.recipe import Recipe
+from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
-from flgpr.clutter import Background, BackgroundEstimator, roadside_mask, shared_level, suppress_by_model
+from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
-from flgpr.kernels.sampling import bilinear
-from flgpr.kernels.windows import WINDOWS, band_weights
-from flgpr.model import ALARM_COLUMNS, Grid, Lane, empty_table, ground_points, lane_to_scan
-from flgpr.screen import (
-    RunViewSums,
-    local_maxima,
-    sample_scan,
-    select,
-    view_array,
-)
+from flgpr.model import ALARM_COLUMNS, Lane, empty_table
+from flgpr.screen import RunViewSums, local_maxima, select, view_array
 
 MAIN = "main"
 FloatArray = NDArray[np.float64]
@@ -65,42 +58,23 @@ def variations_of(recipe: Recipe) -> list[Variation]:
 
 @dataclass(frozen=True)
 class Detection:
-    """What one chain found.
+    """What one chain found."""
 
-    Attributes
-    ----------
-    name, title : str
-        "main" for the recipe itself, else the variant's.
-    alarms : DataFrame
-        Alarm table, the most mine-like first; ``roadside`` (main only, where the recipe suppresses the roadside) is the
-        share of the alarm's amplitude that the modelled roadside response explains.
-    view : xarray.DataArray
-        Run-view (polarization, subband, y, x) in units of the gain background.
-    notes : dict
-        Figures worth reporting.
-    channel : tuple of str, optional
-        Polarization and sub-band the alarms were raised on.
-    features, contributions : DataFrame, optional
-        Per alarm its features, and what each of them adds to the confidence.
-    training : DataFrame, optional
-        Features of the training alarms, with their ``label``.
-    evidence : Evidence, optional
-        What explains the alarms, for the viewer.
-    before : DataArray, optional
-        Run-view before clutter suppression, for the viewer.
-    """
-
+    #: name, title: "main" for the recipe itself, else the variant's
     name: str
     title: str
+    #: alarm table, the most mine-like first; ``roadside`` (main only, where the recipe suppresses the roadside) is the
+    #: share of the alarm's amplitude that the modelled roadside response explains
     alarms: pd.DataFrame
-    view: xr.DataArray
-    notes: dict[str, Any] = field(default_factory=dict)
-    channel: tuple[str, str] | None = None
+    view: xr.DataArray  #: run-view (polarization, subband, y, x) in units of the gain background
+    notes: dict[str, Any] = field(default_factory=dict)  #: figures worth reporting
+    channel: tuple[str, str] | None = None  #: polarization and sub-band the alarms were raised on
+    #: features, contributions: per alarm its features, and what each of them adds to the confidence
     features: pd.DataFrame | None = None
     contributions: pd.DataFrame | None = None
-    training: pd.DataFrame | None = None
-    evidence: Evidence | None = None
-    before: xr.DataArray | None = None
+    training: pd.DataFrame | None = None  #: features of the training alarms, with their ``label``
+    evidence: Evidence | None = None  #: what explains the alarms, for the viewer
+    before: xr.DataArray | None = None  #: run-view before clutter suppression, for the viewer
 
 
 def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
@@ -150,32 +124,12 @@ class CleanedRun:
 class LaneChain(Chain):
     """The passes of a recipe over one run.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run; for the ten features with HH, VV and HV or VH.
-    recipe : Recipe
-        The recipe.
-    lane : Lane
-        The lane.
-    model : Model or its detector, optional
-        What the recipe's stages have learnt; its detector scores the alarms, default: their local contrast.
-    known : mutable mapping of str to dict of ndarray, optional
-        Results by pass, kept here and looked up here.
-    section : Section, optional
-        The rows of the lane's run-view that are asked for; default all. Backgrounds are those of the whole run, and
-        run-view, alarms and features those that the whole lane has there.
-    others : mapping of str to xarray.Dataset, optional
-        Runs taken together with it, by the names that the recipe gives them.
-    truth : DataFrame, optional
-        Targets of a training lane, for the first stage that has not learnt yet.
-    explains : bool
-        Whether what explains the alarms to the viewer is gathered, too.
-
-    Raises
-    ------
-    ValueError
-        If the recipe does not fit the run, or learns and has no model, or there is a detector and nothing it reads.
+    The recipe must fit the run and have a model if it learns, whose detector scores the alarms, by default their local
+    contrast does. Results by pass are kept and looked up in ``known``. With a ``section`` only those rows of the lane's
+    run-view are worked on: backgrounds are those of the whole run, and run-view, alarms and features those that the
+    whole lane has there. ``others`` are runs taken together with it, by the names that the recipe gives them; ``truth``
+    are the targets of a training lane, for the first stage that has not learnt yet. With ``explains`` what explains the
+    alarms to the viewer is gathered, too.
     """
 
     def __init__(
@@ -229,7 +183,7 @@ class LaneChain(Chain):
             return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", lambda _: stage.examples(targets))]
         suppresses = any(variation.suppressed for variation in self.variations)
         if suppresses:
-            passes.append(Pass("roadside", "bright roadside", self._roadside, whole=True))
+            passes.append(Pass("roadside", "bright roadside", lambda _: self.roadside.find(self._image), whole=True))
         for variation in self.variations:
             kinds = (self._signature, self._gain, self._view, self._features)
             titles = ("self-signature", "gain background", "run-view", "features")
@@ -252,6 +206,11 @@ class LaneChain(Chain):
         windows = [self._rows(block) for block in self.blocks]
         return [number for number, rows in enumerate(windows) if rows.start < rows.stop] or [0]
 
+    @cached_property
+    def roadside(self) -> Roadside:
+        """What a variant suppresses beside the lane."""
+        return Roadside(self.recipe, self.imager, self.lane, self.known)
+
     @property
     def cleaned(self) -> CleanedRun:
         """The run's cleaned images; needs the pass "gain"."""
@@ -272,10 +231,7 @@ class LaneChain(Chain):
         return table[table["magnitude"] >= threshold].reset_index(drop=True)
 
     def ranked_alarms(self, variation: Variation | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Give ranked alarms and their features of a variation, by default the recipe's own.
-
-        Needs its pass "features". Those that have no confidence are left out.
-        """
+        """Give ranked alarms, those with a confidence, and their features of a variation; needs its pass "features"."""
         return self._ranked(variation or self.variations[0])[:2]
 
     def _ranked(self, variation: Variation) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
@@ -326,11 +282,7 @@ class LaneChain(Chain):
         if self.recipe.features is not None or detector is not None:
             notes["confidence"] = self._reads.single if detector is None else " + ".join(detector.features)
         if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
-            points, peaks = self.known["roadside"]["points"], self.known["share"]["peaks"]
-            notes["mask_pixels"] = len(points)
-            if len(points):
-                notes["mask_centre"] = [round(float(value), 3) for value in points[:, :2].mean(axis=0)]
-                notes["mask_peak_reduced_by_db"] = round(20 * float(np.log10(peaks[0] / peaks[1])), 1)
+            notes |= self.roadside.notes()
         return notes
 
     def _image(self, index: int, suppressed: bool) -> xr.DataArray:
@@ -338,77 +290,13 @@ class LaneChain(Chain):
         if (index, suppressed) in self._images:
             return self._images[index, suppressed]
         scan = int(self.imager.scans[index])
-        image = self.images.image(index, self._without_roadside(scan) if suppressed else None)
+        image = self.images.image(index, self.roadside.cleaned(scan) if suppressed else None)
         if self._remembers:
             self._images[index, suppressed] = image
         return image
 
-    def _without_roadside(self, scan: int) -> NDArray[np.complex64] | None:
-        table, points = self._suppression, self.known["roadside"]["points"]
-        if not len(points):
-            return None
-        weight = band_weights(
-            np.asarray(self.run["frequency"].values), (self.imager.subbands[table.subband],), WINDOWS["hann"]
-        )[0]
-        operator = self.imager.operator_on(scan, lane_to_scan(points, self.run["pose"].values[scan]))
-        return suppress_by_model(self.imager.signal(scan), operator, table.iterations, weight).data
-
-    @property
-    def _suppression(self) -> SuppressionTable:
-        if self.recipe.suppression is None:
-            raise ValueError("a variant with suppress_roadside needs the table suppression")
-        return self.recipe.suppression
-
-    def _roadside(self, block: range | None) -> Accumulator:  # noqa: ARG002
-        """Find the ground beside the lane that outshines everything in it."""
-        table, image, lane = self._suppression, self.imager.grid, self.lane
-        poses = self.run["pose"].values[self.imager.scans]
-        x = image.x_min + poses[:, 0].min(), image.x[-1] + poses[:, 0].max()
-        far = min(lane.y_max, image.y[-1] + poses[:, 1].max())
-        grid = Grid.spanning(x, (lane.y_min, far), table.spacing)
-        sums = RunViewSums(grid, np.inf)
-
-        def add(index: int) -> None:
-            whole = self._image(index, suppressed=False)
-            power = np.mean(np.abs(whole.sel(subband=[table.subband]).values) ** 2, axis=0, keepdims=True)
-            sums.add(np.sqrt(power), self.imager.grid, np.asarray(whole.attrs["pose"]))
-
-        def result() -> Arrays:
-            inside = lane.contains(*np.meshgrid(grid.x, grid.y))
-            mask = roadside_mask(sums.result()[0][0, 0], inside, round(table.grow / table.spacing))
-            return {"points": grid.points()[mask]}
-
-        return Accumulator(add, lambda _: sums.state(), sums.merge, result)
-
     def _share(self, block: range | None) -> Accumulator:  # noqa: ARG002
-        """Tell what part of the alarms' amplitude, and of the brightest pixel in the mask, the roadside's model is."""
-        alarms, points = self.raised(), self.known["roadside"]["points"]
-        channel = {"polarization": self.recipe.prescreen.polarization, "subband": self.recipe.prescreen.subband}
-        centres = ground_points(alarms)
-        sums = {name: np.zeros(len(alarms)) for name in ("total", "modelled")}
-        peaks = np.zeros(2)
-
-        def add(index: int) -> None:
-            both = [self._image(index, suppressed) for suppressed in (False, True)]
-            pose = np.asarray(both[0].attrs["pose"])
-            grid, local = self.imager.grid, lane_to_scan(centres, pose)
-            where = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
-            before, after = (bilinear(image.sel(channel).values, *where) for image in both)
-            sums["total"] += np.nan_to_num(np.abs(before) ** 2)
-            sums["modelled"] += np.nan_to_num(np.abs(before - after) ** 2)
-            for k, image in enumerate(both if len(points) else ()):
-                values = sample_scan(image.sel(subband=self._suppression.subband), lane_to_scan(points, pose))
-                peaks[k] = max(peaks[k], float(np.nanmax(values, initial=0.0)))
-
-        def merge(state: Mapping[str, NDArray[Any]]) -> None:
-            for name, value in sums.items():
-                value += state[name]
-            np.maximum(peaks, state["peaks"], out=peaks)
-
-        def state() -> Arrays:
-            return {**sums, "peaks": peaks}
-
-        return Accumulator(add, lambda _: state(), merge, state)
+        return self.roadside.share(self.raised(), self._image)
 
     def _signature(self, variation: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
         tool = self._estimator(variation)
@@ -439,8 +327,7 @@ class LaneChain(Chain):
 
     def _rows_gain(self, variation: Variation, first: Mapping[str, NDArray[Any]]) -> Accumulator:
         """Take the median magnitude of every row near the middle, mean over the scans."""
-        within = self.recipe.background.within or np.inf
-        near = np.abs(self.imager.grid.x) <= within
+        near = np.abs(self.imager.grid.x) <= (self.recipe.background.within or np.inf)
         sums = {"total": np.zeros((*first["signature"].shape[:3], 1)), "count": np.zeros(1)}
 
         def add(index: int) -> None:
@@ -449,13 +336,7 @@ class LaneChain(Chain):
             sums["total"] += np.median(level, axis=-1, keepdims=True)
             sums["count"] += 1
 
-        def merge(state: Mapping[str, NDArray[Any]]) -> None:
-            for name, value in sums.items():
-                value += state[name]
-
-        return Accumulator(
-            add, lambda _: dict(sums), merge, lambda: self._level(first, sums["total"] / np.maximum(sums["count"], 1))
-        )
+        return added(sums, add, lambda: self._level(first, sums["total"] / np.maximum(sums["count"], 1)))
 
     def _level(self, first: Mapping[str, NDArray[Any]], level: FloatArray) -> Arrays:
         """Give the result of the pass "gain" for a level that is broadcast over the image."""

@@ -25,47 +25,26 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Accumulator:
-    """What one pass gathers, as four functions.
+    """What one pass gathers, as four functions."""
 
-    Attributes
-    ----------
-    add : callable
-        Takes in one scan, by its index among the complete ones.
-    state : callable
-        Gives everything gathered so far; told True exactly, to go on with the same bits, else as the result needs it.
-    merge : callable
-        Takes in the state of the scans that follow.
-    result : callable
-        Gives what later passes may read.
-    """
-
-    add: Callable[[int], Any]
+    add: Callable[[int], Any]  #: takes in one scan, by its index among the complete ones
+    #: gives everything gathered so far; told True exactly, to go on with the same bits, else as the result needs it
     state: Callable[[bool], Arrays]
-    merge: Callable[[Any], None]
-    result: Callable[[], Arrays]
+    merge: Callable[[Any], None]  #: takes in the state of the scans that follow
+    result: Callable[[], Arrays]  #: gives what later passes may read
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass over the scans.
+    """One pass over the scans."""
 
-    Attributes
-    ----------
-    name, title : str
-        Name, and what it is called where progress is shown.
-    start : callable
-        Makes its accumulator for a block, or for all scans where it is given None; the results of earlier passes are
-        known by then.
-    whole : bool
-        Whether it goes through all scans where only a section of the lane is asked for.
-    stored : bool
-        Whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`.
-    """
-
+    #: name, title: its name, and what it is called where progress is shown
     name: str
     title: str
+    #: makes its accumulator for a block, or for all scans where it is given None, once earlier passes are known
     start: Callable[[range | None], Accumulator]
-    whole: bool = False
+    whole: bool = False  #: whether it goes through all scans where only a section of the lane is asked for
+    #: whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`
     stored: bool = False
 
 
@@ -143,6 +122,16 @@ def bundled(groups: Mapping[str, Arrays]) -> Arrays:
 def group_of(arrays: Mapping[str, NDArray[Any]], group: str) -> Arrays:
     """Take a group out of what :func:`bundled` made."""
     return {key.removeprefix(f"{group}|"): arrays[key] for key in arrays if key.startswith(f"{group}|")}
+
+
+def added(sums: Arrays, add: Callable[[int], Any], result: Callable[[], Arrays] | None = None) -> Accumulator:
+    """Accumulator of arrays of fixed shapes: ``add`` adds a scan's to ``sums``, and so are the states of others."""
+
+    def merge(state: Mapping[str, NDArray[Any]]) -> None:
+        for name, value in sums.items():
+            value += state[name]
+
+    return Accumulator(add, lambda _: dict(sums), merge, result or (lambda: sums))
 
 
 def gathered(parts: list[Arrays], add: Callable[[int], Any]) -> Accumulator:

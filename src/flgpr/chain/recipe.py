@@ -295,7 +295,7 @@ class Recipe(Table):
 
     def waits(self) -> list[str]:
         """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
-        why = {f"{name}": one.of.waits for name, one in self.named().items() if one.of.waits}
+        why = {name: one.of.waits for name, one in self.named().items() if one.of.waits}
         why |= {name: f"a stage of the kind {one.of.kind} is not run on scans as they come"
                 for name, one in self.named().items() if one.of.kind != "features" and name not in why}  # fmt: skip
         if self.image.frames > 1:
@@ -334,11 +334,7 @@ class Recipe(Table):
             raise ValueError(f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}")
         if self.map is not None and len(self.image.subbands) > 1:
             raise ValueError(f"image.subbands must be one band for a map, got {len(self.image.subbands)}")
-        kinds = [
-            f"{kind} {one.stage}"
-            for kind, some in (("clutter", self.clutter), ("columns", self.columns))
-            for one in some
-        ]
+        kinds = [f"clutter {one.stage}" for one in self.clutter] + [f"columns {one.stage}" for one in self.columns]
         if len(set(kinds)) != len(kinds):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
         if self.variants and (self.named() or self.image.frames > 1):
@@ -371,22 +367,9 @@ def recipe_text(name: str | Path) -> str:
 
 
 def load_recipe(name: str | Path) -> Recipe:
-    """Load and validate a recipe.
+    """Load and validate a recipe: the name of a packaged one, or the path of a TOML file.
 
-    Parameters
-    ----------
-    name : str or Path
-        Name of a packaged recipe, or path of a TOML file.
-
-    Returns
-    -------
-    Recipe
-        The recipe.
-
-    Raises
-    ------
-    ValueError
-        If there is no such recipe, or it breaks a rule; the message names every entry at fault.
+    The ValueError of one that is not there or breaks a rule names every entry at fault.
     """
     return parse_recipe(recipe_text(name), str(name))
 

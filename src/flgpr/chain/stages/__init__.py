@@ -51,40 +51,20 @@ class Table(BaseModel):
 
 @dataclass(frozen=True)
 class Setup:
-    """What a stage is told of the chain it belongs to.
+    """What a stage is told of the chain it belongs to."""
 
-    Attributes
-    ----------
-    run : xarray.Dataset
-        The run; live, where none is stored, one scan without an echo at the lane's origin.
-    others : mapping of str to xarray.Dataset
-        Runs that were taken together with it, by the name that recipes give them, such as a second band.
-    lane : Lane
-        The lane.
-    imager : ScanImager
-        Makes images and operators of the run; ``imager.scans`` are the numbers of its complete scans, in whose order
-        indices count.
-    images : Grid
-        Pixels of the scan images that count, in the scan frame.
-    view : Grid
-        Pixels of the run-view, in the lane frame.
-    imaged : list of int
-        Numbers of the polarizations that are imaged.
-    summed : int
-        Number of scans that an image is the coherent sum of.
-    known : mapping of str to dict of ndarray
-        Results of earlier passes.
-    """
-
-    run: xr.Dataset
+    run: xr.Dataset  #: the run; live, where none is stored, one scan without an echo at the lane's origin
+    #: runs that were taken together with it, by the name that recipes give them, such as a second band
     others: Mapping[str, xr.Dataset]
-    lane: Lane
+    lane: Lane  #: the lane
+    #: makes images and operators of the run; ``imager.scans`` are the numbers of its complete scans, in whose order
+    #: indices count
     imager: ScanImager
-    images: Grid
-    view: Grid
-    imaged: list[int]
-    summed: int
-    known: Mapping[str, Any]
+    images: Grid  #: pixels of the scan images that count, in the scan frame
+    view: Grid  #: pixels of the run-view, in the lane frame
+    imaged: list[int]  #: numbers of the polarizations that are imaged
+    summed: int  #: number of scans that an image is the coherent sum of
+    known: Mapping[str, Any]  #: results of earlier passes, arrays by name
 
     def pose(self, index: int) -> FloatArray:
         """Pose (6,) of the scan at an index among the complete ones."""
@@ -92,31 +72,15 @@ class Setup:
 
 
 class Stage:
-    """A step of a recipe. Subclass one of the kinds below.
+    """A step of a recipe: the entries of its table, the chain it belongs to, and what ``fit`` gave.
 
-    Parameters
-    ----------
-    settings : Table
-        Its entries in the recipe, an instance of ``Settings``.
-    setup : Setup
-        The chain it belongs to.
-    learnt : dict of str to ndarray, optional
-        What ``fit`` gave; None before training.
-
-    Attributes
-    ----------
-    kind : str
-        "clutter", "map", "screen" or "features".
-    learns : bool
-        Whether it must be trained: it then has ``fit``.
-    waits : str
-        Why it cannot work while scans come in; "" if it can.
+    Subclass one of the kinds below.
     """
 
-    kind: ClassVar[str] = ""
-    learns: ClassVar[bool] = False
-    waits: ClassVar[str] = ""
-    Settings: ClassVar[type[Table]] = Table
+    kind: ClassVar[str] = ""  #: "clutter", "map", "screen" or "features"
+    learns: ClassVar[bool] = False  #: whether it must be trained: it then has ``fit``
+    waits: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
+    Settings: ClassVar[type[Table]] = Table  #: the entries of its table in a recipe
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         self.settings, self.setup = settings, setup
@@ -126,18 +90,8 @@ class Stage:
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Learn from the training lanes: arrays to work with later, and figures worth reporting.
 
-        Parameters
-        ----------
-        settings : Table
-            Its entries in the recipe.
-        examples : list
-            One per training lane: the result of ``examples`` for the kinds that look at scans, else a
-            :class:`TrainingView`.
-
-        Returns
-        -------
-        dict of str to ndarray, dict
-            What it has learnt, and notes.
+        ``examples`` holds one thing per training lane: the result of ``examples`` for the kinds that look at scans,
+        else a :class:`TrainingView`.
         """
         raise NotImplementedError(f"{cls.__name__} does not learn")
 
@@ -234,12 +188,8 @@ class FeatureStage(Stage):
     def of_image(self, image: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:
         """Features of one scan: a column (alarm,) each; NaN where the scan does not see the alarm.
 
-        Parameters
-        ----------
-        image : xarray.DataArray
-            Cleaned complex scan image (polarization, subband, y, x), in units of the background.
-        points : (alarm, 2) ndarray
-            x and y of the alarms in the scan frame, m.
+        The image is cleaned, complex (polarization, subband, y, x), in units of the background; ``points`` (alarm, 2)
+        are x and y of the alarms in the scan frame, m.
         """
         raise NotImplementedError
 
@@ -283,25 +233,7 @@ FeaturesNamed = Annotated[Named, BeforeValidator(_named("features"))]
 
 
 def find_stage(kind: str, name: str) -> type[Stage]:
-    """Find a stage by its kind and name.
-
-    Parameters
-    ----------
-    kind : str
-        "clutter", "map", "screen" or "features".
-    name : str
-        Name of a packaged stage or of an entry point of the group "flgpr.stages".
-
-    Returns
-    -------
-    type
-        The stage's class.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name, or it is of another kind.
-    """
+    """Find a stage of a kind by its name: a packaged one, or an entry point of the group "flgpr.stages"."""
     if name in PACKAGED[kind]:
         module, _, which = PACKAGED[kind][name].partition(":")
         packaged: type[Stage] = getattr(import_module(f"flgpr.chain.stages.{module}"), which)

@@ -72,24 +72,14 @@ class MaskSettings(Table):
 
 @dataclass(frozen=True)
 class Aperture:
-    """Consecutive scans that are summed coherently, on pixels ahead of the latest.
+    """Consecutive scans that are summed coherently, on pixels ahead of the latest."""
 
-    Attributes
-    ----------
-    data : (scan, polarization, pair, frequency) ndarray of complex64
-        Received field.
-    operators : sequence of callable
-        Per scan, the maker of its operator on points of the latest scan's frame.
-    vv, vh : (y, x) ndarray of complex64
-        Coherent sums over the scans (Fuse et al. 2018, Eq. 4).
-    second : (y, x) ndarray of float32 or None
-        Second band: the mean magnitude over the scans, as its wavelength is too short for the poses.
-    """
-
-    data: ComplexArray
-    operators: Sequence[OperatorOn]
+    data: ComplexArray  #: (scan, polarization, pair, frequency): received field
+    operators: Sequence[OperatorOn]  #: per scan, the maker of its operator on points of the latest scan's frame
+    #: vv, vh: (y, x) coherent sums over the scans (Fuse et al. 2018, Eq. 4)
     vv: ComplexArray
     vh: ComplexArray
+    #: (y, x) second band: the mean magnitude over the scans, as its wavelength is too short for the poses
     second: NDArray[np.float32] | None
 
     def stack_on(self, points: FloatArray) -> FrameStack:
@@ -182,14 +172,9 @@ class MaskedSuppression(ClutterStage):
         passes = []
         if self._second is not None:
             imager = self._second
-            passes.append(
-                standing_pass(
-                    f"{BLOCKS}.second",
-                    len(imager),
-                    64,
-                    lambda index: imager.signal(int(self.setup.imager.scans[index])),
-                )
-            )
+            scans = self.setup.imager.scans
+            name = f"{BLOCKS}.second"
+            passes.append(standing_pass(name, len(imager), 64, lambda index: imager.signal(int(scans[index]))))
         if self.learnt:
             passes.append(Pass(BLOCKS, "suppression under masks", self._suppression, whole=True, stored=True))
         return passes
