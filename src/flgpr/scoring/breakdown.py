@@ -112,7 +112,7 @@ def decision_curves(
         One row per alarm and scan that saw it: an alarm table with the column ``ahead``, the down-track distance from
         the radar to the alarm in that scan, m. Rows that share ``alarm_id`` (and ``lane``) are one alarm; without that
         column each row is an alarm of its own.
-    truth, lane, **options
+    truth, lane, options
         As for :func:`flgpr.scoring.roc`.
     distances : sequence of float
         Decision distances, m.
