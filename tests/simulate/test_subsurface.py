@@ -22,7 +22,7 @@ from flgpr.simulate.subsurface import (
     stone_radii,
     subsurface_layers,
 )
-from flgpr.simulate.tables_buried import Stones
+from flgpr.simulate.tables import Stones
 from simulate.conftest import BARE, STILL
 
 DRY = {"model": "fixed", "permittivity": 3.4, "conductivity": 0.0}

@@ -75,10 +75,7 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float6
 
 
 def way_weights(position: ArrayLike) -> NDArray[np.float64]:
-    """Share of the way that each position (scan, 3) stands for: half the distance to both neighbours over the mean.
-
-    Ones where nothing moves.
-    """
+    """Share of the way that each position (scan, 3) stands for, half the way to both neighbours over the mean."""
     points = np.asarray(position, dtype=np.float64)
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     share = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))

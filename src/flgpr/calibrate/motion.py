@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model import check_run
+from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import attitude_matrix, heading_matrix
 from flgpr.model.phase import lengthen
-
-FloatArray = NDArray[np.float64]
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:

@@ -27,10 +27,7 @@ class Distortion:
 
 
 def scattering_matrices(run: xr.Dataset) -> NDArray[Any]:
-    """Order a run as scattering matrices (scan, pair, frequency, 2, 2): rows receive, columns transmit.
-
-    H comes before V, and "HV" transmits H. A polarization that is missing is a ValueError.
-    """
+    """Order a run of four polarizations as matrices (scan, pair, frequency, 2, 2): rows receive, columns transmit."""
     labels = [str(label) for label in run["polarization"].values]
     missing = [label for label in _PLACE if label not in labels]
     if missing:

@@ -15,8 +15,7 @@ from flgpr.imaging.engines import Engine
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
 from flgpr.kernels.transform import Spectrum
-
-FloatArray = NDArray[np.float64]
+from flgpr.model.arrays import ComplexArray, FloatArray
 
 GROUP = 8
 """Channels that a thread keeps in registers."""
@@ -195,7 +194,7 @@ class _Constants:
     rx: Any
     taps: Any
 
-    def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: NDArray[np.complex128] | None) -> None:
+    def __init__(self, spectrum: Spectrum, weight: FloatArray, phase: ComplexArray | None) -> None:
         tone = np.repeat(np.arange(spectrum.entries.size - 1), np.diff(spectrum.entries))
         order = np.argsort(spectrum.slot, kind="stable")
         begin = np.searchsorted(spectrum.slot[order], np.arange(spectrum.size + 1))

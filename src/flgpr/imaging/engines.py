@@ -14,13 +14,11 @@ from scipy.sparse import csr_array
 from flgpr.imaging.plan import Layout, Plan, make_plan
 from flgpr.imaging.threads import share
 from flgpr.kernels import profiles, transform
-from flgpr.kernels.direct import adjoint_direct, forward_direct
+from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, SPREAD_PAIRS, aligned
-from flgpr.kernels.precise import adjoint_precise, forward_precise
 from flgpr.model import SPEED_OF_LIGHT
-
-FloatArray = NDArray[np.float64]
+from flgpr.model.arrays import FloatArray
 
 
 class Engine:

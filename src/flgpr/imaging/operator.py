@@ -88,23 +88,12 @@ class ImagingOperator:
     """
 
     def __init__(
-        self,
-        frequency: ArrayLike,
-        tx_position: ArrayLike,
-        rx_position: ArrayLike,
-        pixels: ArrayLike,
-        subbands: Subbands | None = None,
-        tolerance: float = 1e-3,
-        device: str = "cpu",
-        permittivity: float = 1.0,
-        path_offset: ArrayLike | None = None,
-        window: str | ArrayLike | None = None,
-        half_space: float | None = None,
-        tx_pattern: Pattern | None = None,
-        rx_pattern: Pattern | None = None,
-        dtype: DTypeLike | None = None,
+        self, frequency: ArrayLike, tx_position: ArrayLike, rx_position: ArrayLike, pixels: ArrayLike,
+        subbands: Subbands | None = None, tolerance: float = 1e-3, device: str = "cpu", permittivity: float = 1.0,
+        path_offset: ArrayLike | None = None, window: str | ArrayLike | None = None, half_space: float | None = None,
+        tx_pattern: Pattern | None = None, rx_pattern: Pattern | None = None, dtype: DTypeLike | None = None,
         method: str = "auto",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.frequency = check_frequency(frequency)
         self.tx_position = _points(tx_position, "tx_position")
         self.rx_position = _points(rx_position, "rx_position")
@@ -150,10 +139,7 @@ class ImagingOperator:
         return self.engine.width
 
     def image_buffer(self, *lead: int) -> NDArray[Any]:
-        """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device.
-
-        ``lead`` is the number of polarizations, after leading axes if any.
-        """
+        """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device."""
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
     def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.kernels.direct import PreciseGeometry
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.kaiser import MAX_WIDTH, Window, best_shape, design, polynomials, transform
 from flgpr.kernels.layout import BLOCK
-from flgpr.kernels.precise import PreciseGeometry
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 Pattern = Callable[[FloatArray, FloatArray], FloatArray]
 
@@ -139,7 +139,7 @@ class Plan:
     per_turn: float
     carrier: float
     start: int
-    phase: NDArray[np.complex128] | None
+    phase: ComplexArray | None
     rounding: float
 
     @property
@@ -174,10 +174,7 @@ class Plan:
 def make_plan(
     frequency: FloatArray, active: NDArray[np.bool_], layout: Layout, offset: FloatArray, tolerance: float
 ) -> Plan:
-    """Choose window and spectrum for the ``active`` tones (those with a weight in any sub-band).
-
-    ``offset`` (pair,) m is taken off the paths by a factor on every tone.
-    """
+    """Choose window and spectrum for the ``active`` tones; ``offset`` (pair,) m is taken off by a factor on each."""
     swath = layout.swath()
     tones = place_tones(frequency[active], swath, tolerance)
     share = tolerance if tones.uniform else tolerance / 2

@@ -98,10 +98,9 @@ class ScanImager:
         return np.asarray(self.run["signal"].isel(scan=scan).values, dtype=np.complex64)
 
     def image(self, scan: int, signal: ArrayLike | None = None) -> xr.DataArray:
-        """Image one scan, or other data of it such as cleaned ones.
+        """Image one scan, or other data of it such as cleaned ones: complex64 (polarization, subband, y, x).
 
-        The image is complex64 (polarization, subband, y, x) in the scan frame; its attributes ``scan`` and ``pose``
-        tell where it was taken.
+        Its attributes ``scan`` and ``pose`` tell where it was taken.
         """
         data = self.signal(scan) if signal is None else signal
         return self.labelled(scan, self.operator(scan).adjoint(data))

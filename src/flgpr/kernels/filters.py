@@ -177,8 +177,7 @@ def _ranked(order: Any, image: Any) -> Any:
 def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
-    ``orders`` (image, pixel) lists the pixels of every image from small to large; the rows of an image are dealt to
-    ``parts`` independent sets of histograms.
+    ``orders`` (image, pixel) ranks the pixels of every image; its rows are dealt to ``parts`` sets of histograms.
     """
     count, ny = images.shape[0], images.shape[1]
     for task in prange(count * parts):
@@ -197,10 +196,7 @@ def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
 
 
 def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
-    """Exact median of finite images (image, y, x) in a window of ``size`` (y, x) odd pixels, less at the border.
-
-    Only every ``step``-th pixel both ways is computed and returned.
-    """
+    """Exact median of finite images (image, y, x) in a window as :func:`median_filter`, at every ``step``-th pixel."""
     stack = np.ascontiguousarray(images, dtype=np.float32)
     count, ny, nx = stack.shape
     out = np.empty((count, -(-ny // step), -(-nx // step)), np.float32)

@@ -22,10 +22,7 @@ MAX_WIDTH = 16
 
 @dataclass(frozen=True)
 class Window:
-    """A Kaiser-Bessel window over ``width`` of a profile's ``size`` bins, a power of two.
-
-    ``error`` is the largest relative interpolation error of any tone of the design.
-    """
+    """A Kaiser-Bessel window over ``width`` of ``size`` bins, a power of two, and its largest relative error."""
 
     width: int
     beta: float

@@ -187,10 +187,7 @@ def entry(rows: Any, one: int, active: Any, posterior: Any, rate: float) -> Any:
 def candidates(
     rows: Any, coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float, tolerance: float
 ) -> Any:  # fmt: skip
-    """Best basis function to enter, its gain, S and Q; -1 if none gains more than ``tolerance``.
-
-    Single precision ranks them; the first whose gain double precision confirms is taken.
-    """
+    """Best basis function to enter as double precision confirms, its gain, S and Q; -1 if none gains enough."""
     gain = ranking(coarse, allowed, active, posterior, rate)
     for _ in range(_CONFIRM):
         best = int(gain.argmax())
@@ -364,10 +361,9 @@ def exchange(
     rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float,
     fit: Any, tolerance: float, max_iter: int,
 ) -> Any:  # fmt: skip
-    """Leave a local maximum: take out one basis function after another and ascend anew from what is left.
+    """Leave a local maximum: take out one basis function after another and ascend anew, another one entering first.
 
-    The first to enter must be another one. ``fit`` is what :func:`ascend` returns, and so is the result, whose evidence
-    (less the prior's penalty) is no lower.
+    ``fit`` is what :func:`ascend` returns, and so is the result, whose evidence (less the prior's penalty) is no lower.
     """
     # One layout, whatever Python handed over: a matrix of one element has both.
     covariance = np.asfortranarray(fit.covariance)

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 
 def bilinear(images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[Any]:
-    """Sample images (..., y, x) at fractional pixels; NaN outside the outermost pixel centres.
-
-    ``row`` and ``column`` have any common shape, which replaces (y, x) in the result.
-    """
+    """Sample images (..., y, x) at fractional pixels of any shape; NaN outside the outermost pixel centres."""
     ny, nx = images.shape[-2:]
     inside = (row >= -1e-9) & (row <= ny - 1 + 1e-9) & (column >= -1e-9) & (column <= nx - 1 + 1e-9)
     r = np.clip(row, 0, ny - 1)

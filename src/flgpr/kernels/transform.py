@@ -41,10 +41,7 @@ class Spectrum(NamedTuple):
 
 @njit(**_FAST)
 def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
-    """Transform the lane rows ``a`` to Σ_k a_k exp(+j2πkm/size), ``size`` a power of two.
-
-    ``b`` is work space of the same shape; returns the one of the two that holds the result.
-    """
+    """Transform lane rows ``a``, with ``b`` as work space, to Σ_k a_k exp(+j2πkm/size); returns the one that has it."""
     lanes = uint64(2 * len(channels))
     length, stride = uint64(size), uint64(1)
     while length >= uint64(4):
@@ -69,7 +66,6 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
 def compress(data, weight, spectrum, table, channels, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``table`` (pair, bin, lane) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
 
-    ``weight`` (subband, tone).
     The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero.
     """
     half, size, first = len(channels), spectrum.size, spectrum.first

@@ -41,10 +41,7 @@ def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: st
 
 
 def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:
-    """Tell one fault of pydantic in a line, such as ``targets.0.dept: no such entry; did you mean depth?``.
-
-    ``whole`` is what to call the file where no single entry is at fault; it may be empty.
-    """
+    """Tell one fault in a line, ``targets.0.dept: no such entry; did you mean depth?``, or of the ``whole`` file."""
     place = tuple(fault["loc"])
     where = ".".join(map(str, place)) or whole
     return f"{where}: {_rule(fault, schema, place)}" if where else _rule(fault, schema, place)

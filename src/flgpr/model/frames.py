@@ -60,18 +60,7 @@ def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
 
 
 def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the vehicle to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``.
-
-    Examples
-    --------
-    A vehicle at (2, 10) m that heads to the right: what is a metre ahead of it lies a metre to the right in the lane.
-
-    >>> import numpy as np
-    >>> from flgpr.model import vehicle_to_lane
-    >>> pose = (2.0, 10.0, 1.5, np.radians(90), 0.0, 0.0)
-    >>> vehicle_to_lane([0.0, 1.0, 0.0], pose).round(3)
-    array([ 3. , 10. ,  1.5])
-    """
+    """Take points (..., 3), m, from the vehicle to the lane frame: ``t + Rz(-heading)·Rx(pitch)·Ry(roll)·p``."""
     return scan_to_lane(vehicle_to_scan(position, pose), pose)
 
 

@@ -15,15 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Lane:
-    """The rectangle that is scored.
-
-    Examples
-    --------
-    >>> from flgpr.model import Lane
-    >>> lane = Lane(-2.0, 2.0, 0.0, 60.0)
-    >>> lane.area, lane.contains([0.0, 2.0, 2.1], [10.0, 60.0, 10.0])
-    (240.0, array([ True,  True, False]))
-    """
+    """The rectangle that is scored; a point on its border is inside."""
 
     #: x_min, x_max, y_min, y_max: its borders in the lane frame, m. A point on the border is inside
     x_min: float

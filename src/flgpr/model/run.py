@@ -133,11 +133,7 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 
 
 def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
-    """Tell which scans have every sweep, (scan,).
-
-    A missing sweep changes what the array sees of its own self-signature, so a scan with a gap is left out of
-    processing rather than imaged with a hole in its aperture.
-    """
+    """Tell which scans have every sweep (scan,): a gap changes the array, and the scan is left out of processing."""
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
 
 

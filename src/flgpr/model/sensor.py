@@ -163,10 +163,7 @@ class Sensor(BaseModel):
         return self
 
     def pairs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions of every pair's transmitter and receiver, (pair, 3) each, in the vehicle frame.
-
-        They go transmitter by transmitter; of a scanned pair, position by position.
-        """
+        """Positions (pair, 3) of every pair's transmitter and receiver in the vehicle frame, transmitters outermost."""
         tx, rx = np.asarray(self.tx, dtype=float), np.asarray(self.rx, dtype=float)
         first, second = self.pair_indices()
         return tx[first], rx[second]

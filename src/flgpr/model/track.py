@@ -56,10 +56,9 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
 def poses_at(
     track: pd.DataFrame, time: ArrayLike, clock_offset: float = 0.0, clock_rate: float = 1.0, max_gap: float = np.inf
 ) -> NDArray[np.float64]:
-    """Interpolate a track at the radar's times, linearly between fixes, to poses (scan, 6) with headings within ±π.
+    """Interpolate a track at ``clock_offset + clock_rate·time``, linearly, to poses (scan, 6) with headings within ±π.
 
-    Time on the track's clock is ``clock_offset + clock_rate·time``. A time outside the track, or in a gap longer than
-    ``max_gap``, is a ValueError.
+    A time outside the track, or in a gap longer than ``max_gap``, is a ValueError.
     """
     check_track(track)
     stamp = track["time"].to_numpy()
@@ -108,10 +107,9 @@ def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
-    """Heading clockwise from +y of a track from the direction it moves in.
+    """Heading clockwise from +y of a track from the direction it moves in; one that never moves is a ValueError.
 
-    A fix nearer than ``least`` to its neighbours takes the heading of the nearest that is not; a track that never moves
-    is a ValueError.
+    A fix nearer than ``least`` to its neighbours takes the heading of the nearest that is not.
     """
     points = np.asarray(position, dtype=np.float64)[:, :2]
     rows = np.arange(len(points))

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model import Sensor
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.draw import stream
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _TAPS = 32  # delays of which a leakage in frequency is made
 _SETTLING = 60  # scans between the knots of the antennas' drift: a minute or two, as temperatures take
 

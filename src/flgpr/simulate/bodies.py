@@ -7,21 +7,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flgpr.model.arrays import ComplexArray
 from flgpr.simulate.refraction import reflection
 
-ComplexArray = NDArray[np.complex128]
 Profile = Sequence[tuple[float, float]]
 
 _LARGEST_COEFFICIENT = 5.0  # keeps a face seen at normal incidence, where the ray picture fails, from growing at will
 
 
 class Rim(NamedTuple):
-    """One visible point of a rim: the near (to the radar) or the far end of a circular edge, ``drop`` below the top.
-
-    ``h`` and ``v`` are diffraction coefficients with the signs of backscatter alignment: a plate gives h = v.
-    """
+    """One visible point of a ring edge, near or far, ``drop`` below the top; of a plate the coefficients have h = v."""
 
     radius: float
     drop: float
@@ -52,10 +49,9 @@ def wedge_coefficients(angle: float, exterior: float) -> tuple[float, float]:
 
 
 def visible_rims(profile: Profile, sine: float) -> list[Rim]:
-    """List the rims of a body of revolution that the radar sees, and how strongly each diffracts.
+    """List the rims that the radar sees, convex corners whose edge is lit, near ends first, and how each diffracts.
 
-    Corners are given from the top's centre to the bottom's, the sine is that in the medium around. Convex corners whose
-    edge is lit count, near ends before far ends at each.
+    Corners go from the top's centre to the bottom's, the sine is that in the medium around.
     """
     theta = math.asin(sine)
     rims = []
@@ -78,9 +74,8 @@ def visible_rims(profile: Profile, sine: float) -> list[Rim]:
 def rim_amplitude(rim: Rim, wavenumber: ArrayLike, sine: ArrayLike) -> ComplexArray:
     """Scattering amplitude, m, that multiplies a rim's coefficients; wavenumber and sine in the medium around.
 
-    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point, so that the cross section of one flash is
-    ``4π|F·D|² = D²·a/(k·sinθ)``: with D = cotθ/2 that is the physical-optics disc's
-    ``(4πA²/λ²)·cos²θ·(2/x)²·(2/πx)/4``, x = 2ka·sinθ.
+    ``sqrt(a/(4πk·sinθ))`` with the phase of the ring's stationary point; with D = cotθ/2 it is the physical-optics
+    disc's.
     """
     k, s = np.asarray(wavenumber, dtype=float), np.asarray(sine, dtype=float)
     size = np.sqrt(rim.radius / (4 * np.pi * k * s))
@@ -93,8 +88,7 @@ def layered_reflection(
     """Reflection of a stack of plane layers for H and V, by recursion from the bottom.
 
     ``media`` are relative permittivities from the side of incidence down, two more than there are thicknesses; sine and
-    wavenumber are those in air. One layer between equal half-spaces is the slab
-    ``r(1 - e^{-2jqt})/(1 - r²e^{-2jqt})`` with ``q = k0·sqrt(ε_m - sin²θ)``.
+    wavenumber are those in air.
     """
     if len(media) != len(thickness) + 2:
         raise ValueError(f"media must be two more than thickness, got {len(media)} and {len(thickness)}")

@@ -10,10 +10,7 @@ _MASK = (1 << 64) - 1
 
 
 def stream(seed: int, name: str, first: int = 0, second: int = 0) -> np.random.Generator:
-    """Open the random stream of one purpose and place: tile indices or a scan number, negative ones, too.
-
-    It is counter-based (Philox), so that streams need no storage and no order.
-    """
+    """Open the random stream of one purpose and place (tile or scan): counter-based, so that no order matters."""
     key = np.array([seed & _MASK, zlib.crc32(name.encode())], dtype=np.uint64)
     counter = np.array([0, 0, first & _MASK, second & _MASK], dtype=np.uint64)
     return np.random.Generator(np.random.Philox(key=key, counter=counter))

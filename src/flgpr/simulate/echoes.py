@@ -12,6 +12,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import bodies
 from flgpr.simulate.draw import stream
 from flgpr.simulate.refraction import Ray, interface_path, reflection, refracted_ray
@@ -19,8 +20,6 @@ from flgpr.simulate.roughness import HeightField
 from flgpr.simulate.scene import Soil, Target, Thing
 from flgpr.simulate.spread import ArrayState, antenna_terms
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _UPRIGHT = np.array([1.0, 1.0, 0.0])
 
 
@@ -175,10 +174,7 @@ def add_object(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, 
 
 
 def _add_rock(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, seed: int) -> None:
-    """Half-buried stone of permittivity 6: a small sphere's dipole that saturates at its optical cross section.
-
-    The dipole and its image in the ground, half a radius up, echo together.
-    """
+    """Half-buried stone of permittivity 6, its dipole saturating, and its image in the ground half a radius up."""
     sine = incidence(thing.x, thing.y, 0.0, array)
     k, cosine = ground.wavenumber, math.sqrt(1 - sine**2)
     optical, dipole = ((math.sqrt(6) - 1) / (math.sqrt(6) + 1)) ** 2, ((6 - 1) / (6 + 2)) ** 2
@@ -210,10 +206,7 @@ def _add_post(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayState, s
 
 
 def bush_scatterers(thing: Thing, seed: int, count: int = 24) -> tuple[FloatArray, ComplexArray]:
-    """Scatter a bush's twigs: places (count, 3) and amplitudes (count, 3) of HH, VV and cross, m.
-
-    They are independent, cross 6 dB down; the bush's ``rcs_db`` at 1 GHz is the mean of HH.
-    """
+    """Scatter a bush's twigs: places (count, 3) and amplitudes (count, 3), m; cross 6 dB down, HH of ``rcs_db``."""
     rng = stream(seed, "bush", round(thing.x * 1000), round(thing.y * 1000))
     place = rng.normal(0, 0.5, (count, 3)) * thing.radius
     place[:, 2] = rng.uniform(0.05, 1.0, count) * max(thing.height, 0.1)
@@ -240,10 +233,7 @@ def _add_fiducial(echoes: Echoes, thing: Thing, ground: Ground, array: ArrayStat
 
 
 def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
-    """Gain over distance of every antenna towards places (n, 3), H to h, H to v and V to v: (antenna, n, 3).
-
-    A beam that narrows with frequency is left out: it is applied tone by tone.
-    """
+    """Gain over distance of antennas towards places: (antenna, n, 3), H to h, H to v, V to v; less the narrowing."""
     shape = (len(array.position), len(places))
     gain = np.empty((*shape, 3), np.float32)
     exponent = 0.0 if array.growth > 0 else array.exponent
@@ -254,10 +244,7 @@ def antenna_gains(places: FloatArray, array: ArrayState) -> NDArray[np.float32]:
 
 
 def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDArray[np.complex64]:
-    """Sum echoes over all pairs and tones, to (4, pair, frequency): HH, HV, VH and VV.
-
-    For horns these are along the rays' own directions, for dipoles along the antennas.
-    """
+    """Sum echoes to (4, pair, frequency): HH, HV, VH, VV along the rays' directions, for dipoles the antennas'."""
     out = np.zeros((4, array.tx.size, frequency.size), np.complex64)
     if not echoes.path:
         return out

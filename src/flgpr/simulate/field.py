@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import gamma
 
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Patch, Surface
 
-FloatArray = NDArray[np.float64]
 TILE, TILES_KEPT = 1.0, 4000  # m, and how many stay in memory
 
 
@@ -31,10 +31,7 @@ def cells_of(count: float) -> tuple[int, int]:
 
 
 def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
-    """Places (point, 2) in the unit square, each anywhere within a cell of its own (jittered sampling, Cook 1986).
-
-    So few scatterers share power out over resolution cells as evenly as several times as many strewn at random do.
-    """
+    """Places (point, 2) in the unit square, each in a cell of its own (jittered, Cook 1986), so that few are even."""
     corner = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 2)
     return np.asarray((corner + rng.random(corner.shape)) / cells)
 
@@ -42,8 +39,7 @@ def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
 class Scatterers(NamedTuple):
     """Point scatterers on the mean surface: places (point, 2) in the lane frame and amplitudes (point, 3).
 
-    Amplitudes HH, VV and cross are to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; their mean square is the area per
-    scatterer, m².
+    They are to be multiplied by sqrt(σ⁰) of HH, of VV, of HH; their mean square is the area per scatterer, m².
     """
 
     xy: FloatArray
@@ -51,10 +47,9 @@ class Scatterers(NamedTuple):
 
 
 class SurfaceField:
-    """A field of scatterers over the whole plane that needs no storage.
+    """A field of ``density`` scatterers per m² over the whole plane, of which ``keep`` tiles stay in memory.
 
-    ``density`` is per m²; ``keep`` tiles stay in memory. ``patches`` are where the ground scatters more; ``name`` is
-    that of the random numbers.
+    ``patches`` are where the ground scatters more; ``name`` is that of the random numbers.
     """
 
     def __init__(

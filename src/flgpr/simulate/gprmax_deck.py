@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, vehicle_to_lane
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.debye import RelaxingMedium, fit_relaxation
 from flgpr.simulate.gprmax_grid import Grid, GridPoint, rectangles
 from flgpr.simulate.roughness import surface_heights
@@ -24,7 +25,6 @@ from flgpr.simulate.subsurface import strewn
 from flgpr.simulate.track import draw_track
 from flgpr.simulate.world import World, draw_world
 
-FloatArray = NDArray[np.float64]
 FORMAT = "flgpr-gprmax-1"
 SCENE_FILE = "scene.txt"
 _ABSORBER = 10  # cells
@@ -68,7 +68,9 @@ def make_decks(
     media = scene.soil.media(tones)
     slowest = max(float(np.sqrt(np.abs(eps)).max()) for eps in media)
     wavelength = SPEED_OF_LIGHT / tones[-1]
-    cell = _round_down(min(wavelength / slowest, wavelength) / cells_per_wavelength)
+    cell = min(wavelength / slowest, wavelength) / cells_per_wavelength
+    digits = 10.0 ** (math.floor(math.log10(cell)) - 1)
+    cell = round(math.floor(cell / digits + 1e-9) * digits, 9)  # rounded down, so that files and grids are readable
     antennas = np.stack([vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), pose) for pose in poses])
     grid = _grid(scene, world, antennas, cell)
     count = math.prod(grid.shape)
@@ -110,22 +112,13 @@ def make_decks(
         f"{len(runs)} runs and {len({run['free'] for run in runs})} of air alone",
         f"{' x '.join(map(str, grid.shape))} cells of {1000 * cell:g} mm: {count * _BYTES_PER_CELL / 2**30:.2g} GiB",
         f"{window / grid.time_step:.0f} time steps, {count * window / grid.time_step:.2g} cell updates per run",
-        *(f"soil {k + 1}: {_fit_words(one)}" for k, one in enumerate(relaxing)),
+        *(
+            f"soil {k + 1}: {len(one.poles)} Debye poles, off by at most {100 * one.error_real:.2g} % in ε' and "
+            f"{100 * one.error_loss:.2g} % in ε''"
+            for k, one in enumerate(relaxing)
+        ),
     ]
     return decks
-
-
-def _fit_words(medium: RelaxingMedium) -> str:
-    return (
-        f"{len(medium.poles)} Debye poles, off by at most {100 * medium.error_real:.2g} % in ε' and "
-        f"{100 * medium.error_loss:.2g} % in ε''"
-    )
-
-
-def _round_down(cell: float) -> float:
-    """Round a cell down to two digits, so that files and grids are readable."""
-    digits = 10.0 ** (math.floor(math.log10(cell)) - 1)
-    return round(math.floor(cell / digits + 1e-9) * digits, 9)
 
 
 def _grid(scene: Scene, world: World, antennas: FloatArray, cell: float) -> Grid:
@@ -331,6 +324,8 @@ def _runs(
         directions = {"H": turn[:, 0], "V": turn @ np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])}
         places = antennas[scan]
         air = _air_grid(grid, places)
+        widest = np.linalg.norm(places[:, None] - places, axis=-1).max()
+        air_window = float(1.1 * widest / SPEED_OF_LIGHT + 4 / centre)
         for tx in sorted(set(first.tolist())):
             pairs = np.flatnonzero(first == tx)
             receivers = [_receiver(places[len(sensor.tx) + second[p]], directions, grid) for p in pairs]
@@ -340,7 +335,7 @@ def _runs(
                 title = f"{scene.name}, {name}"
                 decks.files[f"{name}.in"] = _deck(title, grid, source, receivers, centre, window)
                 shifted = _shift(source, receivers, grid, air)
-                text = _deck("air alone", air, *shifted, centre, _air_window(places, centre), scene=False)
+                text = _deck("air alone", air, *shifted, centre, air_window, scene=False)
                 free = free_files.setdefault(text, f"air-{name}")
                 decks.files[f"{free}.in"] = text
                 runs.append(
@@ -359,11 +354,6 @@ def _runs(
                     }
                 )  # fmt: skip
     return runs
-
-
-def _air_window(places: FloatArray, centre: float) -> float:
-    widest = np.linalg.norm(places[:, None] - places, axis=-1).max()
-    return float(1.1 * widest / SPEED_OF_LIGHT + 4 / centre)
 
 
 Receiver = dict[str, list[tuple[int, GridPoint]]]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from flgpr.model.arrays import FloatArray
 
 
 class GridPoint(NamedTuple):

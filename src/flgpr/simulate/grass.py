@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate import tables
 from flgpr.simulate.draw import stream
 from flgpr.simulate.field import Scatterers, SurfaceField
 from flgpr.simulate.layers import PointEchoes, View
 from flgpr.simulate.scene import Surface
 
-FloatArray = NDArray[np.float64]
 _RANKS = 2
 _SLANTS = np.linspace(0.0, 15.0, 128)  # of a ray's way through the grass, over its height, times what V suffers more
 _LEAST_COSINE = 0.05
 
 
 def slants(grass: tables.Grass, sine: ArrayLike) -> FloatArray:
-    """Optical depth (3, ...) of the whole layer along a ray over that of H at nadir.
+    """Optical depth (3, ...) of the whole layer along a ray over that of H at nadir: H, V, and their mean for cross.
 
-    ``1/cosθ`` of H, ``(cos²θ + upright·sin²θ)/cosθ`` of V, and the mean of both, which one way of each leaves of a
-    cross-polarized echo (Wigneron et al. 2017).
+    ``1/cosθ`` of H, ``(cos²θ + upright·sin²θ)/cosθ`` of V (Wigneron et al. 2017).
     """
     sine = np.asarray(sine, dtype=float)
     cosine = np.sqrt(np.maximum(1 - sine**2, _LEAST_COSINE**2))
@@ -35,10 +34,7 @@ def optical_depth(grass: tables.Grass, frequency: ArrayLike) -> FloatArray:
 
 
 def through_grass(grass: tables.Grass, frequency: ArrayLike, sine: ArrayLike, above: float = 1.0) -> FloatArray:
-    """Two-way factor (3, ..., frequency) of the field HH, VV and cross of all that lies below the grass.
-
-    ``above`` is the part of the grass's height above the scatterer.
-    """
+    """Two-way factor (3, ..., frequency) of HH, VV and cross of what has the part ``above`` of the grass over it."""
     way = slants(grass, sine)[..., None]
     if not grass.grown:
         return np.ones(way.shape[:-1] + np.shape(frequency))

@@ -6,16 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.echoes import Ground
 from flgpr.simulate.inclusions import disc_flash
 from flgpr.simulate.roughness import bragg_factors
 from flgpr.simulate.scene import Patch, Scene, Target
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class Hole(NamedTuple):
@@ -113,11 +111,10 @@ def hole_factor(hole: Hole, depth: float, sine: float, ground: Ground) -> tuple[
 def wall_flash(
     hole: Hole, contrast: complex, soil: float, wall: float, sine: float, wavenumber: float, side: float
 ) -> complex:
-    """Amplitude of the flash of a hole's upper edge (Born), m; the lower edge has the opposite sign.
+    """Amplitude of the near (``side`` 1) or far (-1) flash of a hole's upper edge (Born), m; the lower's is opposite.
 
-    ``k0²/4π·δε·πa²`` times the disc's transform (:func:`~flgpr.simulate.inclusions.disc_flash`) and the depth's end
-    point ``1/(2jk0·sqrt(ε - sin²θ))``, weakened by the wall's unevenness, ``exp(-(2k0·w·sinθ)²/2)``. ``side`` is 1 for
-    the near flash and -1 for the far one.
+    ``k0²/4π·δε·πa²`` times :func:`~flgpr.simulate.inclusions.disc_flash` and the depth's end point
+    ``1/(2jk0·sqrt(ε - sin²θ))``, weakened by the wall's unevenness, ``exp(-(2k0·w·sinθ)²/2)``.
     """
     across = 2 * wavenumber * wall * sine
     end = 1 / (2j * wavenumber * math.sqrt(soil - sine**2))

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.antennas import AntennaErrors, slow_change
 from flgpr.simulate.draw import stream
 from flgpr.simulate.roughness import surface_backscatter
 
-FloatArray = NDArray[np.float64]
 _KNOT = 6  # scans between the knots of slow drift
 
 

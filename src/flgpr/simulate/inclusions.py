@@ -7,10 +7,10 @@ frequency; its growth with frequency is one of the shapes below.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from flgpr.model.arrays import ComplexArray, FloatArray
+
 _FULL = np.sqrt(4 * np.pi)
 
 
@@ -89,10 +89,7 @@ def volume_backscatter(
 
 
 def disc_flash(radius: ArrayLike, wavenumber: float, sine: ArrayLike = 1.0, side: float = 1.0) -> ComplexArray:
-    """Flash of a level disc's transform ``2J_1(x)/x``, ``x = 2k0·a·sinθ``: near for ``side`` 1, far for -1.
-
-    ``sqrt(2/πx³)·exp(∓3πj/4)``, the leading term of large x, by the phase of the rim itself.
-    """
+    """Flash of a level disc's transform ``2J_1(x)/x``, x = 2k0·a·sinθ, for large x: near (``side`` 1) or far (-1)."""
     x = 2 * wavenumber * np.asarray(radius, dtype=float) * np.asarray(sine, dtype=float)
     return np.asarray(np.sqrt(2 / (np.pi * x**3)) * np.exp(-0.75j * np.pi * side))
 

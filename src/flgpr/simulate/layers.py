@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq, qr
 
 from flgpr.model import heading_matrix
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.field import SurfaceField
 from flgpr.simulate.spread import ArrayState, Spreader
 from flgpr.simulate.terrain import Terrain
@@ -22,7 +23,6 @@ from flgpr.simulate.terrain import Terrain
 if TYPE_CHECKING:
     from flgpr.simulate.shadow import Shadows
 
-FloatArray = NDArray[np.float64]
 _SAMPLE = 240  # points of a layer by which the tones are chosen
 _COSINES = np.linspace(0.35, 1, 14)  # two-way cosines off the axis, for a layer that has no point in view
 _TOLERANCE, _MOST = 0.01, 8
@@ -88,10 +88,9 @@ class Layer(Protocol):
 
 
 class SineSpectra:
-    """Spectra that depend on the angle of incidence as few functions of frequency with weights by its sine.
+    """Spectra by incidence as few functions of frequency, ``basis`` (rank, 3, frequency), with weights by its sine.
 
-    ``spectra`` (3, sine, frequency) are amplitudes of HH, VV and cross at uniform sines, ``basis`` is (rank, 3,
-    frequency).
+    ``spectra`` (3, sine, frequency) are amplitudes of HH, VV and cross at uniform sines.
     """
 
     def __init__(self, sines: FloatArray, spectra: FloatArray, ranks: int) -> None:
@@ -131,10 +130,7 @@ class SurfaceLayer:
 
 
 class Skeleton:
-    """Tones (``nodes``) and functions (rank, frequency) for the spectra of some layers as an array sees them.
-
-    The tones are chosen by a view of some of the layers' scatterers.
-    """
+    """Tones (``nodes``) and functions (rank, frequency) for layers' spectra, chosen by a view of some scatterers."""
 
     def __init__(self, layers: Iterable[Layer], view: View, frequency: FloatArray) -> None:
         self._array, self._frequency = view.array, frequency
@@ -187,10 +183,7 @@ def _choose(rows: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[Any]]:
 
 
 def sum_layers(layers: Iterable[Layer], view: View, spreader: Spreader, skeleton: Skeleton) -> NDArray[np.complex64]:
-    """Sum the echoes of all layers over pairs and tones, in the channels that the Spreader gives.
-
-    The skeleton has the tones at which the layers' spectra are taken.
-    """
+    """Sum the echoes of all layers, taken at the skeleton's tones, over pairs and tones, as the Spreader does."""
     every = [layer.echoes(view) for layer in layers]
     if not every:
         return np.zeros((4 if view.array.dipoles else 3, view.array.tx.size, spreader.count), np.complex64)

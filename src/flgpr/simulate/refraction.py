@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from flgpr.model.arrays import ComplexArray, FloatArray
 
 
 class Ray(NamedTuple):
-    """Rays from an antenna over the ground to buried points: electrical path at the real index and sine at the surface.
-
-    ``entry`` is the horizontal distance from the buried point back to the point where the ray enters.
-    """
+    """Rays to buried points: electrical path, m, sine at the surface, and how far before the point they enter, m."""
 
     path: FloatArray
     sine: FloatArray
@@ -57,20 +54,12 @@ def refracted_ray(
 
 
 def apparent_shift(depth: ArrayLike, permittivity: float, sine: ArrayLike) -> FloatArray:
-    """How far away a buried point appears when the image is focused on the surface: ``d·sqrt(ε - sin²θ)/sinθ``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from flgpr.simulate.refraction import apparent_shift
-    >>> apparent_shift(0.10, np.array([3.4, 10.7]), np.sin(np.radians(67))).round(3)  # m, dry and wet soil
-    array([0.174, 0.341])
-    """
+    """How far away a buried point appears in an image focused on the surface: ``d·sqrt(ε - sin²θ)/sinθ``, m."""
     s = np.asarray(sine, dtype=np.float64)
     return np.asarray(np.asarray(depth, dtype=np.float64) * np.sqrt(permittivity - s**2) / s)
 
 
-def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDArray[np.complex128], ...]:
+def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[ComplexArray, ...]:
     """Fresnel reflection of the electric field (H) and of the magnetic field (V) at a plane interface.
 
     The sine is Snell's invariant, that in air, complex for waves that fade. A perfect conductor below gives -1 and +1.
@@ -81,18 +70,17 @@ def reflection(sine: ArrayLike, above: ArrayLike, below: ArrayLike) -> tuple[NDA
     return (q1 - q2) / (q1 + q2), (e2 * q1 - e1 * q2) / (e2 * q1 + e1 * q2)
 
 
-def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[NDArray[np.complex128], ...]:
+def two_way_transmission(sine: ArrayLike, permittivity: ArrayLike) -> tuple[ComplexArray, ...]:
     """Product t12·t21 = 1 - R² of the transmission of plane waves into and out of the ground, H and V; sine in air."""
     r_h, r_v = reflection(sine, 1.0, permittivity)
     return 1 - r_h**2, 1 - r_v**2
 
 
-def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> NDArray[np.complex128]:
+def ray_divergence(sine: ArrayLike, permittivity: ArrayLike) -> ComplexArray:
     """Amplitude of a spherical wave that leaves the ground over a plane wave's, H and V: ``cosθ/sqrt(ε - sin²θ)``.
 
-    Rays from a point in the ground spread as they leave it: seen from air the solid angle grows by
-    ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12², as reciprocity demands (t12 is the
-    transmission of the electric field into the soil, and t21 = t12·n·cosθ_t/cosθ).
+    Seen from air the solid angle grows by ``n²·cosθ_t/cosθ``. Together with :func:`two_way_transmission` this is t12²,
+    as reciprocity demands.
     """
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     return np.asarray(np.sqrt(1 - s2) / np.sqrt(np.asarray(permittivity, dtype=np.complex128) - s2))
@@ -109,9 +97,6 @@ def two_way_attenuation(
 
 
 def interface_path(sine: ArrayLike, permittivity: float) -> FloatArray:
-    """Path gained per metre of surface height, one way: ``sqrt(ε - sin²θ) - cosθ``.
-
-    Times k0·s and squared it is the phase variance of a rough surface of rms height s.
-    """
+    """Path gained per metre of surface height, one way: ``sqrt(ε - sin²θ) - cosθ``."""
     s2 = np.asarray(sine, dtype=np.float64) ** 2
     return np.asarray(np.sqrt(permittivity - s2) - np.sqrt(1 - s2))

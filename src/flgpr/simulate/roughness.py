@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Surface
-
-FloatArray = NDArray[np.float64]
-
 
 UNEVEN_LENGTH = 0.5
 """Outer scale of the uneven ground, m: its waves longer than 2π times this carry bodies and scatterers with them."""
@@ -82,14 +80,10 @@ def surface_backscatter(
     """Backscatter σ⁰ of a slightly rough surface, HH and VV, linear.
 
     First-order small perturbation with exponential correlation, ``8k⁴s²cos⁴θ|α|²·l²(1 + (2kl·sinθ)²)^-3/2``, averaged
-    over the tilts of a larger scale (``slope``, rms in each direction). Uneven ground (:func:`uneven_height`) adds its
-    own spectrum: the short part grows as f⁴ while its correlation length is short beside the wave, and as f when it is
-    long, the uneven part as ``f^(3-w)`` throughout.
-
-    References
-    ----------
-    Valenzuela 1978; Ulaby, Moore & Fung 1982, vol. II, Sec. 12-5. Two kinds of roughness, one of a single scale and one
-    self-affine, on fields: Davidson et al. 2000.
+    over the tilts of a larger scale (``slope``, rms in each direction): Valenzuela 1978; Ulaby, Moore & Fung 1982, vol.
+    II, Sec. 12-5. Uneven ground (:func:`uneven_height`) adds its own spectrum: the short part grows as f⁴ while its
+    correlation length is short beside the wave, and as f when it is long, the uneven part as ``f^(3-w)`` throughout
+    (two kinds of roughness, one of a single scale and one self-affine, on fields: Davidson et al. 2000).
     """
     k = 2 * np.pi * np.asarray(frequency, dtype=float) / SPEED_OF_LIGHT
     theta = np.arcsin(np.asarray(sine, dtype=float))
@@ -120,9 +114,7 @@ def _spectrum(wavenumber: FloatArray, length: float, hurst: float) -> FloatArray
     return np.asarray(2 * hurst * length**2 * (1 + (wavenumber * length) ** 2) ** -(1 + hurst))
 
 
-def bragg_factors(
-    cosine: FloatArray, sine: FloatArray, eps: NDArray[np.complex128]
-) -> tuple[NDArray[np.complex128], ...]:
+def bragg_factors(cosine: FloatArray, sine: FloatArray, eps: ComplexArray) -> tuple[ComplexArray, ...]:
     """α of HH and VV in small perturbation, for cosine and sine of the incidence angle and the soil's permittivity."""
     q = np.sqrt(eps - sine**2)
     alpha_h = (eps - 1) / (cosine + q) ** 2

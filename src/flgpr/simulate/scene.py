@@ -17,9 +17,19 @@ from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate import soil as soils
 from flgpr.simulate.bodies import Profile, cylinder
 from flgpr.simulate.signature.table import body_size
-from flgpr.simulate.tables import Grass, NotNegative, Positive, Shadow, Terrain
+from flgpr.simulate.tables import (
+    Grass,
+    Heterogeneity,
+    Holes,
+    Lenses,
+    NotNegative,
+    Positive,
+    Roots,
+    Shadow,
+    Stones,
+    Terrain,
+)
 from flgpr.simulate.tables import Part as _Part
-from flgpr.simulate.tables_buried import Heterogeneity, Holes, Lenses, Roots, Stones
 
 _SITES = resources.files("flgpr.simulate") / "sites"
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene import Target, Thing
 from flgpr.simulate.spread import ArrayState
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _NODES = 5  # frequencies at which the shadow on a body is known; linear between them
 _PAIRS = 8  # pairs over which a shadow is averaged
 _REACH = 6.0  # argument beyond which the Fresnel integral has arrived
@@ -24,6 +23,8 @@ _FINE = 128  # its samples per unit
 _LEAST = 0.05  # change of the two-way amplitude that counts
 _MANY = 500  # points that a thread takes at once
 _ROCK = 0.05  # m: lower rocks throw no shadow
+_SINE, _COSINE = fresnel(np.linspace(-_REACH, _REACH, round(2 * _REACH * _FINE) + 1))
+_TABLE = (_COSINE - 1j * _SINE) / (1 - 1j) + 0.5  # G(v) as below
 
 
 class Strip(NamedTuple):
@@ -43,8 +44,7 @@ class Strip(NamedTuple):
 def strips_of(targets: Iterable[Target], objects: Iterable[Thing], ground: Any, foliage: float) -> list[Strip]:
     """Give the strips of what throws shadows: metal bodies on the ground, posts, bushes, rocks from 5 cm radius.
 
-    ``ground`` gives the height at x and y; ``foliage`` is the one-way loss of leaves at 0.87 GHz, dB/m, and a bush's
-    loss that of its mean chord.
+    ``ground`` gives the height at x and y; a bush loses ``foliage`` (dB/m one way at 0.87 GHz) over its mean chord.
     """
     found = []
     for target in targets:
@@ -81,10 +81,7 @@ class Shadows:
         self._foliage = np.array([s.foliage for s in strips])
 
     def darken(self, values: NDArray[np.complex64], points: FloatArray, nodes: FloatArray) -> None:
-        """Multiply amplitudes (point, channel, node) at points (point, 3) of the lane frame by the two-way factors.
-
-        ``nodes`` (node,) are the amplitudes' frequencies, Hz.
-        """
+        """Multiply amplitudes (point, channel, node) of points (point, 3) by two-way factors at ``nodes``, Hz."""
         if len(self._strips):
             passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
             ways = (self._antennas, self._tx, self._rx)
@@ -103,14 +100,6 @@ class Shadows:
         nodes = np.geomspace(f[0], f[-1], _NODES) if f.size > 1 else f
         factor = self.factors(point[None, :], nodes)[0]
         return np.interp(f, nodes, factor.real) + 1j * np.interp(f, nodes, factor.imag)
-
-
-def _fresnel_table() -> ComplexArray:
-    sine, cosine = fresnel(np.linspace(-_REACH, _REACH, round(2 * _REACH * _FINE) + 1))
-    return np.asarray((cosine - 1j * sine) / (1 - 1j) + 0.5)
-
-
-_TABLE = _fresnel_table()
 
 
 @njit(cache=True, inline="always")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, make_run, vehicle_to_lane
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import SurfaceField
 from flgpr.simulate.grass import GrassLayer, through_grass
@@ -31,7 +32,6 @@ from flgpr.simulate.terrain import Terrain
 from flgpr.simulate.track import draw_track
 from flgpr.simulate.world import draw_world
 
-FloatArray = NDArray[np.float64]
 _RANKS = 3
 _PER_CELL = 3  # scatterers of the surface in the sensor's finest resolution cell
 _REACH = 45.0  # m beyond which single objects are left out
@@ -51,7 +51,8 @@ class Simulator:
         self._terrain = Terrain(scene.terrain, scene.lane, seed)
         level, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level)
-        self._strips = self._make_strips()
+        shadow = (self.world.targets, self.world.objects, self._terrain, scene.shadow.foliage)
+        self._strips = strips_of(*shadow) if scene.shadow.on else []
         self.frequency = sensor.tones.axis()
         self.truth, self.objects = self.world.truth(), self.world.objects_table()
         surface = scene.surface
@@ -78,7 +79,8 @@ class Simulator:
         with self._threads.limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
-        channels = (channels + _four_channels(layers, array.dipoles)) * self.response.astype(np.complex64)
+        layers = layers if array.dipoles else layers[[0, 2, 2, 1]]  # HH, HV, VH, VV
+        channels = (channels + layers) * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
         order = [("HH", "HV", "VH", "VV").index(name) for name in self.sensor.polarization]
@@ -112,10 +114,6 @@ class Simulator:
         if self._strips:
             shadows = Shadows([strip for strip in self._strips if _in_view(strip, pose)], array, self.frequency)
         return View(self.sensor.footprint, pose, array, self._terrain, shadows)
-
-    def _make_strips(self) -> list[Strip]:
-        table = self.scene.shadow
-        return strips_of(self.world.targets, self.world.objects, self._terrain, table.foliage) if table.on else []
 
     def _single_echoes(self, view: View) -> Echoes:
         echoes, bodies = Echoes(), itertools.chain[Target | Thing](self.world.targets, self.world.objects)
@@ -242,8 +240,3 @@ def _in_view(one: Target | Thing | Strip, pose: FloatArray) -> bool:
     dx, dy = one.x - pose[0], one.y - pose[1]
     forward = dx * math.sin(pose[3]) + dy * math.cos(pose[3])
     return bool(0.5 < forward < _REACH and math.hypot(dx, dy) < _REACH)
-
-
-def _four_channels(signal: NDArray[np.complex64], dipoles: bool) -> NDArray[np.complex64]:
-    """Bring the channels into the order HH, HV, VH, VV."""
-    return signal if dipoles else signal[[0, 2, 2, 1]]

@@ -43,10 +43,7 @@ def _water(f: NDArray[np.float64], static: float, relaxation: float, conductivit
 
 
 def topp(moisture: float, loss_tangent: float = 0.05) -> complex:
-    """Permittivity of soil from its volumetric moisture (0-0.55) alone, for all tones; the loss is not the model's.
-
-    Topp, Davis & Annan 1980, fitted at 20 MHz-1 GHz.
-    """
+    """Permittivity from volumetric moisture (0-0.55) at all tones (Topp, Davis & Annan 1980); the loss is assumed."""
     _in_range("moisture", moisture, 0.0, 0.55)
     real = 3.03 + 9.3 * moisture + 146.0 * moisture**2 - 76.7 * moisture**3
     return complex(real, -real * loss_tangent)

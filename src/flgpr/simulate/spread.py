@@ -19,8 +19,8 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 WIDTH = 4  # taps of the window; with twofold oversampling the error is 4e-4, rms
 _TABLE = 1024
 _CHUNK = 1024

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import inclusions
 from flgpr.simulate.draw import stream
 from flgpr.simulate.echoes import Ground
@@ -19,10 +20,8 @@ from flgpr.simulate.grass import through_grass
 from flgpr.simulate.holes import Hole, cap_flash, wall_flash
 from flgpr.simulate.layers import Layer, PointEchoes, View
 from flgpr.simulate.scene import Scene
-from flgpr.simulate.tables_buried import Roots, Stones
+from flgpr.simulate.tables import Roots, Stones
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 _CORNERS = np.geomspace(0.02, 50.0, 28)  # corner frequencies over the band's middle for which shapes are made
 _STONE, _ROOT = 0, _CORNERS.size
 _VOLUME, _LENS, _WALL, _CAP = (2 * _CORNERS.size + i for i in range(4))
@@ -167,10 +166,9 @@ class BuriedSpectra:
 
 
 class SubsurfaceField:
-    """Everything that is strewn through the soil, drawn tile by tile when it is looked at.
+    """What is strewn through the soil, drawn tile by tile, for the wavenumber in air at the band's middle.
 
-    The wavenumber is that in air at the band's middle; ``density`` is points of the uneven soil per m², unless the
-    scene says.
+    ``density`` is points of the uneven soil per m², unless the scene says.
     """
 
     def __init__(self, scene: Scene, spectra: BuriedSpectra, wavenumber: float, density: float, seed: int) -> None:
@@ -340,10 +338,7 @@ def _polarized(buried: Buried, towards: FloatArray, sine: FloatArray, spectra: B
 
 
 class HoleLayer:
-    """Edges of refilled holes: the upper and lower end of the wall and the cap's, each with its near and far flash.
-
-    ``wall`` is the rms unevenness of the walls, m.
-    """
+    """Edges of refilled holes, near and far flash each: ends of the wall, ``wall`` m uneven, and of the cap."""
 
     def __init__(self, holes: tuple[Hole, ...], wall: float, ground: Ground, spectra: BuriedSpectra) -> None:
         self._holes, self._wall, self._spectra = holes, wall, spectra
@@ -380,10 +375,7 @@ class HoleLayer:
 
 
 def subsurface_layers(scene: Scene, holes: tuple[Hole, ...], ground: Ground, density: float, seed: int) -> list[Layer]:
-    """Make the layers under the surface, none for what is off; all share one basis.
-
-    ``density`` is points of the uneven soil per m², unless the scene says.
-    """
+    """Make the layers under the surface, none for what is off; the scene may say another ``density`` per m²."""
     if not holes and not strewn(scene):
         return []
     middle = ground.frequency.size // 2

@@ -9,14 +9,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import bodies
 from flgpr.simulate.echoes import Echoes, Ground, add_standing, antenna_gains, bisectors, incidence, rotated
 from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import FREQUENCY, SEPARATION, SINE, find_table, packaged_table
 from flgpr.simulate.spread import ArrayState
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _WIDEST_GAP = 1.5  # times the table's 1.5 cm, to which the gap's echo is taken as linear in its thickness
 _LEAST_WEIGHT = 1e-4  # of the nodes' weights, beside the greatest, that is summed
@@ -25,18 +23,16 @@ _TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the gene
 
 
 def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
-    """Add a target's echoes: by its signature in the ground, by rays above it and where no table reaches."""
+    """Add a target's echoes: by its signature in the ground, by rays above it and where no table reaches.
+
+    No table describes a profile of one's own, nor bands whose middle lies above the table's.
+    """
     if target.depth < 0:
         add_standing(echoes, target, ground, array)
-    elif has_signature(target, ground.frequency):
+    elif target.profile is None and float(ground.frequency.mean()) <= FREQUENCY[-1]:
         _add_signature(echoes, target, ground, array)
     else:
         _add_rims(echoes, target, ground, array)
-
-
-def has_signature(target: Target, frequency: FloatArray) -> bool:
-    """Tell whether a table describes a target: not for profiles of one's own, nor bands whose middle lies above it."""
-    return target.profile is None and float(frequency.mean()) <= FREQUENCY[-1]
 
 
 def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:

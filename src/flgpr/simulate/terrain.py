@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flgpr.model import Lane, heading_matrix
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate import tables
 from flgpr.simulate.draw import stream
 
-FloatArray = NDArray[np.float64]
 _MODES = 96
 _FINE = 12  # nodes of the lattice per length of the undulation: linear interpolation errs by 0.3 % of s, rms
 
@@ -78,10 +78,7 @@ class Terrain:
         return first * step, step, size * np.stack([np.sin(turns).sum(1), (waves * np.cos(turns)).sum(1)], axis=1)
 
     def local_sine(self, points: FloatArray, centre: FloatArray) -> FloatArray:
-        """Sine of the angle between the ground's normal and the ray to ``centre`` (3,) at points (point, 3).
-
-        Points are taken to lie on the ground, whatever their z. Ground that faces away has 1, grazing incidence.
-        """
+        """Sine of incidence from ``centre`` on the ground under points (point, 3); 1 where it faces away."""
         z, along_x, along_y = self.relief(points[:, :2]).T
         ray = centre - points
         ray[:, 2] = centre[2] - z
@@ -90,11 +87,7 @@ class Terrain:
         return np.asarray(np.sqrt(1 - np.clip(cosine, 0, 1) ** 2))
 
     def follow(self, pose: FloatArray) -> FloatArray:
-        """Poses (scan, 6) of a vehicle whose four wheels stand on the ground, from those over level ground.
-
-        The reference point keeps its place and its height above the mean of the wheels, which stand half a wheelbase
-        before and behind it.
-        """
+        """Poses (scan, 6) of a vehicle with four wheels on the ground, half a wheelbase before and behind it."""
         if self.flat or not self.table.follow:
             return pose
         base, gauge = self.table.wheelbase, self.table.rut_spacing

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flgpr.model.arrays import FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Scene
 
 
-def draw_track(scene: Scene, height: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def draw_track(scene: Scene, height: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Draw poses (scan, 6), ``height`` m up, and times of all scans: at 2 m/s, one a second while it stands."""
     track, rng = scene.track, stream(seed, "track")
     y, seconds = _positions(scene, rng)
@@ -27,7 +27,7 @@ def draw_track(scene: Scene, height: float, seed: int) -> tuple[NDArray[np.float
     return np.asarray(pose, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
 
 
-def _positions(scene: Scene, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _positions(scene: Scene, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     track = scene.track
     if track.positions is not None:
         exact = np.asarray(track.positions, dtype=float)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, check_objects, check_truth, empty_table
+from flgpr.model import OBJECT_COLUMNS, TRUTH_COLUMNS, Column, check_objects, check_truth, empty_table
 from flgpr.simulate.draw import stream
 from flgpr.simulate.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene import Patch, Scene, Target, Thing
@@ -29,33 +30,23 @@ class World:
 
     def truth(self) -> pd.DataFrame:
         """Truth table of the targets that lie in the lane."""
-        lane = self.scene.lane
         rows = [
-            {
-                "target_id": f"T{i + 1:03d}",
-                "x": t.x,
-                "y": t.y,
-                "kind": t.kind,
-                "depth": t.depth,
-                "radius": t.extent[0],
-                "height": t.extent[1],
-                "lane": self.scene.name,
-            }
+            (f"T{i + 1:03d}", t.x, t.y, t.kind, t.depth, *t.extent, self.scene.name)
             for i, t in enumerate(self.targets)
-            if lane.contains(t.x, t.y)
+            if self.scene.lane.contains(t.x, t.y)
         ]
-        return check_truth(pd.DataFrame(rows)) if rows else empty_table(TRUTH_COLUMNS)
+        return check_truth(_table(rows, TRUTH_COLUMNS))
 
     def objects_table(self) -> pd.DataFrame:
         """Table of everything else that stands in or beside the lane, empty holes too; it never scores."""
-        things: list[tuple[float, float, str, float, float]] = []
-        things += [(o.x, o.y, o.kind, o.radius, o.height) for o in self.objects]
+        things: list[tuple[Any, ...]] = [(o.x, o.y, o.kind, o.radius, o.height) for o in self.objects]
         things += [(h.x, h.y, "hole", h.radius, h.cap) for h in self.holes if h.target is None]
-        rows = [
-            {"object_id": f"O{i + 1:04d}"} | dict(zip(("x", "y", "kind", "radius", "height"), thing, strict=True))
-            for i, thing in enumerate(things)
-        ]
-        return check_objects(pd.DataFrame(rows)) if rows else empty_table(OBJECT_COLUMNS)
+        rows = [(f"O{i + 1:04d}", *thing) for i, thing in enumerate(things)]
+        return check_objects(_table(rows, OBJECT_COLUMNS))
+
+
+def _table(rows: list[tuple[Any, ...]], columns: tuple[Column, ...]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=[column.name for column in columns]) if rows else empty_table(columns)
 
 
 def draw_world(scene: Scene, seed: int) -> World:
@@ -101,19 +92,10 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
 
 
 def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
-    rng = stream(seed, "rocks")
-    side = scene.clutter.roadside[1]
-    span = scene.length + 2 * _MARGIN
-    count = rng.poisson(scene.clutter.rocks * 2 * side * span)
-    return [
-        Thing(
-            kind="rock",
-            x=rng.uniform(-side, side),
-            y=rng.uniform(-_MARGIN, scene.length + _MARGIN),
-            radius=min(0.02 + rng.exponential(0.02), 0.12),
-        )
-        for _ in range(count)
-    ]
+    rng, side, ends = stream(seed, "rocks"), scene.clutter.roadside[1], (-_MARGIN, scene.length + _MARGIN)
+    count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * _MARGIN))
+    draws = ((rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count))
+    return [Thing(kind="rock", x=x, y=y, radius=min(0.02 + size, 0.12)) for x, y, size in draws]
 
 
 def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
@@ -135,15 +117,9 @@ def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
-    rng = stream(seed, "patches")
-    side = scene.clutter.roadside[1]
+    rng, side, ends = stream(seed, "patches"), scene.clutter.roadside[1], (-_MARGIN, scene.length + _MARGIN)
     count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * _MARGIN))
     return [
-        Patch(
-            x=rng.uniform(-side, side),
-            y=rng.uniform(-_MARGIN, scene.length + _MARGIN),
-            radius=rng.uniform(0.4, 1.5),
-            gain_db=rng.uniform(2, 6),
-        )
+        Patch(x=rng.uniform(-side, side), y=rng.uniform(*ends), radius=rng.uniform(0.4, 1.5), gain_db=rng.uniform(2, 6))
         for _ in range(count)
     ]

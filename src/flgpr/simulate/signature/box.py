@@ -7,15 +7,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.signature.body import Body
 from flgpr.simulate.signature.dipoles import Lattice, Waves, scattering_amplitudes
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LAYER_CELLS = 2  # at least, in the thinnest layer
 
@@ -55,20 +53,17 @@ def solve_box(
 
 
 def _check(body: Body, frequency: float, permittivity: complex, sines: FloatArray, cells: float) -> None:
+    eps = complex(permittivity)
     rules: list[tuple[str, str, bool, Any]] = [
         ("body", "a box without metal", body.shape == "box" and not body.metal, body.name),
         ("frequency", "positive", frequency > 0, frequency),
-        ("permittivity", "of real part >= 1 and imaginary part <= 0", _is_medium(permittivity), permittivity),
+        ("permittivity", "of real part >= 1 and imaginary part <= 0", eps.real >= 1 and eps.imag <= 0, permittivity),
         ("sines", "from 0 to below 1", bool(((sines >= 0) & (sines < 1)).all()), sines),
         ("cells_per_wavelength", "at least 4", cells >= 4, cells),
     ]
     for name, rule, holds, value in rules:
         if not holds:
             raise ValueError(f"{name} must be {rule}, got {value}")
-
-
-def _is_medium(permittivity: complex) -> bool:
-    return complex(permittivity).real >= 1 and complex(permittivity).imag <= 0
 
 
 def choose_cell(

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import sici
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from flgpr.model.arrays import ComplexArray, FloatArray
+
 SingleArray = NDArray[np.complex64]
 
 _RANK = 3e-2  # directions of all waves together that are weaker than this, relative to one wave, are not solved for
@@ -33,10 +33,9 @@ _SAMPLE = 2000  # unknowns on which the waves' common directions are found
 
 
 class Lattice(NamedTuple):
-    """Quarter ``x > 0, y > 0`` of a body on a cubic lattice.
+    """Quarter ``x > 0, y > 0`` of a body on a cubic lattice, from the axis outwards and from the top down.
 
-    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z, in cells from the axis outwards and from the top
-    down; the soil's where there is no body.
+    ``permittivity`` (x, y, z, 3) is that for fields along x, y, z; the soil's where there is no body.
     """
 
     cell: float
@@ -44,10 +43,7 @@ class Lattice(NamedTuple):
 
 
 class Waves(NamedTuple):
-    """Plane waves that come down through the soil: each is an H and a V wave of horizontal wavenumber κ.
-
-    ``azimuth`` is the horizontal direction of propagation, from x towards y.
-    """
+    """Downgoing plane waves, H and V each, of horizontal wavenumber κ towards ``azimuth``, from x towards y."""
 
     transverse: FloatArray
     azimuth: FloatArray

@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.special import jv
 
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.signature.body import Body
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _GUARD = 4  # cells between the body and the absorbing layers
 _ABSORBER = 9  # cells of each absorbing layer
@@ -71,11 +69,7 @@ def _absorber(cell: float, first: float, wavenumber: float) -> ComplexArray:
 def make_grid(
     body: Body, soil: complex, wavenumber: float, cells_per_wavelength: float, cover: float | None = None
 ) -> Grid:
-    """Lay a grid whose lines follow the body.
-
-    Cells are counted per wavelength in the denser of soil and body; ``cover`` is the soil between the body and the air,
-    None soil without end.
-    """
+    """Lay a grid whose lines follow the body; ``cover`` is the soil between it and the air, None soil without end."""
     radii, drops, slowest = body.radii(), body.drops(), max(soil.real, body.densest())
     wavelength = 2 * math.pi / (wavenumber * math.sqrt(slowest))
     cell = min(wavelength / cells_per_wavelength, radii[-1] / 6)
@@ -189,18 +183,11 @@ class _Edges:
             np.repeat(np.arange(3), self.sizes),
         )
         self._widths = np.pad(np.diff(rho.real), 1, mode="edge")[:, None], np.pad(np.diff(z.real), 1, mode="edge")
-        self.volume = np.concatenate(
-            [
-                np.outer(half_rho * np.diff(rho), dual_z).ravel(),
-                np.outer(dual_area, dual_z).ravel(),
-                np.outer(dual_area, np.diff(z)).ravel(),
-            ]
-        ).real
-        along = np.zeros((nr - 1, nz), bool)
+        sides = (half_rho * np.diff(rho), dual_z), (dual_area, dual_z), (dual_area, np.diff(z))
+        self.volume = np.concatenate([np.outer(*pair).ravel() for pair in sides]).real
+        along, around, upright = (np.zeros((a.size, b.size), bool) for a, b in sides)
         along[:, 1:-1] = True
-        around = np.zeros((nr, nz), bool)
         around[1:-1, 1:-1] = True
-        upright = np.zeros((nr, nz - 1), bool)
         upright[0 if mode == 0 else 1 : -1] = True
         self.used = np.concatenate([along.ravel(), around.ravel(), upright.ravel()])
 

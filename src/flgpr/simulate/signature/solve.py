@@ -10,15 +10,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.refraction import reflection
 from flgpr.simulate.signature.body import Body
 from flgpr.simulate.signature.revolution import ModalSolver, make_grid
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _DETOUR = 0.25  # height of the path over the real axis, relative to the wavenumber in the soil
 _TURN, _END = 1.4, 3.0  # where the path comes back to the real axis and where it ends, relative to the same
@@ -44,7 +41,8 @@ def solve_round(
     nodes, count = path.transverse.size, len(sines)
     outer = np.concatenate([nodes + np.arange(count), waves.size + nodes + np.arange(count)])
     out = np.zeros((len(depths), count, len(separations), 4), complex)
-    for mode in range(_modes(k0 * body.radius * float(np.max(sines)))):
+    reach = k0 * body.radius * float(np.max(sines))
+    for mode in range(math.ceil(reach + 1.8 * max(reach, 1.0) ** (1 / 3)) + 1):
         answer = ModalSolver(grid, permittivity, k0, mode).answer(waves)
         for i, depth in enumerate(depths):
             if math.isinf(depth):
@@ -53,11 +51,6 @@ def solve_round(
                 whole = with_surface(answer, path, mode, permittivity, k0, float(depth))
             out[i] += _share(whole / (4 * np.pi), mode, np.asarray(separations))
     return out
-
-
-def _modes(reach: float) -> int:
-    """Count the azimuthal modes that waves with k·a·sinθ = ``reach`` need."""
-    return math.ceil(reach + 1.8 * max(reach, 1.0) ** (1 / 3)) + 1
 
 
 def _share(whole: ComplexArray, mode: int, separation: FloatArray) -> ComplexArray:

@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import no_preset
 from flgpr.simulate.signature.body import Body, load_body, packaged_bodies
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LOSS_REACH = 0.06
 FORMAT = "flgpr-signature-1"
@@ -113,10 +111,7 @@ def _loss_off(permittivity: ComplexArray) -> FloatArray:
 
 
 def save_table(table: SignatureTable, path: Path) -> str:
-    """Write a table as one file, in half precision scaled per soil and tone, and return its SHA-256.
-
-    A value is right to 1e-3 of the largest.
-    """
+    """Write a table as one file, right to 1e-3 of the largest value of a soil and tone, and return its SHA-256."""
     scale = np.abs(table.values).max(axis=(2, 3, 4, 5, 6), keepdims=True)
     parts = (table.values / scale).view(np.float32).astype(np.float16)
     about = {"format": FORMAT, "body": table.body.model_dump(mode="json"), "nodes": table_nodes()}
