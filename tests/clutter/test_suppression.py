@@ -37,6 +37,27 @@ def test_a_scatterer_under_the_mask_goes_and_one_outside_stays():
     assert 20 * np.log10(peak(result.data, 0.5, 3.0) / peak(weak, 0.5, 3.0)) == pytest.approx(0, abs=0.1)
 
 
+def test_what_the_spared_pixels_explain_stays():
+    """A mine close to the mask: the plain fit takes a part of it, the fit that knows its place does not."""
+    bush, mine = 10 * data(-0.61, 4.02), data(-0.38, 4.0)
+    under, road = square(-0.6, 4.0, 0.1), square(-0.3, 4.0, 0.15)
+    both = np.concatenate([under.reshape(-1, 3), road.reshape(-1, 3)])
+    spared = np.arange(len(both)) >= under.shape[0] * under.shape[1]
+    lost = {}
+    for name, pixels, kept in (("plain", under, None), ("spared", both, spared)):
+        results = [suppress_by_model(signal, operator(pixels), 60, spared=kept).data for signal in (bush + mine, bush)]
+        at = [np.abs(operator([[-0.38, 4.0, 0.0]]).adjoint(one)).item() for one in (results[0] - results[1], mine)]
+        lost[name] = 20 * np.log10(at[0] / at[1])
+        assert 20 * np.log10(peak(results[1], -0.6, 4.0) / peak(bush, -0.6, 4.0)) < -15
+    assert lost["plain"] < -1.5
+    assert abs(lost["spared"]) < abs(lost["plain"]) / 2
+    none = np.zeros(len(both), bool)
+    plain, same = (suppress_by_model(bush, operator(both), 5, spared=kept).data for kept in (None, none))
+    np.testing.assert_array_equal(plain, same)
+    with pytest.raises(ValueError, match="spared must have the shape of the pixels"):
+        suppress_by_model(bush, operator(both), 5, spared=none[1:])
+
+
 def test_the_residual_never_rises():
     rng = np.random.default_rng(2)
     noise = rng.normal(size=(2, 16, 100)) + 1j * rng.normal(size=(2, 16, 100))

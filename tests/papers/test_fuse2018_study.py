@@ -201,7 +201,11 @@ def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
 
 def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     result, frames, _ = lanes["A"]
-    assert {"iteration", "least squares"} == set(result.own["variant"])
+    assert {"iteration", "least squares", "least squares spared"} == set(result.own["variant"])
+    plain, spared = (
+        np.abs(own_changes(both(lanes), name)[0]).mean() for name in ("least squares", "least squares spared")
+    )
+    assert spared < plain / 2
     change, mine = own_changes(both(lanes), "iteration")
     assert len(change) == len(mine) > 8
     clear = result.own[(result.own["variant"] == "iteration") & ~result.own["masked"]]

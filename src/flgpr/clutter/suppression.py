@@ -24,12 +24,16 @@ class Suppression:
     """Outcome of a suppression."""
 
     data: NDArray[np.complex64]  #: (..., polarization, pair, frequency): data less the modelled response
-    #: weighted norm of the cleaned data over that of the data, from 1 before the first iteration on
+    #: weighted norm of what the fit leaves over that of the data, from 1 before the first iteration on
     residual: NDArray[np.float64]
 
 
 def suppress_by_model(
-    data: ArrayLike, operator: Operator, iterations: int = 10, weight: ArrayLike | None = None
+    data: ArrayLike,
+    operator: Operator,
+    iterations: int = 10,
+    weight: ArrayLike | None = None,
+    spared: ArrayLike | None = None,
 ) -> Suppression:
     """Subtract the best fit of data by reflectivities under a mask.
 
@@ -43,12 +47,15 @@ def suppress_by_model(
     data : (..., polarization, pair, frequency) array_like of complex
         Received field b; leading axes as the operator takes them.
     operator : imaging operator
-        A on the pixels of the mask alone, one band, no window.
+        A on the pixels of the mask alone, one band, no window; and on those that are spared.
     iterations : int
         Number of iterations.
     weight : (frequency,) array_like, optional
         w, a taper over the band: it keeps strong echoes far from the mask, such as the direct coupling between
         antennas, from leaking into the fit. Default: one.
+    spared : (...,) array_like of bool, optional
+        Pixels of the operator that are fitted and not subtracted, such as the road's. What they explain is then not
+        taken for a response of the mask that is not orthogonal to theirs. Default: none.
 
     Examples
     --------
@@ -73,11 +80,14 @@ def suppress_by_model(
     if iterations < 1:
         raise ValueError(f"iterations must be at least 1, got {iterations}")
     rest = np.array(data, dtype=np.complex64)
+    kept = None if spared is None else np.asarray(spared, dtype=np.float32)
     w = np.ones(1, np.float32) if weight is None else np.asarray(weight, dtype=np.float32)
     norm = np.sqrt(_power(w * rest))
     course = [1.0]
     gradient = operator.adjoint(w * w * rest)
-    direction = gradient
+    if kept is not None and kept.shape != gradient.shape[2:]:
+        raise ValueError(f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}")
+    direction, back = gradient, np.zeros_like(gradient)
     power = _power(gradient)
     for _ in range(iterations):
         if power == 0.0:
@@ -85,10 +95,14 @@ def suppress_by_model(
         response = operator.forward(direction)
         step = power / _power(w * response)
         rest = (rest - np.float32(step) * response).astype(np.complex64)
+        if kept is not None:
+            back += np.float32(step) * kept * direction
         gradient = operator.adjoint(w * w * rest)
         power, last = _power(gradient), power
         direction = gradient + np.float32(power / last) * direction
         course.append(float(np.sqrt(_power(w * rest)) / norm))
+    if kept is not None:
+        rest = (rest + operator.forward(back)).astype(np.complex64)
     return Suppression(rest, np.asarray(course))
 
 

@@ -29,6 +29,7 @@ COMPARED = {
     "iteration": ("C3", "-"),
     "per frame": ("C0", "--"),
     "least squares": ("C1", "-."),
+    "least squares spared": ("C5", "-."),
     "least squares per frame": ("C2", ":"),
     "L band alone": ("C4", (0, (1, 2))),
 }

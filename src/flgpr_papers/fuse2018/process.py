@@ -43,6 +43,7 @@ VARIANTS = {
     "per frame": "iteration, a reflectivity for every frame",
     "least squares": "least squares at equal cost, one reflectivity for all frames",
     "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
+    "least squares spared": "least squares, the road fitted too and not subtracted, as many iterations",
     "L band alone": "iteration, masks from VV and VH alone",
 }
 """What is compared, and how it is called in full."""
@@ -148,6 +149,11 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
         pairs = zip(one.data, one.operators, strict=True)
         return np.stack([suppress_by_model(b, make(points), number).data for b, make in pairs]), []
 
+    def spared() -> tuple[ComplexArray, list[Iterated]]:
+        mask = masks["pixel"]
+        number = equal_cost(main[0], mask, one.region)
+        return road_spared(one, one.data, mask, number, side[0]), []
+
     how: dict[str, Callable[[], tuple[ComplexArray, list[Iterated]]]] = {
         "original": lambda: (one.data, []),
         "iteration": lambda: iterated("pixel"),
@@ -155,6 +161,7 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
         "per frame": per_frame,
         "least squares": lambda: least_squares(False),
         "least squares per frame": lambda: least_squares(True),
+        "least squares spared": spared,
         "L band alone": lambda: iterated("L"),
     }
     images, rows = {}, []
@@ -285,11 +292,12 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
         return
     alone = frames.mines[list(one.frames)]
     made = {"original": alone, "iteration": suppressed_alone(cleaned, alone, recipe)}
-    if "least squares" in cleaned.images:
-        number, stack = equal_cost(cleaned.course, mask, one.region), one.stack_on(one.grid.points()[mask])
-        # Its steps depend on the data: what the mines add is what they change.
-        with_, without = (suppress_by_model(data, stack, number).data for data in (one.data, one.data - alone))
-        made["least squares"] = with_ - without
+    number, road = equal_cost(cleaned.course, mask, one.region), recipe.mask.roadside[0]
+    for name, half in (("least squares", 0.0), ("least squares spared", road)):
+        if name in cleaned.images:
+            # Its steps depend on the data: what the mines add is what they change.
+            with_, without = (road_spared(one, data, mask, number, half) for data in (one.data, one.data - alone))
+            made[name] = with_ - without
     whole = one.stack_on(one.grid.points())
     level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
     for row in targets:
@@ -301,6 +309,12 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
             for name, image in level.items()
             if name != "original"
         ]
+
+
+def road_spared(one: Aperture, data: ComplexArray, mask: BoolArray, number: int, half: float) -> ComplexArray:
+    """Suppress by least squares what lies under a mask; the road, ``half`` m to either side, is fitted and stays."""
+    fitted = mask | (np.abs(one.across) < half)
+    return suppress_by_model(data, one.stack_on(one.grid.points()[fitted]), number, spared=~mask[fitted]).data
 
 
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray, recipe: FuseRecipe) -> ComplexArray:

@@ -17,6 +17,7 @@ from flgpr.clutter.masks import above, extended_mask
 from flgpr.io import write_whole
 from flgpr_papers.fuse2018.lanes import Frames
 from flgpr_papers.fuse2018.process import (
+    VARIANTS,
     Calibration,
     Cleaned,
     LaneRecords,
@@ -58,7 +59,7 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
     # What a quick run would change is in the recipe already if this is one.
     held = recipe.model_dump(mode="json")
     held["study"] = {name: value for name, value in held["study"].items() if not name.startswith("quick")}
-    content: dict[str, Any] = {"recipe": held, "quick": quick}
+    content: dict[str, Any] = {"recipe": held, "quick": quick, "variants": list(VARIANTS)}
     if calibration is not None:
         content["calibration"] = calibration_record(calibration)
     return key_of(content)

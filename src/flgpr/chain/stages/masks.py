@@ -41,7 +41,8 @@ class MaskSettings(Table):
     The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say otherwise; ``edges`` are
     the borders of the sub-regions in range, ``frames`` the scans that are summed coherently, the latest the last. A
     calibration target's response is what lies ``halo`` about it, within ``response_db`` of its peak. ``second`` names
-    the run of a second band (``flgpr detect RUN --with NAME=OTHER``).
+    the run of a second band (``flgpr detect RUN --with NAME=OTHER``). The method "least-squares-spared" fits the road
+    between the roadsides, too, and subtracts only what lies under the mask: mines near it lose less.
     """
 
     edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)
@@ -53,7 +54,7 @@ class MaskSettings(Table):
     halo: Positive = 0.5
     response_db: Positive = 6.0
     intersect: Intersection = "pixel"
-    method: Literal["iteration", "least-squares"] = "iteration"
+    method: Literal["iteration", "least-squares", "least-squares-spared"] = "iteration"
     iterations: Annotated[int, Field(ge=1)] = 7
     combination: Annotated[int, Field(ge=0, le=6)] = 6
     second: str | None = None
@@ -205,7 +206,8 @@ class MaskedSuppression(ClutterStage):
         if settings.method == "iteration":
             return averaged(course, settings.combination)
         count = equal_cost(course, mask, self.region)
-        return suppress_by_model(b, aperture.stack_on(self.points[mask]), count).data
+        fitted = mask | ((np.abs(self.across) < settings.roadside[0]) & (settings.method == "least-squares-spared"))
+        return suppress_by_model(b, aperture.stack_on(self.points[fitted]), count, spared=~mask[fitted]).data
 
     def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
         """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
