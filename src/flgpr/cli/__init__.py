@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -24,18 +25,11 @@ app = typer.Typer(
     add_completion=False,
 )
 app.registered_commands += runs.app.registered_commands
-app.command()(simulate)
-app.command()(design)
-app.add_typer(calibrate_app, name="calibrate")
-app.command()(anchor)
-app.add_typer(import_app, name="import")
-app.command()(export)
-app.command()(reproduce)
-app.command()(live)
-app.command()(feed)
-app.add_typer(recipe_app, name="recipe")
-app.add_typer(plan_app, name="plan")
-app.add_typer(bench_app, name="bench")
+commands: tuple[Callable[..., None], ...] = (simulate, design, anchor, export, reproduce, live, feed)
+for command in commands:
+    app.command()(command)
+for group in (calibrate_app, import_app, recipe_app, plan_app, bench_app):
+    app.add_typer(group)
 
 
 def _version(wanted: bool) -> None:

@@ -12,7 +12,9 @@ from typer import Argument, Option
 from flgpr import tasks
 from flgpr.cli.common import Json, plain_errors, tell_written
 
-calibrate_app = typer.Typer(help="Calibrate a run against positions and reflectors.", no_args_is_help=True)
+calibrate_app = typer.Typer(
+    name="calibrate", help="Calibrate a run against positions and reflectors.", no_args_is_help=True
+)
 
 Run = Annotated[Path, Argument(help="Run store.")]
 NewRun = Annotated[Path | None, Option("-o", "--output", help="Run store to make with what was found.")]

@@ -13,7 +13,7 @@ from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
 FORMATS = ("geojson", "gpkg", "kml", "csv", "geotiff", "cphd")
 
-import_app = typer.Typer(help="Read other formats into a run.", no_args_is_help=True)
+import_app = typer.Typer(name="import", help="Read other formats into a run.", no_args_is_help=True)
 
 Point = tuple[float, float, float]
 Anchor = Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")]
@@ -87,10 +87,7 @@ def import_mapped(
 
 @import_app.command("cphd")
 def import_cphd(
-    file: Annotated[Path, Argument(help="CPHD file.")],
-    output: Output,
-    anchor: Anchor = None,
-    quiet: Quiet = False,
+    file: Annotated[Path, Argument(help="CPHD file.")], output: Output, anchor: Anchor = None, quiet: Quiet = False
 ) -> None:
     """Import a CPHD file."""
     with plain_errors():

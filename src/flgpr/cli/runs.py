@@ -12,13 +12,11 @@ from typer import Argument, Option
 from flgpr import tasks, viewer
 from flgpr.cli.common import Json, Output, Quiet, Scheduler, plain_errors, progress, tell_written
 from flgpr.cli.show import info_lines, print_scores, score_summary
-from flgpr.cli.view import view
 
 if TYPE_CHECKING:
     from flgpr.tasks import Result
 
 app = typer.Typer()
-app.command()(view)
 With = Annotated[
     list[str] | None,
     Option("--with", help="NAME=RUN: a run taken together with it, such as a second band; once per name and run."),
@@ -37,6 +35,26 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
         if len(paths) != runs:
             raise ValueError(f"with must give {name} once per run, got {len(paths)} for {runs} runs")
     return [{name: paths[number] for name, paths in named.items()} for number in range(runs)]
+
+
+@app.command()
+def view(
+    paths: Annotated[
+        list[Path] | None, Argument(help="Result folder or run; two results can be compared; none with --live.")
+    ] = None,
+    port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
+    host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
+    allow_remote: Annotated[bool, Option("--allow-remote", help="Let other machines see it.")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
+    live: Annotated[Path | None, Option(help="JSON lines of a live detection to follow.")] = None,
+    anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+) -> None:
+    """Show results in the browser, read-only and on this machine."""
+    try:
+        viewer.serve(paths or [], host, port, not no_browser, allow_remote, live, anchor=anchor, announce=typer.echo)
+    except (ValueError, OSError) as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
 
 
 @app.command()

@@ -15,9 +15,9 @@ from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
-recipe_app = typer.Typer(help="Make, show and check recipes.", no_args_is_help=True)
-bench_app = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True)
-plan_app = typer.Typer(help="Plan a test.", no_args_is_help=True)
+recipe_app = typer.Typer(name="recipe", help="Make, show and check recipes.", no_args_is_help=True)
+bench_app = typer.Typer(name="bench", help="Measure speed on this machine.", no_args_is_help=True)
+plan_app = typer.Typer(name="plan", help="Plan a test.", no_args_is_help=True)
 
 
 @bench_app.command("imaging")

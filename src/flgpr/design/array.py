@@ -236,21 +236,13 @@ def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> No
     band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
-    work = track(_steps(design), f"{sensor.name}: signal to clutter", 1 + len(KINDS) * design.ratio_x.size)
-    steps = iter(work)
-    next(steps)
     clutter = _clutter(design, still, asked, band)
-    for kind, column in steps:
+    steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
+    for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
         peaks = _peaks(design, still, asked, band, kind, float(design.ratio_x[column]))
         for p, label in enumerate(still.polarization):
             grid = design.ratio.setdefault((kind, label), np.empty((design.ratio_y.size, design.ratio_x.size)))
             grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
-    for _ in steps:
-        continue
-
-
-def _steps(design: Design) -> list[tuple[str, int]]:
-    return [("", 0), *((kind, column) for kind in KINDS for column in range(design.ratio_x.size))]
 
 
 def _quiet(asked: Question, **parts: Any) -> Scene:

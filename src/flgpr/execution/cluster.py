@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from flgpr.execution.executors import LostWorkersError, Report, Work
+from flgpr.execution.executors import Executor, LostWorkersError, Report, Work
 from flgpr.io.extras import optional
 
 _PATIENCE = "20s"
 
 
-class Cluster:
+class Cluster(Executor):
     """Hands the work to the workers of an existing Dask cluster, by the scheduler's address (``tcp://host:8786``).
 
     A lost worker costs what it was at. Run, model and output must have the same path on every worker, and the workers
     the same versions as this process.
     """
-
-    parallel = True
 
     def __init__(self, address: str) -> None:
         self.address = address

@@ -9,11 +9,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
 from multiprocessing.connection import wait
-from typing import Any, Protocol
+from typing import Any
 
 import numba
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
@@ -27,33 +29,24 @@ class LostWorkersError(ValueError):
     """Workers were lost time and again."""
 
 
-class Executor(Protocol):
-    """Does pieces of work; a context manager."""
+class Executor(AbstractContextManager["Executor"]):
+    """Does pieces of work; at its exit the workers go, after an error before they have done all."""
 
-    @property
-    def parallel(self) -> bool:
-        """Whether work is done elsewhere, so that several callers may wait at once."""
+    parallel = True
+    """Whether work is done elsewhere, so that several callers may wait at once."""
 
-    def __enter__(self) -> Executor:
-        """Begin."""
-
-    def __exit__(self, *_: object) -> None:
-        """Let the workers go; after an error what they have not begun is not done."""
-
+    @abstractmethod
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
         """Do a piece of work for each set of arguments and yield what it returns, whichever is done first."""
 
 
-class Here:
+class Here(Executor):
     """Does everything in this process, one after the other."""
 
     parallel = False
 
-    def __enter__(self) -> Here:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        return None
+        pass
 
     def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
         """Do the work piece by piece."""
@@ -61,13 +54,11 @@ class Here:
             yield work(*some)
 
 
-class Processes:
+class Processes(Executor):
     """Does the work in processes of this machine, which share its processors evenly and end when this process does.
 
     If one is killed, its work is begun anew. Scripts use it under ``if __name__ == "__main__"``, since it imports them.
     """
-
-    parallel = True
 
     def __init__(self, count: int) -> None:
         if count < 1:

@@ -248,16 +248,13 @@ def _is_whole(job: LaneJob) -> bool:
     manifest = result.manifest
     section = None if job.section is None else [job.section.start, job.section.stop]
     lane = result.lane if section is None else Lane(**manifest.get("section", {}).get("lane", manifest["lane"]))
+    others = {name: str(one["store_sha256"]) for name, one in manifest["run"].get("others", {}).items()}
     return bool(
         manifest["run"].get("store_sha256") == job.store_sha256
         and manifest["recipe_sha256"] == job.identity()["recipe"]
-        and _digests(manifest["run"].get("others", {})) == job.identity()["others"]
+        and others == job.identity()["others"]
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and manifest.get("section", {}).get("rows") == section
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
         and ("report.html" in manifest["added"] or not job.report)
     )
-
-
-def _digests(others: dict[str, Any]) -> dict[str, str]:
-    return {name: str(one["store_sha256"]) for name, one in others.items()}

@@ -16,7 +16,7 @@ from flgpr.io.georeferenced import (
     write_kml,
 )
 from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
-from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.mapped import Imported, import_mapped, impulse_to_frequency
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
 from flgpr.io.sample import sample_lane
 from flgpr.io.scan_file import (
@@ -34,7 +34,6 @@ from flgpr.io.scan_file import (
     write_description,
 )
 from flgpr.io.sealed import inside, read_limited, seal, unseal
-from flgpr.io.signals import impulse_to_frequency
 from flgpr.io.tables import lane_text, read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 

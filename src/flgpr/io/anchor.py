@@ -165,24 +165,12 @@ def fit_anchor(
 ) -> Anchor:
     """Fit an anchor to surveyed points: shift and direction by least squares, never a scale.
 
-    The fit is made in the tangent plane at the points' mean, so a map projection's scale does not enter. ``sigma`` is
-    the larger of ``accuracy`` and what the misfit tells; points that misfit by more than five of it (and 5 cm) are a
-    ValueError.
-
-    Parameters
-    ----------
-    lane : (point, 3) array_like
-        The points in the lane frame, m.
-    position : (point, 2) array_like
-        Easting and northing (m), or longitude and latitude (degrees), in the reference system ``crs``.
-    accuracy : float
-        Standard deviation of one surveyed coordinate, m.
-    height : sequence of float, optional
-        Ellipsoidal heights, m; None in it where unknown.
-    azimuth, azimuth_accuracy : float
-        Direction of +y clockwise from true north and its standard deviation, rad, where one point is given.
-    geographic : bool, optional
-        Whether ``position`` holds longitude and latitude; checked against the reference system if given.
+    ``lane`` (point, 3) are the points in the lane frame, m, ``position`` (point, 2) easting and northing, m, or
+    longitude and latitude, degrees (``geographic``), in the system ``crs``; ``height`` is ellipsoidal, m, None where
+    unknown. One point alone needs ``azimuth`` of +y clockwise from true north, rad, with its ``azimuth_accuracy``. The
+    fit is made in the tangent plane at the points' mean, so a map projection's scale does not enter. ``sigma`` is the
+    larger of ``accuracy``, m, of a coordinate and what the misfit tells; a misfit of more than five of it (and 5 cm) is
+    a ValueError.
     """
     system = _system(crs, geographic)
     local = np.asarray(lane, dtype=np.float64)

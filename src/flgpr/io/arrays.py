@@ -8,7 +8,8 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ class ArrayFile:
                 f"{self.path}: {name} must hold at most {self.limit / 1e9:g} GB, got shape {info.shape} of "
                 f"{info.dtype}, {size / 1e9:.3g} GB"
             )
-        with _Plainly(self.path, self.kind):
+        with _plainly(self.path, self.kind):
             values = _as_complex(np.asarray(self._read(name)))
         if values.dtype.kind not in "fciubUS":
             raise ValueError(f"{self.path}: {name} must hold numbers or text, got {values.dtype}")
@@ -78,48 +79,39 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     path = existing(path)
     if path.stat().st_size > limit:
         raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
-    opener = _opener(path)
-    kind = _KINDS[opener]
-    with _Plainly(path, kind):
+    kind, opener = _format_of(path)
+    with _plainly(path, kind):
         infos, read = opener(path) if opener is not _open_mat else _open_mat(path, limit)
     if not infos:
         raise ValueError(f"{path}: this {kind} holds no array")
     return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit)
 
 
-class _Plainly:
+@contextmanager
+def _plainly(path: Path, kind: str) -> Iterator[None]:
     """Turn whatever a parser raises on a damaged file into one ValueError that names the file."""
-
-    def __init__(self, path: Path, kind: str) -> None:
-        self.path, self.kind = path, kind
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, MissingExtraError) or not isinstance(error, Exception):
-            return
+    try:
+        yield
+    except MissingExtraError:
+        raise
+    except Exception as error:
         words = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"{self.path}: cannot be read as a {self.kind}: it is damaged or of another kind ({words})")
+        told = f"{path}: cannot be read as a {kind}: it is damaged or of another kind ({words})"
+        raise ValueError(told) from None
 
 
 _Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
 
 
-def _opener(path: Path) -> Callable[[Path], _Opened]:
+def _format_of(path: Path) -> tuple[str, Callable[[Path], _Opened]]:
     suffix = path.suffix.lower()
     if h5py.is_hdf5(path):
-        return _open_hdf5
+        return "HDF5 file", _open_hdf5
     if suffix in (".h5", ".hdf5"):
         raise ValueError(f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind")
-    if suffix == ".mat":
-        return _open_mat
-    if suffix in (".npz", ".npy"):
-        return _open_npz if suffix == ".npz" else _open_npy
-    if suffix in (".csv", ".txt", ".dat", ".tsv"):
-        return _open_text
-    if re.fullmatch(r"\.s\d+p|\.ts", suffix):
-        return _open_touchstone
+    for endings, kind, opener in _FORMATS:
+        if re.fullmatch(endings, suffix):
+            return kind, opener
     raise ValueError(
         f"{path}: the format must be HDF5, MATLAB, .npz, .npy, .csv, .txt or Touchstone (.s2p), got the ending "
         f"{suffix!r}"
@@ -227,10 +219,6 @@ def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     return shape, dtype, file.tell()
 
 
-def _open_text(path: Path) -> _Opened:
-    return _held(read_text_table(path))
-
-
 def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
@@ -245,14 +233,13 @@ def _open_touchstone(path: Path) -> _Opened:
     return infos, arrays.__getitem__
 
 
-_KINDS: dict[Callable[[Path], _Opened], str] = {
-    _open_hdf5: "HDF5 file",
-    _open_mat: "MATLAB file",
-    _open_npz: "NumPy archive",
-    _open_npy: "NumPy array",
-    _open_text: "table of numbers",
-    _open_touchstone: "Touchstone file",
-}
+_FORMATS: tuple[tuple[str, str, Callable[[Path], _Opened]], ...] = (
+    (r"\.mat", "MATLAB file", _open_mat),
+    (r"\.npz", "NumPy archive", _open_npz),
+    (r"\.npy", "NumPy array", _open_npy),
+    (r"\.(csv|txt|dat|tsv)", "table of numbers", lambda path: _held(read_text_table(path))),
+    (r"\.(s\d+p|ts)", "Touchstone file", _open_touchstone),
+)
 
 
 def _as_complex(values: NDArray[Any]) -> NDArray[Any]:

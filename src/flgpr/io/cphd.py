@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.files import canonical_json, existing
+from flgpr.io.files import canonical_json, existing, partial_of
 from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.phase import lengthen
 
@@ -70,15 +70,11 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
     # A vehicle that stands has no direction.
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, arrays[names[0]])
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as file, sarkit.Writer(file, sarkit.Metadata(xmltree=tree)) as writer:
-            for name in names:
-                writer.write_signal(name, signals[name])
-                writer.write_pvp(name, arrays[name])
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    written = sarkit.Metadata(xmltree=tree)
+    with partial_of(path) as partial, partial.open("wb") as file, sarkit.Writer(file, written) as writer:
+        for name in names:
+            writer.write_signal(name, signals[name])
+            writer.write_pvp(name, arrays[name])
     return path
 
 
@@ -318,21 +314,15 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
 
 
 def _layout(root: Any) -> None:
+    dtype = optional("sarkit.cphd", "cphd").binary_format_string_to_dtype
+    forms = {name: "X=F8;Y=F8;Z=F8;" for name in _VECTORS} | {"SIGNAL": "I8"}
     offset, table = 0, {}
-    for name in _ORDER:
+    for name in (*_ORDER, *_ADDED):
         size = 3 if name in _VECTORS else 1
-        form = "I8" if name == "SIGNAL" else "X=F8;Y=F8;Z=F8;" if size == 3 else "F8"
-        table[name] = {"Offset": offset, "Size": size, "dtype": _dtype(form)}
+        table[name] = {"Offset": offset, "Size": size, "dtype": dtype(forms.get(name, "F8"))}
         offset += size
-    added = []
-    for name in _ADDED:
-        added.append({"Name": name, "Offset": offset, "Size": 1, "dtype": _dtype("F8")})
-        offset += 1
+    added = [{"Name": name, **table.pop(name)} for name in _ADDED]
     root["PVP"] = {**table, "AddedPVP": added}
-
-
-def _dtype(form: str) -> np.dtype[Any]:
-    return optional("sarkit.cphd", "cphd").binary_format_string_to_dtype(form)
 
 
 def _added(tree: Any) -> dict[str, str]:

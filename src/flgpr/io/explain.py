@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,29 +75,22 @@ def _explain_cphd(path: Path) -> Explanation:
             one.findtext("{*}Polarization/{*}TxPol") + one.findtext("{*}Polarization/{*}RcvPol")
             for one in tree.findall("{*}Channel/{*}Parameters")
         }
+        own = b"flgpr_tx_position" in optional("lxml.etree", "cphd").tostring(tree)
         lines = [
             f"{len(channels)} channels of {first.findtext('{*}NumVectors')} vectors x "
             f"{first.findtext('{*}NumSamples')} samples, {tree.findtext('{*}Global/{*}DomainType')} domain",
             f"{band[0]:.4g} to {band[1]:.4g} GHz, polarizations {', '.join(sorted(polarizations))}",
             f"collected by {tree.findtext('{*}CollectionID/{*}CollectorName')}, read without a mapping"
-            + ("" if b"flgpr_tx_position" in _xml(tree) else "; an anchor is needed to place the lane"),
+            + ("" if own else "; an anchor is needed to place the lane"),
         ]
     except Exception as error:
         raise ValueError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from None
     return Explanation(path, "CPHD file", lines)
 
 
-def _xml(tree: Any) -> bytes:
-    return bytes(optional("lxml.etree", "cphd").tostring(tree))
-
-
 def _explain_nmea(path: Path) -> Explanation:
-    kinds: dict[str, int] = {}
-    for line in path.read_bytes().splitlines():
-        sentence = re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line)
-        if sentence:
-            name = sentence[1].decode()
-            kinds[name] = kinds.get(name, 0) + 1
+    found = (re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line) for line in path.read_bytes().splitlines())
+    kinds = Counter(sentence[1].decode() for sentence in found if sentence)
     counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
     needs = "GGA gives positions, HDT headings; read as a track with an anchor"
     return Explanation(path, "NMEA 0183 log", [counts, needs])
@@ -177,7 +171,7 @@ def _propose(opened: ArrayFile) -> str:
 
 def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
-    complex_ones = [info for info in arrays if info.dtype.startswith("complex") or "r" in _fields(info.dtype)]
+    complex_ones = [info for info in arrays if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)]
     if complex_ones:
         return max(complex_ones, key=lambda info: math.prod(info.shape)), None
     for info in arrays:
@@ -187,10 +181,6 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
                 return info, other
     large = [info for info in arrays if len(info.shape) >= 2 and info.shape[-1] > 3]
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
-
-
-def _fields(dtype: str) -> str:
-    return "r" if re.search(r"\('r(eal)?'|\('re'", dtype) else ""
 
 
 def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> ArrayInfo | None:

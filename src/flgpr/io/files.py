@@ -31,10 +31,10 @@ def existing(path: str | Path, what: str = "file") -> Path:
 
 @contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
-    """Name the file whose content is a ValueError."""
+    """Name the file whose content breaks a rule, in a ValueError."""
     try:
         yield
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
@@ -62,6 +62,18 @@ def write_whole(path: Path, data: bytes | str) -> None:
         os.fsync(file.fileno())
     temporary.replace(path)
     sync_directory(path.parent)
+
+
+@contextmanager
+def partial_of(path: Path) -> Iterator[Path]:
+    """Give a place to write a file to, with the file's ending; it takes the file's place if nothing fails."""
+    partial = path.with_name(f".partial-{path.name}")
+    partial.unlink(missing_ok=True)
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def replace_folder(new: Path, folder: Path) -> None:

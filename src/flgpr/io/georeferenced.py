@@ -6,7 +6,6 @@ from. They are never drawn as areas, and an empty place between them says nothin
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -19,8 +18,8 @@ import xarray as xr
 
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
-from flgpr.io.files import write_whole
-from flgpr.io.tables import json_value
+from flgpr.io.files import partial_of, write_whole
+from flgpr.io.tables import json_value, write_features
 
 STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
@@ -61,19 +60,13 @@ def georeference(
 
 def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
     """Write points of :func:`georeference` as GeoJSON (RFC 7946), ``about`` in its member ``flgpr``."""
-    features = []
-    for row in points.to_dict("records"):
-        position = [round(row["longitude"], 9), round(row["latitude"], 9)]
-        if np.isfinite(row["height"]):
-            position.append(round(row["height"], 4))
-        rest = {str(k): json_value(v) for k, v in row.items() if k not in ("longitude", "latitude", "height")}
-        features.append({"type": "Feature", "geometry": {"type": "Point", "coordinates": position}, "properties": rest})
-    collection = {
-        "type": "FeatureCollection",
-        "flgpr": {"statement": STATEMENT, **dict(about or {})},
-        "features": features,
-    }
-    write_whole(Path(path), json.dumps(collection, indent=1, allow_nan=False) + "\n")
+    names = ["longitude", "latitude", "height"]
+    places = [
+        [round(lon, 9), round(lat, 9), *([round(height, 4)] if np.isfinite(height) else [])]
+        for lon, lat, height in points[names].to_numpy(dtype=float).tolist()
+    ]
+    head = {"flgpr": {"statement": STATEMENT, **dict(about or {})}}
+    write_features(path, places, points.drop(columns=names), head)
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
@@ -85,25 +78,26 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
     """Write points of :func:`georeference` as KML 2.2 placemarks under a title; the file is whole or absent."""
     ElementTree.register_namespace("", _KML)
     root = ElementTree.Element(f"{{{_KML}}}kml")
-    document = ElementTree.SubElement(root, f"{{{_KML}}}Document")
-    ElementTree.SubElement(document, f"{{{_KML}}}name").text = _printable(title)
-    ElementTree.SubElement(document, f"{{{_KML}}}description").text = STATEMENT
+
+    def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
+        child = ElementTree.SubElement(parent, f"{{{_KML}}}{tag}", attributes)
+        child.text = None if text is None else "".join(c if c in "\t\n" or c >= " " else "?" for c in str(text))
+        return child
+
+    document = add(root, "Document")
+    add(document, "name", title)
+    add(document, "description", STATEMENT)
     for number, row in enumerate(points.to_dict("records")):
-        mark = ElementTree.SubElement(document, f"{{{_KML}}}Placemark")
-        label = next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}")
-        ElementTree.SubElement(mark, f"{{{_KML}}}name").text = _printable(str(label))
+        mark = add(document, "Placemark")
+        add(mark, "name", next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}"))
         if row["time"]:
-            moment = ElementTree.SubElement(mark, f"{{{_KML}}}TimeStamp")
-            ElementTree.SubElement(moment, f"{{{_KML}}}when").text = row["time"]
-        data = ElementTree.SubElement(mark, f"{{{_KML}}}ExtendedData")
+            add(add(mark, "TimeStamp"), "when", row["time"])
+        data = add(mark, "ExtendedData")
         for key, value in row.items():
-            held = ElementTree.SubElement(data, f"{{{_KML}}}Data", name=str(key))
             text = json_value(value)
-            ElementTree.SubElement(held, f"{{{_KML}}}value").text = "" if text is None else _printable(str(text))
-        point = ElementTree.SubElement(mark, f"{{{_KML}}}Point")
+            add(add(data, "Data", name=str(key)), "value", "" if text is None else text)
         # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground instead.
-        place = f"{row['longitude']:.9f},{row['latitude']:.9f}"
-        ElementTree.SubElement(point, f"{{{_KML}}}coordinates").text = place
+        add(add(mark, "Point"), "coordinates", f"{row['longitude']:.9f},{row['latitude']:.9f}")
     write_whole(Path(path), ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
 
 
@@ -111,19 +105,13 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
     """Write points of :func:`georeference` as a GeoPackage of one layer, whole or absent (geopandas, pyogrio)."""
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
-    path = Path(path)
     frame = geopandas.GeoDataFrame(
         points.drop(columns=["longitude", "latitude"]),
         geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
         crs="EPSG:4326",
     )
-    partial = path.with_name(f".partial-{path.stem}.gpkg")
-    partial.unlink(missing_ok=True)
-    try:
+    with partial_of(Path(path)) as partial:
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_geotiff(
@@ -137,7 +125,6 @@ def write_geotiff(
     (MissingExtraError), and a view of at least two pixels both ways.
     """
     rasterio = optional("rasterio", "gis")
-    path = Path(path)
     x, y = _axis(view, "x"), _axis(view, "y")
     crs = crs or anchor.utm()
     bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
@@ -154,19 +141,17 @@ def write_geotiff(
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
     }
-    partial = path.with_name(f".partial-{path.name}")
-    try:
-        with rasterio.open(
+    with (
+        partial_of(Path(path)) as partial,
+        rasterio.open(
             partial, "w", driver="GTiff", width=x.size, height=y.size, count=len(bands), dtype="float32", crs=crs,
             transform=transform, nodata=float("nan"), compress="deflate",
-        ) as file:  # fmt: skip
-            file.write(bands)
-            file.update_tags(**tags)
-            for number, name in enumerate(names):
-                file.set_band_description(number + 1, name)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+        ) as file,
+    ):  # fmt: skip
+        file.write(bands)
+        file.update_tags(**tags)
+        for number, name in enumerate(names):
+            file.set_band_description(number + 1, name)
     return misfit
 
 
@@ -199,7 +184,3 @@ def _stamp(time: str) -> str:
     if moment.tzinfo is None:
         raise ValueError(f"time must have a time zone, got {time!r}")
     return moment.isoformat()
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c in "\t\n" or c >= " " else "?" for c in text)

@@ -56,6 +56,12 @@ class GprmaxOutput:
     sources: list[tuple[str, NDArray[np.float64]]]  #: type and position (m) of every source
     excitation: Excitation | None = None  #: of the first source, where the file holds it
 
+    def current(self, waveform: str, centre: float, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Fourier integral of a waveform of unit amplitude, at half steps as gprMax takes it."""
+        start = 0.5 * self.time_step
+        values = pulse(waveform, centre, start + self.time_step * np.arange(self.steps))
+        return fourier(values, self.time_step, frequency, start)
+
     def spectrum(self, receiver: str, component: str, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Fourier integral ``∫E(t)·exp(-j2πft)dt`` of a receiver's electric field from time 0 on, V/m per Hz."""
         if receiver not in self.receivers or component not in self.receivers[receiver].fields:
@@ -301,7 +307,5 @@ class GprmaxRun:
     def _moment(self, output: GprmaxOutput) -> NDArray[np.complex128]:
         """Spectrum of the whole dipole's current moment, A·m per Hz: current, at half steps, times a cell's edge."""
         waveform = self.manifest["waveform"]
-        start = 0.5 * output.time_step
-        time = start + output.time_step * np.arange(output.steps)
-        current = pulse(str(waveform["type"]), float(waveform["frequency"]), time)
-        return fourier(current, output.time_step, self.frequency, start) * float(output.cell[0])
+        current = output.current(str(waveform["type"]), float(waveform["frequency"]), self.frequency)
+        return current * float(output.cell[0])

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.io.gprmax import GprmaxOutput, fourier, pulse, read_gprmax
+from flgpr.io.gprmax import GprmaxOutput, fourier, read_gprmax
 from flgpr.model import make_run
 
 FloatArray = NDArray[np.float64]
@@ -109,12 +109,9 @@ def _source(output: GprmaxOutput, told: GprmaxTold, tones: FloatArray) -> NDArra
         return fourier(one.samples, output.time_step, tones, one.start) * one.length
     if told.waveform is None:
         raise ValueError(f"{output.path}: the source's waveform is not in the file: type and frequency must be told")
-    start = 0.5 * output.time_step
-    time = start + output.time_step * np.arange(output.steps)
-    current = pulse(*told.waveform, time)
     length = dict(zip("xyz", output.cell, strict=True))[told.horizontal if told.transmit == "H" else told.vertical]
     moment = length if output.sources[0][0] == "HertzianDipole" else 1.0
-    return fourier(current, output.time_step, tones, start) * moment
+    return output.current(*told.waveform, tones) * moment
 
 
 def _signal(

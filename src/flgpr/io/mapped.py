@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.io.arrays import LIMIT, ArrayFile, open_arrays
 from flgpr.io.mapping import Index, Mapping, PathOffset, Positions, Quantity, Samples, factor, read_mapping
-from flgpr.io.signals import impulse_to_frequency
 from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.phase import lengthen
 from flgpr.model.track import course, make_track, poses_at, reference_track
@@ -44,36 +43,23 @@ def import_mapped(
     track: pd.DataFrame | None = None,
     clock_offset: float = 0.0,
 ) -> Imported:
-    """Import measured data by a mapping; what is missing, damaged or does not fit is an error that names it.
+    """Import measured data by a mapping, see ``docs/exchange.md``; what is missing, damaged or does not fit is named.
 
-    Parameters
-    ----------
-    mapping : path or Mapping
-        What is what; see ``docs/exchange.md``.
-    data : path or list of path, optional
-        Data files, in place of the mapping's entry ``files.data``.
-    folder : path, optional
-        What the mapping's file names are relative to, before the mapping's own folder. Default: the folder of the first
-        data file if one is given.
-    limit : int
-        Largest array to read, bytes.
-    pose, track : (scan, 6) array_like, DataFrame, optional
-        Poses, or a track of the reference point, in place of the mapping's, such as from :func:`flgpr.io.read_survey`
-        or :func:`flgpr.io.read_nmea`.
-    clock_offset : float
-        With ``track``: time on the track's clock is that of the radar plus this, s.
+    ``data`` are data files in place of the mapping's entry ``files.data``. The mapping's file names are relative to
+    ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.
+    ``pose`` (scan, 6) or ``track``, of the reference point, stand in place of the mapping's, such as from
+    :func:`flgpr.io.read_survey` or :func:`flgpr.io.read_nmea`; time on that track is the radar's plus ``clock_offset``,
+    s.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]
     homes = [Path(folder)] if folder is not None else [given[0].parent] if given else []
     homes.append(Path() if isinstance(mapping, Mapping) else Path(mapping).parent)
-    importer = _Importer(table, _files(table, homes, given), limit)
+    files = _files(table, homes, given)
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
-    importer.given_pose = None if pose is None else np.asarray(pose, dtype=np.float64)
-    importer.given_track = track
-    importer.clock_offset = clock_offset
-    return importer.run()
+    where = None if pose is None else np.asarray(pose, dtype=np.float64)
+    return _Importer(table, files, limit, where, track, clock_offset).run()
 
 
 def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, list[Path]]:
@@ -98,14 +84,16 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
     return files
 
 
+@dataclass
 class _Importer:
-    def __init__(self, mapping: Mapping, files: dict[str, list[Path]], limit: int) -> None:
-        self.mapping, self.files, self.limit = mapping, files, limit
-        self.notes: list[str] = []
-        self.given_pose: FloatArray | None = None
-        self.given_track: pd.DataFrame | None = None
-        self.clock_offset = 0.0
-        self._open: dict[Path, ArrayFile] = {}
+    mapping: Mapping
+    files: dict[str, list[Path]]
+    limit: int
+    given_pose: FloatArray | None
+    given_track: pd.DataFrame | None
+    clock_offset: float
+    notes: list[str] = field(default_factory=list)
+    _open: dict[Path, ArrayFile] = field(default_factory=dict)
 
     def run(self) -> Imported:
         m = self.mapping
@@ -394,3 +382,32 @@ def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, Floa
             f"by {moved:g} m; give pose and positions in the vehicle frame instead"
         )
     return tx[0], rx[0], origin
+
+
+def impulse_to_frequency(
+    samples: ArrayLike, delay: ArrayLike, band: tuple[float, float], pad: int = 1
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Take time-domain (impulse) data (..., delay) to tones: the spectrum (..., frequency), and the frequencies, Hz.
+
+    A scatterer at the delay t gives ``exp(-j2πft)`` times the pulse's spectrum, since the axis keeps its start. Samples
+    are real or analytic; two-way delays, s, are uniform; ``band``, Hz, ends below the Nyquist frequency. Outside the
+    recorded time of ``1/Δf`` delays repeat; zeros make the record ``pad`` times as long and the tones denser.
+    """
+    values, axis = np.asarray(samples), np.asarray(delay, dtype=np.float64)
+    if axis.ndim != 1 or axis.size < 2 or values.shape[-1] != axis.size:
+        raise ValueError(f"delay must have one value per sample, got {axis.shape} for samples {values.shape}")
+    step = float(np.diff(axis).mean())
+    if not np.isfinite(axis).all() or step <= 0 or np.abs(np.diff(axis) - step).max() > 0.01 * step:
+        raise ValueError("delay must increase in equal steps (within 1 %), got an uneven or falling axis")
+    nyquist = 0.5 / step
+    if not (0 < band[0] < band[1] <= nyquist):
+        raise ValueError(f"band must lie between 0 and the Nyquist frequency {nyquist:g} Hz, got {band}")
+    if pad < 1:
+        raise ValueError(f"pad must be at least 1, got {pad}")
+    count = axis.size * int(pad)
+    frequency: NDArray[np.float64] = np.arange((count + 1) // 2) / (count * step)
+    keep = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]))
+    if not keep.size:
+        raise ValueError(f"band must hold a tone; tones are {frequency[1]:g} Hz apart, got {band}")
+    signal = np.fft.fft(values, count, axis=-1)[..., keep]
+    return signal * np.exp(-2j * np.pi * frequency[keep] * axis[0]), frequency[keep]

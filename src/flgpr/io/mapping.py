@@ -105,7 +105,7 @@ class Samples(Quantity):
     meaning: Literal["delay", "range", "path"]
     band: tuple[float, float]  #: frequencies to keep
     band_unit: str  #: their unit
-    pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.io.signals.impulse_to_frequency`
+    pad: Annotated[int, Field(ge=1, le=16)] = 1  #: see :func:`flgpr.io.impulse_to_frequency`
 
 
 class PathOffset(Quantity):

@@ -31,26 +31,30 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table with x and y as GeoJSON points in the lane frame, m, as ``flgpr_frame`` says; whole or absent."""
-    features = []
-    for row in table.to_dict("records"):
-        properties = {str(k): json_value(v) for k, v in row.items() if k not in ("x", "y")}
-        geometry = {"type": "Point", "coordinates": [float(row["x"]), float(row["y"])]}
-        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    collection = {
-        "type": "FeatureCollection",
-        "flgpr_frame": "lane frame: x cross-track, y down-track, metres; not longitude and latitude",
-        "features": features,
-    }
+    places = table[["x", "y"]].astype(float).to_numpy().tolist()
+    frame = "lane frame: x cross-track, y down-track, metres; not longitude and latitude"
+    write_features(path, places, table.drop(columns=["x", "y"]), {"flgpr_frame": frame})
+
+
+def write_features(path: str | Path, places: list[list[float]], rest: pd.DataFrame, head: dict[str, Any]) -> None:
+    """Write GeoJSON points with properties, and what is to be said of them all; the file is whole or absent."""
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": place},
+            "properties": {str(name): json_value(value) for name, value in row.items()},
+        }
+        for place, row in zip(places, rest.to_dict("records"), strict=True)
+    ]
+    collection = {"type": "FeatureCollection", **head, "features": features}
     write_whole(Path(path), json.dumps(collection, indent=1, allow_nan=False) + "\n")
 
 
 def read_lane(path: str | Path) -> Lane:
     """Read a lane from TOML with x_min, x_max, y_min and y_max, m."""
     path = existing(path, "lane file")
-    try:
+    with faults_of(path):
         return as_lane(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def lane_text(lane: Lane) -> str:

@@ -81,19 +81,11 @@ def read_nmea(
 ) -> pd.DataFrame:
     """Read a track of a satellite receiver's antenna from NMEA 0183 sentences.
 
-    Positions are from GGA, headings from HDT (dual antenna) where there are any, else from the way. Time is in seconds
-    of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard sentence for them. For
-    lever arm and latency see :func:`flgpr.model.track.reference_track`. A damaged sentence or fewer than two fixes is a
+    Positions are from GGA of the given qualities, headings from HDT (dual antenna) where there are any, else from the
+    way. Time is in seconds of the day (UTC), continued over midnight. Pitch and roll are zero: NMEA has no standard
+    sentence for them. ``height`` is the antenna's over the ground, m, needed where the anchor has no heights. For lever
+    arm and latency see :func:`flgpr.model.track.reference_track`. A damaged sentence or fewer than two fixes is a
     ValueError.
-
-    Parameters
-    ----------
-    path, anchor
-        The receiver's log, and where the lane lies.
-    quality : tuple of int
-        GGA qualities to take; others are left out and leave gaps.
-    height : float, optional
-        Height of the antenna over the lane's ground, m. Needed where the anchor has no heights.
     """
     path = existing(path)
     nmea = optional("pynmeagps", "gnss")

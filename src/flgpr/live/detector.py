@@ -36,6 +36,7 @@ FloatArray = NDArray[np.float64]
 State = Literal["new", "update", "withdrawn", "final"]
 _FARTHEST_GAP = 50.0  # m; ground farther back than this before a scan is closed without another look
 _MOST_SCANS = 64
+_SHOWN = ("x", "y", "confidence", "scans")  # an alarm in which one of these changed is told anew
 _WITHOUT_END = 1e9  # m
 
 
@@ -283,7 +284,7 @@ class LiveDetector:
                 self.named += 1
                 name, state = f"alarm-{self.named}", "new"
             one = LiveAlarm(name, float(x), float(y), float(confidence), float(magnitude), int(scans), state, left)  # type: ignore[arg-type]
-            if state == "new" or _differ(one, self.alarms[name]):
+            if state == "new" or any(getattr(one, n) != getattr(self.alarms[name], n) for n in _SHOWN):
                 changed.append(one)
             self.alarms[name] = one
         for gone in free:
@@ -362,7 +363,3 @@ def check_causal(recipe: Recipe) -> None:
     """Refuse a recipe that needs more than the scans so far; say why."""
     if recipe.waits():
         raise ValueError(f"recipe {recipe.name!r} cannot run live: {'; '.join(recipe.waits())}")
-
-
-def _differ(one: LiveAlarm, other: LiveAlarm) -> bool:
-    return any(getattr(one, name) != getattr(other, name) for name in ("x", "y", "confidence", "scans"))

@@ -36,14 +36,8 @@ def feed(
 ) -> int:
     """Play a stored run into a folder, made if need be, or a Unix socket, and give the number of scans played.
 
-    Parameters
-    ----------
-    rate : float
-        Scans per second; infinity plays as fast as possible.
-    first, count : int
-        First scan, and how many; default all. The end is announced only after the last scan of the run.
-    lead, wait : float, callable
-        Time between the description and the first scan, s, as when a radar is switched on, and what waits.
+    ``rate`` is in scans per second; infinity plays as fast as possible. The end is announced only after the run's last
+    scan. ``lead`` is the time between description and first scan, s, as when a radar is switched on; ``wait`` waits.
     """
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")

@@ -31,7 +31,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
     arrays |= {f"view.{name}": value for name, value in detector.view.items()}
     for i, one in enumerate(detector.history):
         arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
-    newest = detector.newest
+    newest, scalars = detector.newest, {name: getattr(detector, name) for name in _SCALARS}
     words = {
         "format": FORMAT,
         "version": VERSION,
@@ -45,7 +45,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "magnitudes": list(detector.magnitudes),
         "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
         "newest": None if newest is None else [newest[0], newest[1].tolist()],
-        "scalars": {name: _plain(getattr(detector, name)) for name in _SCALARS},
+        "scalars": {name: value if np.isfinite(value) else None for name, value in scalars.items()},
     }
     return words, arrays
 
@@ -127,7 +127,3 @@ class SnapshotWriter:
 
 def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
-
-
-def _plain(value: float) -> float | int | None:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

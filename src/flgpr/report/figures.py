@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ DYNAMIC_RANGE = 30.0  # dB
 _ROWS = 2400  # more than that are not told apart in a figure
 _LONG = 12.0  # lanes longer than so many times their width are not drawn to scale
 _RANKS = 100  # so many alarms get their rank written beside them
+_wrapped = partial(fill, break_long_words=False, break_on_hyphens=False)
 _POSES = 200  # so many stops of the array are drawn
 _MARKER = {"metal": "s", "plastic": "^", "simulant": "D"}
 
@@ -46,7 +49,7 @@ def run_view_figure(
         _show(axes, view, result.lane)
         _overlay(axes, one.alarms, result, truth, objects)
         title = "recipe as it stands" if one.name == "main" else one.title
-        axes.set_title(_wrapped(title), fontsize=9)
+        axes.set_title(_wrapped(title, 38), fontsize=9)
     figure.legend(handles=_legend(truth, objects), loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     scale = ", not to scale" if _is_long(chosen[0].view) else ""
     figure.suptitle(f"Run-view {screen.polarization}, {_band(screen.subband)}{scale}", fontsize=11)
@@ -186,14 +189,3 @@ def _legend(truth: pd.DataFrame | None, objects: pd.DataFrame | None) -> list[Li
     if objects is not None and len(objects):
         handles.append(mark("x", "0.3", ", ".join(dict.fromkeys(objects["kind"]))))
     return handles
-
-
-def _wrapped(text: str, width: int = 38) -> str:
-    lines, line = [], ""
-    for word in text.split():
-        if line and len(line) + len(word) >= width:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}".strip()
-    return "\n".join([*lines, line])

@@ -63,18 +63,10 @@ def write_score_report(
 ) -> dict[str, Path]:
     """Score an alarm list and write the report; give its files: ``html``, ``json``, figures as ``roc_png`` and so on.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Where to write; made if missing, files of the same names are replaced.
-    alarms, truth, lane, **rules
-        As for :func:`flgpr.scoring.score` and :class:`flgpr.scoring.Rules`.
-    worst : int
-        Number of missed targets and of false alarms shown with patches.
-    alarm_patches, target_patches : mapping, optional
-        Image patches (y, x) by ``alarm_id``, or row number without that column, and by ``target_id``.
-    title, notes : str, mapping
-        Heading, and provenance to print: recipe, hashes, seeds.
+    Alarms, truth, lane and rules are as for :func:`flgpr.scoring.score` and :class:`flgpr.scoring.Rules`. ``worst`` is
+    how many missed targets and false alarms are shown with their image patches (y, x), by ``target_id``, and by
+    ``alarm_id`` or, without that column, row number. ``notes`` are provenance to print. Files of the same names are
+    replaced.
     """
     scored = [score(alarms, truth, lane, Rules(**rules))]
     patches = {"alarm_patches": alarm_patches or {}, "target_patches": target_patches or {}}
@@ -154,10 +146,7 @@ def _found(result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | N
 
 
 def _scored(
-    scored: Sequence[Score],
-    worst: int,
-    alarm_patches: Mapping[Any, ArrayLike],
-    target_patches: Mapping[Any, ArrayLike],
+    scored: Sequence[Score], worst: int, alarm_patches: Mapping[Any, ArrayLike], target_patches: Mapping[Any, ArrayLike]
 ) -> dict[str, Any]:
     """Lay out what became of targets and alarms."""
     main = scored[0]
@@ -256,9 +245,7 @@ def _plain(value: Any, spec: str = "") -> str:
     """Say a value of a table, rounded where it is a number."""
     if pd.isna(value):
         return "not known"
-    if isinstance(value, float):
-        return format(value, spec or ".5g")
-    return format(value, spec)
+    return format(value, spec or (".5g" if isinstance(value, float) else ""))
 
 
 def _in_words(value: Any) -> str:

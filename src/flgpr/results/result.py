@@ -6,7 +6,7 @@ import io
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -107,7 +107,7 @@ def _content(
         "python": platform.python_version(),
         "libraries": {name: version(name) for name in _LIBRARIES},
         "recipe_sha256": sha256(recipe_text.encode()),
-        "lane": {name: getattr(lane, name) for name in ("x_min", "x_max", "y_min", "y_max")},
+        "lane": asdict(lane),
         "run": run,
         "detections": [{"name": d.name, "title": d.title, "notes": d.notes} for d in detections],
         "files": {

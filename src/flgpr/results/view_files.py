@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,7 @@ TILE_ROWS = 512
 _PLACE = ("alarm_id", "x", "y", "confidence")
 
 
-def write_view(
-    folder: Path,
-    detections: Sequence[Detection],
-    lane: Lane,
-    run: Mapping[str, Any],
-) -> None:
+def write_view(folder: Path, detections: Sequence[Detection], lane: Lane, run: Mapping[str, Any]) -> None:
     """Write the viewer's files to ``folder/view``, the main detection first; all run-views must share one grid."""
     home = folder / "view"
     (home / "layers").mkdir(parents=True)
@@ -48,7 +44,7 @@ def write_view(
         "format": VIEW_FORMAT,
         "version": VIEW_VERSION,
         "title": run.get("title", ""),
-        "lane": {name: getattr(lane, name) for name in ("x_min", "x_max", "y_min", "y_max")},
+        "lane": asdict(lane),
         "grid": grid,
         "tile_rows": TILE_ROWS,
         "unit": "dB",
@@ -150,12 +146,7 @@ def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]
         "file": file,
         "polarization": evidence.polarization,
         "subband": evidence.subband,
-        "patch": {
-            "size": evidence.patch.size,
-            "spacing": evidence.patch.spacing,
-            "inner": list(evidence.patch.inner),
-            "guard": list(evidence.patch.guard),
-        },
+        "patch": asdict(evidence.patch),
         "cut": evidence.cut.tolist(),
         "trace": evidence.trace.tolist(),
         "start": ends.tolist(),

@@ -19,8 +19,6 @@ SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
 _SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
 _OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
 _MOST_DEPTHS = 6
-
-
 VIEW_SCORE = "view/score.json"
 
 

@@ -15,13 +15,7 @@ from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, w
 from flgpr.tasks.bench import bench_imaging, format_bench
 from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
-from flgpr.tasks.exchange import (
-    export_result,
-    export_run,
-    export_table,
-    import_cphd,
-    import_with_mapping,
-)
+from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
 from flgpr.tasks.results import demo, replay
@@ -36,13 +30,7 @@ from flgpr.tasks.scoring import (
     score_sealed,
     seal,
 )
-from flgpr.tasks.stores import (
-    import_fullwave_lane,
-    list_bodies,
-    make_signature,
-    simulate_lane,
-    write_gprmax_lane,
-)
+from flgpr.tasks.stores import import_fullwave_lane, list_bodies, make_signature, simulate_lane, write_gprmax_lane
 from flgpr.tasks.training import train_runs
 
 __all__ = [

@@ -98,18 +98,10 @@ def detect_runs(
 ) -> list[Path]:
     """Detect on many stored runs and give their result folders in order; goes on where it was stopped.
 
-    Parameters
-    ----------
-    runs, recipe : sequence of path, path or None
-        Run stores with different names, and a recipe; None makes one for the first run, which the others must fit.
-    output : path
-        Folder that takes a result folder per run, named like it, and ``survey.json``.
-    lanes, others : sequence, optional
-        Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
-    model, section, report, how
-        As for :func:`detect_long`.
-    lanes_at_once : int, optional
-        How many lanes are worked on at the same time; more than 1 needs workers or a scheduler.
+    The runs have different names; ``output`` takes a result folder per run, named like it, and ``survey.json``. A
+    recipe of None is made for the first run, which the others must fit. ``lanes`` and ``others`` are per run the TOML
+    of its lane and the runs taken together with it; ``lanes_at_once``, how many are worked on at the same time, needs
+    workers or a scheduler to be more than 1. The rest is as for :func:`detect_long`.
     """
     if not runs:
         raise ValueError("runs must hold at least one run, got none")

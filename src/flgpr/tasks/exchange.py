@@ -18,6 +18,7 @@ from flgpr.results.result import read_result
 
 PathLike = str | Path
 TABLE_FORMATS = ("geojson", "gpkg", "kml", "csv")
+FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
 
 
 def import_with_mapping(
@@ -34,23 +35,11 @@ def import_with_mapping(
 ) -> Imported:
     """Import data files by a mapping (TOML) and store the run; a stopped import goes on with the scan it was at.
 
-    It gives run, track and notes; a track is also written beside the run as ``NAME-track.csv``. If an input is not
-    valid or the store exists, nothing is written.
-
-    Parameters
-    ----------
-    data : list of path, optional
-        Data files in place of the mapping's own.
-    survey, track : path, optional
-        CSV of surveyed poses, see :func:`flgpr.io.read_survey`; or CSV track, or an NMEA log, which needs the anchor.
-    anchor : path, optional
-        TOML that ties the lane to the Earth.
-    clock_offset, latency : float
-        The track's clock less the radar's, and how late its time stamps are, s.
-    lever_arm : tuple of float
-        Positioning antenna in the vehicle frame, m.
-    max_memory : int
-        Largest array that is read, bytes.
+    It gives run, track and notes; a track is also written beside the run as ``NAME-track.csv``. ``data`` stand in place
+    of the mapping's files. Poses may come from ``survey``, CSV as :func:`flgpr.io.read_survey` takes it, or from
+    ``track``, CSV or an NMEA log, which needs the ``anchor`` (TOML): then ``clock_offset`` is the track's clock less
+    the radar's, s, ``latency`` how late its stamps are, s, and ``lever_arm`` the antenna's place in the vehicle frame,
+    m. ``max_memory`` is the largest array that is read, bytes.
     """
     _fresh(Path(output))
     pose = read_survey(survey) if survey is not None else None

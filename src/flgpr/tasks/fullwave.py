@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 
 from flgpr.chain.progress import Track, silent
@@ -14,27 +16,6 @@ from flgpr.io.gprmax_files import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor
 from flgpr.simulate import Decks, Scene, draw_world, make_decks
 
-_TOLD = """\
-A scene of flgpr as input files of gprMax (https://www.gprmax.com), version 3 or 4.
-
-    sh run.sh                                   # every input file that has no result yet
-    flgpr import gprmax . -o ../fullwave.zarr   # when all are done
-
-scanNNN-txNN-H.in   scan, transmitter and its polarization
-air-....in          the same antennas in air alone: the direct wave, which the import takes off
-scene.txt           soil, surface, objects and targets, included by every scan
-manifest.json       what the import needs to put the results together; what was left out stands there, too
-
-"""
-_SCRIPT = """\
-#!/bin/sh
-# Runs gprMax on every input file that has no result yet; PYTHON may name the interpreter that has it.
-cd "$(dirname "$0")" || exit 1
-for deck in *.in; do
-  name=${deck%.in}
-  [ -e "$name.h5" ] || [ -e "$name.out" ] || ${PYTHON:-python} -m gprMax "$deck" || exit 1
-done
-"""
 _BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson", "lane.toml")
 
 
@@ -57,9 +38,10 @@ def write_gprmax_decks(
         for name, text in decks.files.items():
             (partial / name).write_text(text, encoding="utf-8")
         (partial / "manifest.json").write_text(json.dumps(decks.manifest, indent=1), encoding="utf-8")
-        (partial / "run.sh").write_text(_SCRIPT, encoding="utf-8")
-        left_out = "".join(f"- {one}\n" for one in decks.omissions)
-        words = _TOLD + "Size:\n" + "".join(f"- {one}\n" for one in decks.summary) + f"\nNot written:\n{left_out}"
+        texts = tomllib.loads((resources.files("flgpr.tasks") / "gprmax.toml").read_text(encoding="utf-8"))
+        (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
+        size, left_out = ("".join(f"- {one}\n" for one in some) for some in (decks.summary, decks.omissions))
+        words = f"{texts['readme']}Size:\n{size}\nNot written:\n{left_out}"
         (partial / "README.txt").write_text(words, encoding="utf-8")
         world = draw_world(scene, seed)
         for name, table in (("truth", world.truth()), ("objects", world.objects_table())):

@@ -15,7 +15,7 @@ import pandas as pd
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import results_at
 from flgpr.io import read_table, write_table, write_whole
-from flgpr.io.files import existing
+from flgpr.io.files import existing, faults_of
 from flgpr.model import Lane
 from flgpr.report import score_files
 from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
@@ -36,13 +36,9 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     row per lane, named in the column ``lane``. A file that holds no lanes is a ValueError.
     """
     path = existing(path, "lane file")
-    try:
-        if path.suffix.lower() == ".csv":
-            lanes = as_lanes(pd.read_csv(path))
-        else:
-            lanes = as_lanes(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {error}") from None
+    with faults_of(path):
+        table = path.suffix.lower() == ".csv"
+        lanes = as_lanes(pd.read_csv(path) if table else tomllib.loads(path.read_text(encoding="utf-8")))
     return lanes[""] if list(lanes) == [""] else lanes
 
 
@@ -59,20 +55,10 @@ def score_result(
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
-    If an input is not valid or altered, or the recipe is not registered, nothing is written.
-
-    Parameters
-    ----------
-    folder, truth : path
-        Result folder or folder of sections, and CSV of the targets.
-    objects : path, optional
-        CSV of what else stands there, for the pictures.
-    output : path, optional
-        Folder for the files; default :func:`score_home`.
-    recipe, book : path, optional
-        As for :func:`score_alarms`.
-    far : float
-        Operating point at which targets count as found or missed, per m².
+    ``truth`` is CSV of the targets, ``objects`` of what else stands there, for the pictures; ``output`` takes the
+    files, by default :func:`score_home`. Targets count as found or missed at the operating point ``far``, per m²;
+    ``recipe`` and ``book`` are as for :func:`score_alarms`. If an input is not valid or altered, or the recipe is not
+    registered, nothing is written.
     """
     home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
@@ -111,19 +97,11 @@ def score_alarms(
     title: str = "Detection report",
     **rules: Any,
 ) -> list[Score]:
-    """Score an alarm list of any detector and write the report; the list has the one score.
+    """Score an alarm list of any detector (CSV) and write the report; the list has the one score.
 
-    Parameters
-    ----------
-    alarms, truth, lane : path
-        CSV tables, and the scored lane or lanes, see :func:`read_lanes`.
-    output : path
-        Folder for ``report.html``, ``roc.json`` and the figures as PNG and PDF; made if missing.
-    recipe, book : path, optional
-        A recipe and the register that must hold its hash before the truth is opened; only both together. The opening is
-        entered into the register.
-    title, **rules
-        Heading of the page; as for :class:`flgpr.scoring.Rules`.
+    ``lane`` is as for :func:`read_lanes`. ``output`` takes ``report.html``, ``roc.json`` and the figures as PNG and
+    PDF. ``recipe`` and ``book``, only together, are a recipe and the register that must hold its hash before the truth
+    is opened; the opening is entered there. ``rules`` are those of :class:`flgpr.scoring.Rules`.
     """
     table, where = read_table(alarms, "alarms"), read_lanes(lane)
     targets, notes = _open_truth(truth, alarms, recipe, book)
@@ -245,18 +223,10 @@ def plan_lane(
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Draw an emplacement plan, write it as a truth table and register it with the recipe that will be scored.
 
-    It gives the truth table and what was registered. A plan that exists is refused.
-
-    Parameters
-    ----------
-    lane, targets : path
-        The lane or lanes, see :func:`read_lanes`, and CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort.
-    seed, spacing, edge
-        As for :func:`flgpr.scoring.emplacement_plan`, m.
-    output, book : path
-        CSV to write, and the register; ``<output>.register.jsonl`` by default.
-    recipe : path, optional
-        Recipe whose hash is registered beside the plan's, before anybody can open the truth.
+    It gives the table and what was registered. ``lane`` is as for :func:`read_lanes`, ``targets`` CSV with ``kind``,
+    ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge`` as for :func:`flgpr.scoring.emplacement_plan`,
+    m. The register ``book`` is ``<output>.register.jsonl`` by default; the recipe's hash is entered before anybody can
+    open the truth. A plan that exists is refused.
     """
     place = Path(output)
     if place.exists():

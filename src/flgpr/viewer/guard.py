@@ -43,7 +43,8 @@ class Guard:
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
         self._app, self._token, self._port = app, token, port
-        names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {_bracketed(host)}
+        own = f"[{host}]" if ":" in host else host.lower()
+        names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {own}
         self._wildcard = host in _WILDCARDS
         if self._wildcard:
             names |= {socket.gethostname().lower(), "localhost"}
@@ -83,7 +84,7 @@ class Guard:
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return False
         origins = headers.getlist("origin")
-        if any(not _same_origin(origin, hosts[0]) for origin in origins):
+        if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in origins):
             return False
         site = headers.get("sec-fetch-site", "none")
         return site in ("none", "same-origin") or headers.get("sec-fetch-mode") == "navigate"
@@ -93,14 +94,6 @@ class Guard:
         if not separator or port != str(self._port):
             return False
         return name in self._names or (self._wildcard and _is_address(name))
-
-
-def _same_origin(origin: str, host: str) -> bool:
-    return origin.lower() == f"http://{host.lower()}"
-
-
-def _bracketed(host: str) -> str:
-    return f"[{host}]" if ":" in host else host.lower()
 
 
 def _is_address(name: str) -> bool:
