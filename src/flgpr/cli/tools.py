@@ -103,6 +103,7 @@ def reproduce(
     paper: Annotated[str, Argument(help=f"One of {', '.join(PAPERS)}, or all.")],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
+    workers: Annotated[int, Option(min=1, help="Processes that take a paper each, of all.")] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
@@ -111,6 +112,6 @@ def reproduce(
             raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
         papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
-        page = papers.reproduce(paper, folder, quick, track)
+        page = papers.reproduce(paper, folder, quick, track, workers)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")
