@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
+from flgpr.scoring import random_pd
 from flgpr_papers.fuse2018.findings import CONVENTIONS, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
 from flgpr_papers.fuse2018.poses import PoseStudy
@@ -125,6 +126,8 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
                 curve = scored(lane, name, recipe, convention)[1]
                 width = 2.2 if name in ("original", "iteration") else 1.2
                 axes.step(curve["far"], curve["pd"], where="post", color=colour, ls=dash, lw=width, label=name)
+            rates = np.linspace(0, 0.3, 101)
+            axes.plot(rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance")
             axes.set(title=f"lane {lane.name}, {words}", xlim=(0, 0.3), ylim=(0, 1.02))
             axes.title.set_fontsize(9)
             axes.grid(alpha=0.3)

@@ -26,11 +26,9 @@ def in_words(found: int, targets: int, by_chance: float) -> str:
 
 
 def point_rows(matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any) -> list[tuple[str, ...]]:
-    """Tabulate detectors and subsets of the targets by operating points; subsets without a target are left out."""
-    rows = []
-    for name, one in matches.items():
-        for kind, subset in subsets.items():
-            if roc_of(one, subset, **area)["n_targets"].iloc[0]:
-                cells = [in_words(*detections_at(one, subset, far, **area)) for far in FAR]
-                rows.append((name, kind, *cells))
-    return rows
+    """Tabulate detectors and subsets of the targets by operating points."""
+    return [
+        (name, kind, *(in_words(*detections_at(one, subset, far, **area)) for far in FAR))
+        for name, one in matches.items()
+        for kind, subset in subsets.items()
+    ]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flgpr.chain.recipe import Recipe
 from flgpr.detect import HistogramNormalizer
 from flgpr.model import Sensor
-from flgpr.scoring import Match, roc_of
+from flgpr.scoring import Match, random_pd, roc_of
 from flgpr_papers.wang2007.analysis import LaneResult
 
 _DB = 30.0
@@ -242,10 +242,12 @@ def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -
 
 
 def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
+    rates = np.linspace(0, far_max, 101)
+    axis.plot(rates, random_pd(rates, 1.0), color="0.5", ls=":", lw=1, label="chance")
     axis.set(xlim=(0, far_max), ylim=(0, 1.02), xlabel="FAR (per m²)", ylabel="Pd")
     axis.set_title(title, fontsize=10)
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=7, loc="lower right")
+    axis.legend(fontsize=7)
 
 
 def captions() -> Sequence[tuple[str, str]]:

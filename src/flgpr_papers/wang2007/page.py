@@ -90,8 +90,9 @@ def page_html(
     lists |= {
         f"{name}, calibration": pool.match_of(pool.confidence(list(columns), "C")) for name, columns in SETS.items()
     }
-    lists |= {f"{name}, blind": one for name, one in (blind_matches or {}).items()}
-    subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES, "simulants": SIMULANTS}
+    subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
+    points = point_rows(lists, subsets | {"simulants": SIMULANTS})
+    points += point_rows({f"{name}, blind": one for name, one in (blind_matches or {}).items()}, subsets)
     low, high = pool.interval(confidence, draws)
     pictures = []
     drawn = all_figures(folder, calibration, pool, recipe, radar, blind_matches)
@@ -107,7 +108,7 @@ def page_html(
         found=findings,
         chance=by_chance(findings),
         header=HEADER,
-        points=point_rows(lists, subsets),
+        points=points,
         retrained=_retrained_rows(pool, draws),
         features=list(FEATURES),
         numbered=[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
