@@ -109,6 +109,7 @@ class Cleaned:
     aperture: Aperture  #: the aperture
     masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region" and "L"
     course: Iterated  #: the paper's iteration
+    data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
     images: dict[str, ComplexArray]  #: by variant
     rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
 
@@ -164,13 +165,13 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
         "least squares spared": spared,
         "L band alone": lambda: iterated("L"),
     }
-    images, rows = {}, []
+    made, images, rows = {}, {}, []
     norm = float(np.linalg.norm(one.data))
     for variant in variants:
         before = time.process_time()
         data, courses = how[variant]()
         spent = time.process_time() - before
-        images[variant] = whole.adjoint(data)[0, 0]
+        made[variant], images[variant] = data, whole.adjoint(data)[0, 0]
         mask = masks[{"regions": "region", "L band alone": "L"}.get(variant, "pixel")]
         rises = [course.rise for course in courses if course.rise is not None]
         rows.append(
@@ -185,7 +186,7 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
                 "cpu": spent,
             }
         )
-    return Cleaned(one, masks, main[0], images, rows)
+    return Cleaned(one, masks, main[0], made, images, rows)
 
 
 def process_lane(
@@ -296,8 +297,7 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
     for name, half in (("least squares", 0.0), ("least squares spared", road)):
         if name in cleaned.images:
             # Its steps depend on the data: what the mines add is what they change.
-            with_, without = (road_spared(one, data, mask, number, half) for data in (one.data, one.data - alone))
-            made[name] = with_ - without
+            made[name] = cleaned.data[name] - road_spared(one, one.data - alone, mask, number, half)
     whole = one.stack_on(one.grid.points())
     level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
     for row in targets:
