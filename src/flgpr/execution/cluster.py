@@ -28,7 +28,7 @@ class Cluster(Executor):
             self._client = self._distributed.Client(self.address, timeout=_PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
             raise ValueError(
-                f"scheduler must be an address of a Dask scheduler, got {self.address} ({error})"
+                f"scheduler must be the address of a Dask scheduler, got {self.address} ({error})"
             ) from None
         return self
 
