@@ -87,6 +87,8 @@ def suppress_by_model(
     gradient = operator.adjoint(w * w * rest)
     if kept is not None and kept.shape != gradient.shape[2:]:
         raise ValueError(f"spared must have the shape of the pixels, {gradient.shape[2:]}, got {kept.shape}")
+    if kept is not None and not kept.any():
+        kept = None  # nothing is given back, so that nothing has to be modelled for it
     direction, back = gradient, np.zeros_like(gradient)
     power = _power(gradient)
     for _ in range(iterations):

@@ -146,7 +146,7 @@ def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: S
             return one.data, []
         number, points = equal_cost(main[0], mask, one.region), pixels[mask]
         if not split:
-            return suppress_by_model(one.data, one.stack_on(points), number).data, []
+            return road_spared(one, one.data, mask, number, 0.0), []
         pairs = zip(one.data, one.operators, strict=True)
         return np.stack([suppress_by_model(b, make(points), number).data for b, make in pairs]), []
 

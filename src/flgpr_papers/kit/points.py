@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import pandas as pd
+
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
 
 FAR = (0.01, 0.02, 0.05, 0.1)
@@ -14,7 +16,10 @@ HEADER = ["alarms by", "targets", *(f"Pd at {far:g} per m², 95 %, chance" for f
 
 def detections_at(matched: Match, subset: Any, far: float, **area: Any) -> tuple[int, int, float]:
     """Count the targets found at an allowed FAR (per m²), and all; with the chance level of Pd there."""
-    curve = chance(matched).beside(roc_of(matched, subset, **area), subset)
+    return _read(chance(matched).beside(roc_of(matched, subset, **area), subset), far)
+
+
+def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
     row = curve.iloc[int(operating_row(curve, far))]
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 
@@ -27,8 +32,10 @@ def in_words(found: int, targets: int, by_chance: float) -> str:
 
 def point_rows(matches: Mapping[str, Match], subsets: Mapping[str, Any], **area: Any) -> list[tuple[str, ...]]:
     """Tabulate detectors and subsets of the targets by operating points."""
-    return [
-        (name, kind, *(in_words(*detections_at(one, subset, far, **area)) for far in FAR))
-        for name, one in matches.items()
-        for kind, subset in subsets.items()
-    ]
+    rows = []
+    for name, one in matches.items():
+        level = chance(one)
+        for kind, subset in subsets.items():
+            curve = level.beside(roc_of(one, subset, **area), subset)
+            rows.append((name, kind, *(in_words(*_read(curve, far)) for far in FAR)))
+    return rows
