@@ -32,6 +32,9 @@ from flgpr.simulate.tables import (
 from flgpr.simulate.tables import Part as _Part
 
 _SITES = resources.files("flgpr.simulate") / "sites"
+_OF_SITES = {
+    "soil", "surface", "clutter", "terrain", "grass", "shadow", "stones", "roots", "lenses", "heterogeneity", "holes",
+}  # fmt: skip
 
 
 class Layer(_Part):
@@ -261,7 +264,8 @@ class Scene(_Part):
     """A lane and all that is in it."""
 
     name: str = "lane"
-    #: one of the packaged sites, whose soil, surface and clutter stand wherever the scene says nothing itself
+    #: one of the packaged sites, or the path of a TOML file like theirs (``.toml``), whose soil, surface and clutter
+    #: stand wherever the scene says nothing itself
     site: str | None = None
     x_min: float = -1.5  #: m
     x_max: float = 1.5  #: m
@@ -288,12 +292,8 @@ class Scene(_Part):
     def _take_site(cls, data: Any) -> Any:
         if not isinstance(data, dict) or data.get("site") is None:
             return data
-        known = sites()
-        if data["site"] not in known:
-            raise ValueError(f"site must be one of {', '.join(known)}, got {data['site']!r}")
-        text = (_SITES / f"{data['site']}.toml").read_text(encoding="utf-8")
         merged = dict(data)
-        for part, values in tomllib.loads(text).items():
+        for part, values in _site_tables(data["site"]).items():
             given = data.get(part, {})
             given = given.model_dump(exclude_unset=True) if isinstance(given, BaseModel) else given
             merged[part] = {**values, **given}
@@ -309,6 +309,24 @@ class Scene(_Part):
     def lane(self) -> Lane:
         """The rectangle that is scored."""
         return Lane(self.x_min, self.x_max, 0.0, self.length)
+
+
+def _site_tables(site: Any) -> dict[str, Any]:
+    """Read the tables of a packaged site or of a file."""
+    own = Path(str(site))
+    if own.suffix == ".toml" and own.is_file():
+        try:
+            tables = tomllib.loads(own.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
+        strange = sorted(set(tables) - _OF_SITES)
+        if strange:
+            raise ValueError(f"site {own} must hold the tables of a site alone, got {strange[0]}")
+        return tables
+    known = sites()
+    if site not in known:
+        raise ValueError(f"site must be one of {', '.join(known)} or a TOML file that is there, got {site!r}")
+    return tomllib.loads((_SITES / f"{site}.toml").read_text(encoding="utf-8"))
 
 
 def sites() -> list[str]:

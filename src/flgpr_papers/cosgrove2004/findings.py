@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from flgpr.scoring import pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.findings import UNDECIDED, Finding, alike, larger, less_figure, measured, share_error
+from flgpr_papers.kit.findings import MARGIN, UNDECIDED, Finding, alike, larger, less_figure, measured, share_error
 
 FloatArray = NDArray[np.float64]
 Case = dict[str, Any]
@@ -112,9 +112,11 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
                 )
             )
     best = max(soils, key=lambda soil: float(np.mean(pds[soil, rank])))
-    gap = less_figure(interval(pds[best, rank]), 0.9, share_error(0.9, PAPER_LOOKS))
+    asks = ("alike", MARGIN, share_error(0.9, PAPER_LOOKS))
+    gap = less_figure(interval(pds[best, rank]), 0.9, asks[2])
     statement = f"Pd is about 0.9 in the best soil (ours: {titles[best]})"
-    found.append(measured(statement, "", f"{pfa}: ours less 0.9 of {PAPER_LOOKS} looks", gap, verdict=alike(*gap[1:])))
+    quantity = f"{pfa}: ours less 0.9 of {PAPER_LOOKS} looks"
+    found.append(measured(statement, "", quantity, gap, verdict=alike(*gap[1:]), asks=asks))
     for soil in soils:
         one = _above(
             f"The first eigenvector alone is an excellent candidate: {titles[soil]}",
@@ -123,7 +125,7 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
             -0.05,
         )
         # Two detectors that find nothing are as good as each other.
-        found.append(replace(one, verdict=UNDECIDED) if np.mean(pds[soil, rank]) < _NOTHING else one)
+        found.append(replace(one, verdict=UNDECIDED, asks=None) if np.mean(pds[soil, rank]) < _NOTHING else one)
     for better, worse in (("sand", "gravel"), ("sand", "clay"), ("gravel", "clay")):
         if not {better, worse} <= set(soils):
             continue
@@ -173,7 +175,7 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame, titles: Mapping[st
 
 def _above(statement: str, quantity: str, values: FloatArray, limit: float = 0.0) -> Finding:
     found = interval(values)
-    return measured(statement, "", quantity, found, verdict=larger(*found[1:], limit))
+    return measured(statement, "", quantity, found, verdict=larger(*found[1:], limit), asks=("larger", limit, 0.0))
 
 
 def _about(statement: str, quantity: str, values: FloatArray, least: float, most: float) -> Finding:

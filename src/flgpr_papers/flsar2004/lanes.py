@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pydantic import Field
 
 from flgpr.chain.progress import Track, silent
 from flgpr.clutter import self_signature
@@ -66,7 +67,7 @@ class Classify(Table):
 
 
 class Settings(Table):
-    """All that the experiment depends on."""
+    """All that the experiment depends on; ``scenes`` gives sites that are called otherwise than what they are of."""
 
     name: str
     seed: int
@@ -76,6 +77,7 @@ class Settings(Table):
     footprint: tuple[float, float, float, float]
     window: str
     sites: tuple[str, ...]
+    scenes: dict[str, str] = Field(default_factory=dict)
     ranges: tuple[float, ...]
     step: float
     lane: tuple[float, float]
@@ -163,7 +165,8 @@ def _scene(settings: Settings, site: str) -> Scene:
         for side in (-1, 1)
     )
     return Scene(
-        name=site, site=site, x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
+        name=site, site=settings.scenes.get(site, site),
+        x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
         draws=tuple(draws), objects=fiducials, track=_track(settings), surface=Surface(density=settings.density),
     )  # fmt: skip
 

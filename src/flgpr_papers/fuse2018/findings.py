@@ -29,6 +29,7 @@ _SLOT = 10.0  # m of the unrolled lane given to a frame: its 5 m and a gap that 
 _HITS = 2
 _OWN = ("iteration", "least squares", "least squares spared")
 _KEPT, _ALIKE = 1.0, 6.0  # dB
+_MORE = ("larger", 0.0, 0.0)
 
 
 def peaks_kept(low: float, high: float) -> str:
@@ -150,12 +151,13 @@ def all_findings(lanes: Sequence[LaneResult], loose: LaneResult, recipe: FuseRec
     The paper's first, then our own questions.
     """
     boxes = strongest_boxes(lanes)
-    return [
-        *_clutter_findings(boxes, recipe),
-        *_mine_findings(lanes, recipe),
-        *_roc_findings(lanes, recipe),
-        *_own_findings(lanes, loose, boxes, recipe),
-    ]
+    return [*paper_findings(lanes, recipe), *_own_findings(lanes, loose, boxes, recipe)]
+
+
+def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
+    """Judge the paper's statements; those on roadside clutter only where there is some."""
+    boxes = _clutter_findings(strongest_boxes(lanes), recipe) if any(len(one.boxes) for one in lanes) else []
+    return [*boxes, *_mine_findings(lanes, recipe), *_roc_findings(lanes, recipe)]
 
 
 def _in_words(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
@@ -169,8 +171,7 @@ def _gap(boxes: pd.DataFrame, values: FloatArray, recipe: FuseRecipe) -> Interva
 
 def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interval:
     """Difference of our frames' named boxes, left and right together, and those of the one frame that a paper shows."""
-    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
-    pairs = frames.loc[frames["count"] == 2, "mean"]
+    pairs = _pairs(boxes, values)
     if len(pairs) < 2:
         return np.nan, -np.inf, np.inf
     gap = float(pairs.mean()) - figure
@@ -178,11 +179,24 @@ def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interva
     return gap, gap - half, gap + half
 
 
+def frame_error(boxes: pd.DataFrame, values: FloatArray) -> float:
+    """Bound the standard error of a figure of one frame by the deviation of ours; 0 where there are not two."""
+    pairs = _pairs(boxes, values)
+    return float(pairs.std()) if len(pairs) > 1 else 0.0
+
+
+def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
+    """Mean of a frame's two named boxes, where it has two."""
+    frames = boxes.assign(value=values).groupby(["lane", "frame"])["value"].agg(["mean", "count"])
+    return frames.loc[frames["count"] == 2, "mean"]
+
+
 def _figure_finding(claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe) -> Finding:
     gap, every = one_frame(boxes, values, figure), _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
     note = f"interval of one frame; mean over all {len(boxes)} boxes {_in_words(every)}; alike within {_ALIKE:g} dB"
-    return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap)
+    asks = ("alike", _ALIKE, frame_error(boxes, values))
+    return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap, asks=asks)
 
 
 def _clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
@@ -197,14 +211,17 @@ def _clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
             "combination #6 lowers the clutter power by 26.5 dB", boxes, -power_db(boxes, "#6"), 26.5, recipe
         ),
         _figure_finding("averaging alone gives about 5.03 dB of it", boxes, gain, 5.03, recipe),
-        Finding("averaging lowers the clutter", "yes", _in_words(mean), larger(*mean[1:]), size, interval=mean),
+        Finding(
+            "averaging lowers the clutter", "yes", _in_words(mean), larger(*mean[1:]), size, interval=mean, asks=_MORE
+        ),
         Finding(
             "more iterations leave less clutter", "power falls with the iteration (Fig. 8)", _in_words(steps),
             larger(*steps[1:]), "iteration 7 against iteration 1, without averaging", interval=steps,
+            asks=_MORE,
         ),
         Finding(
             "#6 is the best combination", "the best pattern", _in_words(best), larger(*best[1:]), "#6 against #5",
-            interval=best,
+            interval=best, asks=_MORE,
         ),
     ]  # fmt: skip
 
@@ -228,11 +245,12 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
             "the targets' signals remain", "targets still remain", _in_words(mean), peaks_kept(*mean[1:]),
             f"change of what a mine alone gives at its peak, mask and amplitudes held fixed, {count}; within 1 dB "
             f"agrees. The largest pixel of its halo, clutter included, changes by {_in_words(halo)}", interval=mean,
+            rule=(-_KEPT, _KEPT),
         ),
         Finding(
             "the mask does not cover targets", "covers just the clutter area", _in_words(share, "", 3),
             judge(*share[1:], (0.0, 0.05)), f"share of {len(peaks)} looks whose peak is masked; up to 5 % agrees",
-            interval=share,
+            interval=share, rule=(0.0, 0.05),
         ),
     ]  # fmt: skip
 
@@ -247,7 +265,7 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
                     f"ROC better with suppression, lane {lane.name}, {words}", "significantly improved (Fig. 9)",
                     f"PD_mean {one.pd_mean_b:.2f} to {one.pd_mean_a:.2f}, by {one.difference:+.2f} "
                     f"({one.low:+.2f} to {one.high:+.2f})",
-                    larger(one.low, one.high), interval=(one.difference, one.low, one.high),
+                    larger(one.low, one.high), interval=(one.difference, one.low, one.high), asks=_MORE,
                     note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², {one.n_targets} "
                     f"{'looks' if convention == 'frames' else 'mines'}; at {one.far:g} per m² {one.only_a} mines are "
                     f"found more often with it, {one.only_b} without",

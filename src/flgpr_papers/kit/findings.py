@@ -60,6 +60,9 @@ class Finding:
     interval: Interval | None = None  #: that number and its 95 % interval
     rule: tuple[float, float] | None = None  #: the claim agrees where the number lies between these
     group: str = ""  #: on which lanes, where the same was asked of several
+    #: "larger" or "alike", with the limit or the margin and the standard error of the paper's figure, where no rule is
+    asks: tuple[str, float, float] | None = None
+    parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
 
     def __post_init__(self) -> None:
         if self.verdict in (AGREES, DISAGREES) and (self.interval is None or np.isnan(self.interval).any()):
@@ -90,6 +93,18 @@ def alike(low: float, high: float, margin: float = MARGIN) -> str:
     if low > 0 or high < 0:
         return DISAGREES
     return AGREES if -margin <= low and high <= margin else UNDECIDED
+
+
+def judge_again(one: Finding, value: float, low: float, high: float) -> str:
+    """Judge another interval by what a finding's claim asks; that of a paper's figure gets the figure's error."""
+    if one.rule is not None:
+        return judge(low, high, one.rule)
+    if one.asks is None:
+        return OPEN
+    kind, limit, error = one.asks
+    if kind == "larger":
+        return larger(low, high, limit)
+    return alike(*less_figure((value, low, high), 0.0, error)[1:], limit)
 
 
 def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
@@ -152,10 +167,11 @@ def measured(
     interval: Interval,
     rule: tuple[float, float] | None = None,
     verdict: str = OPEN,
+    asks: tuple[str, float, float] | None = None,
 ) -> Finding:
     """Make the finding of a number, judged by its rule if there is one."""
     said = verdict if rule is None else judge(*interval[1:], rule)
-    return Finding(claim, paper, in_words(*interval), said, "", quantity, interval, rule)
+    return Finding(claim, paper, in_words(*interval), said, "", quantity, interval, rule, asks=asks)
 
 
 def in_words(value: float, low: float, high: float) -> str:
@@ -178,7 +194,10 @@ def parts_larger(
     least = min(parts.values(), key=lambda one: one[1])
     ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in parts.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in parts.values()])
-    return Finding(claim, paper, ours, verdict, note, interval=least, group=group)
+    values = tuple(value for value, _, _ in parts.values())
+    return Finding(
+        claim, paper, ours, verdict, note, interval=least, group=group, asks=("larger", limit, 0.0), parts=values
+    )
 
 
 def together(parts: int) -> float:
@@ -194,15 +213,19 @@ def spread(value: float, draws: ArrayLike, level: float = 0.95) -> Interval:
 
 def write_findings(folder: Path, found: Sequence[Finding], quick: bool, **more: Any) -> None:
     """Write ``findings.json``, in which a number that is not finite is null, and whatever else is told of the run."""
+    told = {"quick": quick, **more, "findings": [row_of(one) for one in found]}
+    write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
+
+
+def row_of(one: Finding) -> dict[str, Any]:
+    """Tell a finding as JSON can hold it."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, tuple):
             return [plain(one) for one in value]
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    rows = [{name: plain(value) for name, value in asdict(one).items()} for one in found]
-    told = {"quick": quick, **more, "findings": rows}
-    write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
+    return {name: plain(value) for name, value in asdict(one).items()}
 
 
 def read_findings(folder: Path) -> list[Finding]:
@@ -215,6 +238,6 @@ def finding_of(row: dict[str, Any]) -> Finding:
     """Make a finding of what JSON holds of it."""
     pairs = {
         name: None if row[name] is None else tuple(math.nan if one is None else one for one in row[name])
-        for name in ("interval", "rule")
+        for name in ("interval", "rule", "asks", "parts")
     }
     return Finding(**{**row, **pairs})

@@ -9,24 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.scoring import Match, compare
 from flgpr_papers.kit.findings import (
+    MARGIN,
     Finding,
     Interval,
     alike,
     all_of,
     difference_of_shares,
     judge,
-    larger,
     less_figure,
     parts_larger,
     share_error,
@@ -34,9 +35,22 @@ from flgpr_papers.kit.findings import (
     together,
 )
 from flgpr_papers.kit.points import detections_at, in_words
-from flgpr_papers.wang2007.analysis import BURIED_PLASTIC, MINES, SIMULANTS, SUBBANDS, LaneResult, Pool, prescreened
+from flgpr_papers.wang2007.analysis import (
+    BURIED_PLASTIC,
+    MINES,
+    SIMULANTS,
+    SUBBANDS,
+    LaneResult,
+    Pool,
+    all_forty,
+    matched,
+    prescreened,
+    table_one,
+    table_two,
+)
 
 FloatArray = NDArray[np.float64]
+SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
 PAPER_MINES, PAPER_PLASTIC, PAPER_SIMULANTS = 47, 20, 16
 F1 = tuple(f"{name}_F1" for name in FEATURES)
 
@@ -44,6 +58,46 @@ F1 = tuple(f"{name}_F1" for name in FEATURES)
 def retrainings(draws: int) -> int:
     """Tell in how many of the draws a discriminant is trained anew: enough for a standard deviation."""
     return max(draws // 5, 20)
+
+
+class Tables(NamedTuple):
+    """What the statements are judged by, and the page shows."""
+
+    pool: Pool  #: alarms of the calibration lanes
+    by_band: dict[str, pd.DataFrame]  #: Table I of every sub-band
+    searches: dict[str, list[SearchStep]]  #: Table II
+    sets: dict[str, list[SearchStep]]  #: Tables III and IV ("all")
+    blind: dict[str, Match] | None  #: blind lanes by classifier
+
+
+def all_findings(
+    calibration: Sequence[LaneResult], blind: Sequence[LaneResult], recipe: Recipe, draws: int
+) -> tuple[list[Finding], Tables]:
+    """Judge everything."""
+    pool = Pool(calibration)
+    by_band = {band: table_one(pool, band) for band in ("F0", *SUBBANDS)}
+    searches = table_two(pool)
+    sets = {b: pool.search([f"{n}_{b}" for n in FEATURES], "A", 3) for b in SUBBANDS}
+    sets["all"] = pool.search(all_forty(), "A", 5)
+    blind_matches = blind_scores(calibration, blind) if blind else None
+    found = [
+        *prescreener_findings(calibration, recipe, draws),
+        *feature_findings(pool, by_band["F1"], searches, draws),
+        *band_findings(pool, by_band, sets, draws),
+        *curve_findings(pool.match_of(pool.confidence(["C_HH_F1"], "A")), blind_matches),
+    ]
+    return found, Tables(pool, by_band, searches, sets, blind_matches)
+
+
+def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
+    """Score the blind lanes with classifiers A and B, trained on all calibration lanes and frozen."""
+    lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in calibration]
+    scores = {}
+    for name, columns in SETS.items():
+        classifier = train(make_training_set(lanes, columns=columns), columns)
+        tables = [one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind]
+        scores[name] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])
+    return scores
 
 
 def prescreener_findings(results: Sequence[LaneResult], recipe: Recipe, draws: int) -> list[Finding]:
@@ -113,6 +167,7 @@ def feature_findings(
             f"{level[0]:.2f} ({level[1]:.2f} to {level[2]:.2f}), cross-validation {c[own]:.2f}; ours less the paper's "
             f"{less[0]:+.2f} ({less[1]:+.2f} to {less[2]:+.2f})", alike(*less[1:]),
             "The level depends on soil, mines and clutter, which the paper does not describe.", interval=less,
+            asks=("alike", MARGIN, share_error(0.93, PAPER_MINES)),
         ),
         parts_larger(
             "More features hardly help (less than 0.03 over C_HH by resubstitution)", "0.93 to 0.94",
@@ -164,8 +219,9 @@ def _distribution_findings(pool: Pool, draws: int) -> list[Finding]:
     ):
         value, low, high = spread(*pool.outranks(f"{name}_F1", retrainings(draws)))
         text = f"P(mine > false alarm) = {value:.2f} ({low:.2f} to {high:.2f})"
-        verdict = larger(0.5 - high, 0.5 - low)
-        found.append(Finding(claim, "stated, no figure", text, verdict, remark, interval=(value, low, high)))
+        rule = (-1.0, 0.5)
+        verdict = judge(low, high, rule)
+        found.append(Finding(claim, "stated, no figure", text, verdict, remark, "", (value, low, high), rule))
     return found
 
 
@@ -235,7 +291,8 @@ def _share_finding(
     gap = difference_of_shares((found, targets), (round(figure * n), n))
     text = f"{in_words(found, targets, chance)}; less {round(figure * n)} of {n}: {gap[0]:+.2f}"
     ours = f"{text} ({gap[1]:+.2f} to {gap[2]:+.2f})"
-    return Finding(claim, f"{figure:.0%}", ours, alike(*gap[1:]), note, interval=gap)
+    asks = ("alike", MARGIN, share_error(figure, n))
+    return Finding(claim, f"{figure:.0%}", ours, alike(*gap[1:]), note, interval=gap, asks=asks)
 
 
 def _within_finding(claim: str, paper: str, parts: Mapping[str, Interval], limit: float, note: str = "") -> Finding:
@@ -244,7 +301,8 @@ def _within_finding(claim: str, paper: str, parts: Mapping[str, Interval], limit
     name = max(parts, key=lambda one: max(abs(parts[one][1]), abs(parts[one][2])))
     value, low, high = parts[name]
     ours = f"widest {name} {value:+.3f} ({low:+.3f} to {high:+.3f})"
-    return Finding(claim, paper, ours, verdict, note, interval=parts[name], rule=(-limit, limit))
+    values = tuple(value for value, _, _ in parts.values())
+    return Finding(claim, paper, ours, verdict, note, interval=parts[name], rule=(-limit, limit), parts=values)
 
 
 def _compare(first: Match, second: Match, draws: int, parts: int = 1) -> Interval:

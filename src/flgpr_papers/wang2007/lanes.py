@@ -46,17 +46,18 @@ def blind_scenes() -> dict[str, tuple[Scene, int]]:
     return {name: (_scene(name, 1200.0, draws, TRACK), seed) for seed, name in enumerate(_BLIND, start=201)}
 
 
-def quick_scenes() -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
+def quick_scenes(site: str = SITE) -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
     """Give small lanes that only show that everything runs: few targets, thinned surface clutter."""
     track = {**TRACK, "step": (2.6, 3.0), "start": -14.0}
     surface = {"density": 20.0}
     few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
     calibration = {
-        name: (_scene(name, 36.0, draws, track, surface), seed) for seed, name in enumerate(_CALIBRATION, start=101)
+        name: (_scene(name, 36.0, draws, track, surface, site), seed)
+        for seed, name in enumerate(_CALIBRATION, start=101)
     }
     blind = [_draw("metal", 0.075, 2), _draw("plastic", 0.075, 2)]
-    return calibration, {"b1": (_scene("b1", 36.0, blind, track, surface), 201)}
+    return calibration, {"b1": (_scene("b1", 36.0, blind, track, surface, site), 201)}
 
 
 def sensor() -> Sensor:
@@ -65,9 +66,14 @@ def sensor() -> Sensor:
 
 
 def _scene(
-    name: str, length: float, draws: list[dict[str, Any]], track: dict[str, Any], surface: dict[str, Any] | None = None
+    name: str,
+    length: float,
+    draws: list[dict[str, Any]],
+    track: dict[str, Any],
+    surface: dict[str, Any] | None = None,
+    site: str = SITE,
 ) -> Scene:
-    parts = {"name": name, "site": SITE, "length": length, "draws": draws, "track": track, "surface": surface or {}}
+    parts = {"name": name, "site": site, "length": length, "draws": draws, "track": track, "surface": surface or {}}
     return Scene.model_validate(parts)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
+from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set
 from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
@@ -31,23 +31,14 @@ from flgpr_papers.wang2007.analysis import (
     LaneResult,
     Pool,
     all_forty,
-    matched,
     prescreened,
     table_one,
-    table_two,
 )
-from flgpr_papers.wang2007.findings import (
-    band_findings,
-    curve_findings,
-    feature_findings,
-    prescreener_findings,
-    retrainings,
-)
+from flgpr_papers.wang2007.findings import SETS, all_findings, retrainings
 from flgpr_papers.wang2007.lanes import SITE
 
 Row = tuple[Any, ...]
 
-SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
 PAPER_ONE = {
     "A": (0.75, 0.82, 0.71, 0.69, 0.93, 0.77, 0.66, 0.19, 0.76, 0.30),
     "B": (0.75, 0.80, 0.68, 0.69, 0.90, 0.77, 0.65, 0.14, 0.76, 0.11),
@@ -75,16 +66,7 @@ def page_html(
 ) -> tuple[str, list[Finding]]:
     """Judge the findings and write the page, which needs nothing beside it."""
     draws = 100 if quick else 1000
-    pool = Pool(calibration)
-    by_band = {band: table_one(pool, band) for band in ("F0", *SUBBANDS)}
-    searches = table_two(pool)
-    sets = {b: pool.search([f"{n}_{b}" for n in FEATURES], "A", 3) for b in SUBBANDS}
-    sets["all"] = pool.search(all_forty(), "A", 5)
-    blind_matches = blind_scores(calibration, blind) if blind else None
-    findings = prescreener_findings(calibration, recipe, draws)
-    findings += feature_findings(pool, by_band["F1"], searches, draws)
-    findings += band_findings(pool, by_band, sets, draws)
-    findings += curve_findings(pool.match_of(pool.confidence(["C_HH_F1"], "A")), blind_matches)
+    findings, (pool, by_band, searches, sets, blind_matches) = all_findings(calibration, blind, recipe, draws)
     score, confidence, chosen = pool.nested(all_forty()[:10], 5)
     lists = {"prescreener, HH F1": prescreened(calibration, "HH", "F1", recipe)}
     lists |= {
@@ -135,17 +117,6 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
             cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
             rows.append((name, METHODS[method], f"{value:.2f}", *cells))
     return rows
-
-
-def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
-    """Score the blind lanes with classifiers A and B, trained on all calibration lanes and frozen."""
-    lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in calibration]
-    scores = {}
-    for name, columns in SETS.items():
-        classifier = train(make_training_set(lanes, columns=columns), columns)
-        tables = [one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind]
-        scores[name] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])
-    return scores
 
 
 def all_figures(
