@@ -124,8 +124,8 @@ def test_open_examples_leave_out_the_subset_and_give_mines_higher_features(small
 
 def test_prescreen_loses_weak_mines_and_labels_the_rest(small, site):
     templates = mean_template(ex.signatures(small, site, True)[0])
-    screen = ex.learn_screen(small, site, templates, ("metal",))
-    regions = ex.screened_regions(small, site, screen, ("HH", "VV"))
+    screen = ex.learn_screen(small, site)
+    regions = ex.screened_regions(site, screen, ("HH", "VV"))
     table, X = ex.screened_examples(small, site, templates, regions)
     assert len(table) == len(X) > 0
     mines = table[table["kind"] != "clutter"]

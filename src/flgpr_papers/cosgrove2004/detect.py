@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.chain.stages.forms import Samples, samples_at
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     ChipDetector,
@@ -19,7 +20,7 @@ from flgpr.detect import (
     deflection_form,
     magnitude_form,
 )
-from flgpr.features import clean_pixels, clutter_cuts, range_cuts, stack_channels
+from flgpr.features import range_cuts, stack_channels
 from flgpr.kernels.moments import sample_moments
 from flgpr.scoring import offset_boxes
 from flgpr_papers.cosgrove2004.images import Look
@@ -59,17 +60,12 @@ class Peaks:
 
 def learn(recipe: StudyRecipe, looks: Sequence[Look]) -> Training:
     """Take target cuts and clutter from training looks and whiten them."""
-    shape = (recipe.cut.length, 1)
-    clutter, pixels, cuts, surveyed = [], [], [], []
-    for look in looks:
-        stack, _ = stack_channels(look.image, recipe.cut.polarizations)
-        x, y = look.image["x"].values, look.image["y"].values
-        clean = clean_pixels(x, y, look.place[None], recipe.training.clear)
-        clutter.append(clutter_cuts(stack, clean, shape, recipe.training.clutter_step))
-        pixels.append(clutter_cuts(stack, clean, (1, 1), (5, 8)))
-        cuts.append(target_cut(recipe, look))
-        expected = look.place + [0.0, look.shift]
-        surveyed.append(range_cuts(look.image, expected[None], shape, recipe.cut.polarizations))
+    shape, taken = (recipe.cut.length, 1), [samples_at(look.image, look.place[None], recipe.cuts) for look in looks]
+    cuts, clutter, pixels = ([getattr(one, name) for one in taken] for name in Samples._fields)
+    surveyed = [
+        range_cuts(look.image, (look.place + [0.0, look.shift])[None], shape, recipe.cut.polarizations)
+        for look in looks
+    ]
     samples = np.concatenate(clutter)
     whitener, unshrunk = (ClutterWhitener(name).fit(samples) for name in (recipe.training.moments, "sample"))
     energy = float(np.mean(np.sum(np.abs(whitener.transform(samples)) ** 2, axis=1)))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from flgpr.chain.stages.forms import CutSettings
 from flgpr.model import Grid
 from flgpr_papers.kit.settings import Table, packaged
 
@@ -118,6 +119,11 @@ class StudyRecipe(Table):
     score: Score
     study: Study
     sites: dict[str, Site]
+
+    @property
+    def cuts(self) -> CutSettings:
+        """How samples are taken, as the stage that maps by forms is told it."""
+        return CutSettings(**(self.cut.model_dump() | self.training.model_dump()))
 
 
 def study_recipe() -> StudyRecipe:

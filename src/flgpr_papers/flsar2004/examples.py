@@ -17,6 +17,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, OneClassSVM
 
+from flgpr.chain.stages import TrainingView
+from flgpr.chain.stages.clusters import ClusterScreen, ClusterSettings, TemplateSettings, templates_of
 from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
 from flgpr.features import (
     align_phases,
@@ -30,14 +32,6 @@ from flgpr.features import (
 from flgpr.features.registration import Registration
 from flgpr.model import Grid, Lane
 from flgpr.scoring import splits
-from flgpr.screen import (
-    ClusterThresholds,
-    Ellipse,
-    fit_ellipse,
-    fuse_clusters,
-    learn_thresholds,
-    prescreen_clusters,
-)
 from flgpr.screen.clusters import Rule
 from flgpr_papers.flsar2004.lanes import Classify, Pass, Settings
 
@@ -59,6 +53,12 @@ class Site:
     mines: pd.DataFrame
     lanes: tuple[Lane, ...]  #: the lane in both drives
     registration: dict[str, Registration]  #: of (polarization, range) to the registration by fiducials, drive by drive
+
+    @property
+    def view(self) -> xr.DataArray:
+        """Magnitudes as the stages of a recipe take them."""
+        coords = {"polarization": list(POLARIZATIONS), "y": self.grid.y, "x": self.grid.x}
+        return xr.DataArray(self.image, dims=("polarization", "subband", "y", "x"), coords=coords)
 
     @property
     def area(self) -> float:
@@ -128,9 +128,9 @@ def make_templates(settings: Settings, site: Site, variant: Variant = MAIN) -> N
     Complex signatures have any phase, as mines do not lie where they are surveyed to a part of a wavelength: they are
     turned to one phase before they are averaged.
     """
+    if variant == MAIN:
+        return templates_of([_training(site)], TemplateSettings(**_sizes(settings)))
     chips = signatures(settings, site, True, variant.magnitude)[0]
-    if variant.components == 0 and variant.magnitude:
-        return mean_template(chips)
     channels = []
     for p, r in np.ndindex(*chips.shape[1:3]):
         one = chips[:, p, r]
@@ -164,49 +164,38 @@ def _with_features(
     return table, template_features(regions, templates, magnitude)
 
 
-@dataclass(frozen=True)
-class Screen:
-    """Prescreeners of a site: the ellipse, and one set of thresholds per polarization and range."""
-
-    ellipse: dict[tuple[str, float], Ellipse]
-    thresholds: dict[tuple[str, float], ClusterThresholds]
-
-
-def learn_screen(settings: Settings, site: Site, templates: NDArray[Any], kinds: Sequence[str]) -> Screen:
-    """Learn ellipse and thresholds from the subset's mines of the given kinds."""
-    chosen = site.mines[site.mines["subset"] & site.mines["kind"].isin(kinds)]
-    if chosen.empty:
-        chosen = site.mines[site.mines["subset"]]
-    ellipses, thresholds = {}, {}
-    for p, r in np.ndindex(*templates.shape[:2]):
-        key = (POLARIZATIONS[p], settings.ranges[r])
-        ellipses[key] = fit_ellipse(templates[p, r], settings.spacing)
-        thresholds[key] = learn_thresholds(
-            _channel(site, p, r), chosen[["x", "y"]].to_numpy(), ellipses[key], settings.prescreen.radius,
-            settings.prescreen.halo, settings.prescreen.pass_share,
-        )  # fmt: skip
-    return Screen(ellipses, thresholds)
+def learn_screen(settings: Settings, site: Site, kinds: tuple[str, ...] = ("metal",)) -> ClusterScreen:
+    """Train the recipe's prescreeners on the subset's mines of some kinds, or all of it if there is none of them."""
+    table = ClusterSettings(
+        **_sizes(settings), radius=settings.prescreen.radius, pass_share=settings.prescreen.pass_share,
+        reach=settings.prescreen.halo, kinds=kinds,
+    )  # fmt: skip
+    return ClusterScreen(table, None, ClusterScreen.fit(table, [_training(site)])[0])  # type: ignore[arg-type]
 
 
 def screened_regions(
-    settings: Settings, site: Site, screen: Screen, polarizations: Sequence[str], rule: Rule = "and-or"
+    site: Site, screen: ClusterScreen, polarizations: Sequence[str], rule: Rule = "and-or"
 ) -> pd.DataFrame:
     """Regions that pass all prescreeners in all ranges of one of the polarizations (par. 44), inside the lane.
 
     ``rule`` "and" asks it of all images (par. 18).
     """
-    tables = {}
-    for p, r in np.ndindex(*site.image.shape[:2]):
-        key = (POLARIZATIONS[p], settings.ranges[r])
-        if key[0] in polarizations:
-            tables[key] = prescreen_clusters(
-                _channel(site, p, r), screen.thresholds[key], screen.ellipse[key], settings.prescreen.radius
-            )
-    regions = fuse_clusters(tables, 2 * settings.prescreen.radius, rule)
+    table = screen.settings.model_copy(update={"polarizations": tuple(polarizations), "rule": rule})
+    regions = ClusterScreen(table, screen.setup, screen.learnt).alarms(site.view)
     inside = np.zeros(len(regions), np.bool_)
     for lane in site.lanes:
         inside |= lane.contains(regions["x"], regions["y"])
     return regions[inside].reset_index(drop=True)
+
+
+def _training(site: Site) -> TrainingView:
+    """Show the site to a stage with the subset's mines alone."""
+    return TrainingView(site.view, site.mines[site.mines["subset"]], site.lanes[0])
+
+
+def _sizes(settings: Settings) -> dict[str, Any]:
+    """Sizes that the stages of the recipe are told; all of the subset trains them."""
+    return {"region": settings.features.region, "template": settings.features.template, "share": 0.999}
 
 
 def screened_examples(
@@ -224,10 +213,6 @@ def screened_examples(
     again = table.duplicated(["target", "direction"]) & (table["target"] != "")
     table = table[~again & ~table["subset"].astype(bool)].reset_index(drop=True)
     return _with_features(settings, site, templates, table)
-
-
-def _channel(site: Site, p: int, r: int) -> xr.DataArray:
-    return xr.DataArray(site.image[p, r], dims=("y", "x"), coords={"y": site.grid.y, "x": site.grid.x})
 
 
 # Classifiers: functions of training features and labels that return a function of test features, and the share of the

@@ -161,9 +161,9 @@ def screened(material: Material) -> Results:
     for site, template in zip(sites, material.templates, strict=True):
         scores: dict[str, HeldOut] = {}
         figure: dict[str, pd.DataFrame] = {}
-        screen = learn_screen(settings, site, template, ("metal",))
+        screen = learn_screen(settings, site)
         for label, polarizations in (("HH", ("HH",)), ("VV", ("VV",)), ("both", POLARIZATIONS)):
-            regions = screened_regions(settings, site, screen, polarizations)
+            regions = screened_regions(site, screen, polarizations)
             examples = screened_examples(settings, site, template, regions)
             if label == "both":
                 passed[site.name] = (examples[0], _offered(site))
@@ -212,12 +212,12 @@ def other_screens(material: Material) -> Results:
     """Note what other prescreening would do: thresholds learnt on plastic mines too, "and" over all six images."""
     settings, site, template, results = material.settings, material.sites[0], material.templates[0], Results()
     kinds = ("metal", "plastic")
-    learnt, offered = learn_screen(settings, site, template, ("metal",)), _offered(site)
+    learnt, offered = learn_screen(settings, site), _offered(site)
     tried = {
-        "prescreened": screened_regions(settings, site, learnt, POLARIZATIONS),
-        "prescreened, and over all six images": screened_regions(settings, site, learnt, POLARIZATIONS, "and"),
+        "prescreened": screened_regions(site, learnt, POLARIZATIONS),
+        "prescreened, and over all six images": screened_regions(site, learnt, POLARIZATIONS, "and"),
         "prescreened, thresholds learnt on metal and plastic": screened_regions(
-            settings, site, learn_screen(settings, site, template, kinds), POLARIZATIONS
+            site, learn_screen(settings, site, kinds), POLARIZATIONS
         ),
     }
     for name, regions in tried.items():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from flgpr.chain.passes import Accumulator, Arrays, gathered
-from flgpr.chain.stages import MapStage, Positive, Table
+from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     DeflectionDetector,
@@ -68,6 +68,16 @@ class Samples(NamedTuple):
     pixel: NDArray[Any]
 
 
+def samples_at(band: xr.DataArray, mines: FloatArray, settings: CutSettings) -> Samples:
+    """Take range cuts at mines (n, 2) of the scan frame, and cuts and pixels of the clutter away from them."""
+    cut = settings.length, 1
+    stack, _ = stack_channels(band, settings.polarizations)
+    cuts = range_cuts(band, mines, cut, settings.polarizations, settings.search)
+    clean = clean_pixels(band["x"].values, band["y"].values, mines, settings.clear)
+    clutter = (clutter_cuts(stack, clean, *how) for how in ((cut, settings.clutter_step), ((1, 1), _PIXELS)))
+    return Samples(cuts[np.isfinite(cuts).all(axis=1)], *clutter)
+
+
 class FormMap(MapStage):
     """A map by forms on chips, in standard deviations of what it gives on clutter, above the least that it gave there.
 
@@ -102,18 +112,11 @@ class FormMap(MapStage):
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Gather range cuts at the mines, and cuts and pixels of clutter, of every scan that sees them."""
-        settings, surveyed, parts = self.settings, ground_points(truth), []
+        surveyed, parts = ground_points(truth), []
 
         def add(index: int) -> None:
-            band = image(index).isel(subband=0, drop=True)
-            stack, _ = stack_channels(band, settings.polarizations)
-            x, y = band["x"].values, band["y"].values
             mines = lane_to_scan(surveyed, self.setup.pose(index))[:, :2]
-            cuts = range_cuts(band, mines, self._cut, settings.polarizations, settings.search)
-            cuts = cuts[np.isfinite(cuts).all(axis=1)]
-            clean = clean_pixels(x, y, mines, settings.clear)
-            clutter = clutter_cuts(stack, clean, self._cut, settings.clutter_step)
-            parts.append({"target": cuts, "clutter": clutter, "pixel": clutter_cuts(stack, clean, (1, 1), _PIXELS)})
+            parts.append(samples_at(image(index).isel(subband=0, drop=True), mines, self.settings)._asdict())
 
         return gathered(parts, add)
 

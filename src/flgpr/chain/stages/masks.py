@@ -18,6 +18,7 @@ from flgpr.clutter import (
     ROADSIDE,
     FrameStack,
     Intersection,
+    Iterated,
     ThresholdCalibration,
     Thresholds,
     averaged,
@@ -77,6 +78,7 @@ class Aperture:
 
     data: ComplexArray  #: (scan, polarization, pair, frequency): received field
     operators: Sequence[OperatorOn]  #: per scan, the maker of its operator on points of the latest scan's frame
+    looks: ComplexArray  #: (scan, y, x): VV image of every scan
     #: vv, vh: (y, x) coherent sums over the scans (Fuse et al. 2018, Eq. 4)
     vv: ComplexArray
     vh: ComplexArray
@@ -152,8 +154,8 @@ class MaskedSuppression(ClutterStage):
         data = self.before(index, len(scans))
         makes = [self._maker(scan, index) for scan in scans]
         seen = data[:, [self._vv, self._vh]]
-        looks = [make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)]
-        vv, vh = np.sum(looks, axis=0)
+        looks = np.stack([make(self.points).adjoint(one)[:, 0] for make, one in zip(makes, seen, strict=True)])
+        vv, vh = looks.sum(axis=0)
         second = None
         if self._second is not None:
             field, strengths = self.setup.known[f"{BLOCKS}.second"]["field"], []
@@ -162,7 +164,7 @@ class MaskedSuppression(ClutterStage):
                 signal = subtract_standing(self._second.signal(scan), field)
                 strengths.append(np.abs(self._second.operator_on(scan, where).adjoint(signal)[0, 0]))
             second = np.asarray(np.mean(strengths, axis=0), dtype=np.float32)
-        return Aperture(data, makes, vv, vh, second)
+        return Aperture(data, makes, looks[:, 0], vv, vh, second)
 
     def _maker(self, scan: int, index: int) -> OperatorOn:
         latest, pose = self.setup.pose(index), self.setup.run["pose"].values[scan]
@@ -197,24 +199,34 @@ class MaskedSuppression(ClutterStage):
         return self.setup.summed
 
     def _suppressed(self, aperture: Aperture) -> ComplexArray:
-        """Clean the data of an aperture, of the polarizations that are imaged (Fuse et al. 2018, Eq. 5-8)."""
-        settings, b = self.settings, aperture.data[:, self.setup.imaged]
         mask = self.mask(aperture)
+        return self.cleaned(aperture, mask, self.iterated(aperture, mask))
+
+    def iterated(self, aperture: Aperture, mask: NDArray[np.bool_]) -> Iterated:
+        """Iterate the suppression of what lies under a mask (Fuse et al. 2018, Eq. 5-8), of what is imaged."""
+        b, count = aperture.data[:, self.setup.imaged], self.settings.iterations
+        return iterate_suppression(b, aperture.stack_on, self.points, mask, self.region, count)
+
+    def cleaned(self, aperture: Aperture, mask: NDArray[np.bool_], course: Iterated) -> ComplexArray:
+        """Give the data of an aperture cleaned by the method: the course averaged, or least squares at its cost."""
+        settings, b = self.settings, aperture.data[:, self.setup.imaged]
         if not mask.any():
             return b
-        course = iterate_suppression(b, aperture.stack_on, self.points, mask, self.region, settings.iterations)
         if settings.method == "iteration":
             return averaged(course, settings.combination)
         count = equal_cost(course, mask, self.region)
         fitted = mask | ((np.abs(self.across) < settings.roadside[0]) & (settings.method == "least-squares-spared"))
         return suppress_by_model(b, aperture.stack_on(self.points[fitted]), count, spared=~mask[fitted]).data
 
+    @property
+    def limits(self) -> Thresholds:
+        """Thresholds that were learnt."""
+        return Thresholds(**{name: self.learnt[name] for name in self.learnt if name != "looks"})
+
     def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
         """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
-        limits = Thresholds(**{name: self.learnt[name] for name in self.learnt if name != "looks"})
-        settings = self.settings
-        second, how = aperture.second, (settings.intersect, settings.roadside)
-        return mixed_mask(aperture.vv, aperture.vh, limits, self.region, self.across, second, *how)
+        second, how = aperture.second, (self.settings.intersect, self.settings.roadside)
+        return mixed_mask(aperture.vv, aperture.vh, self.limits, self.region, self.across, second, *how)
 
     def data(self, index: int, count: int) -> ComplexArray:
         """Give data of the last scans up to an index, cleaned together, but not before the first aperture is whole."""
