@@ -1,5 +1,7 @@
 """The papers' experiments, run again on simulated lanes: a room and a page per paper, and the ``kit`` they share."""
 
-from flgpr_papers.overview import PAPERS, reproduce
+from flgpr_papers.kit.settings import PAPERS
+from flgpr_papers.overview import reproduce
+from flgpr_papers.worlds import map_worlds
 
-__all__ = ["PAPERS", "reproduce"]
+__all__ = ["PAPERS", "map_worlds", "reproduce"]

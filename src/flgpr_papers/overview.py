@@ -11,14 +11,7 @@ from flgpr.execution.executors import Here, Processes
 from flgpr.io import write_whole
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
-
-PAPERS = {
-    "cosgrove2004": "Cosgrove, Milanfar & Kositsky 2004: trained detection by deflection",
-    "flsar2004": "flsar2004: prescreeners, templates and relevance vector machines",
-    "fuse2018": "Fuse, Gonzalez-Valdes, Martinez-Lorenzo & Rappaport 2018: model-based clutter suppression",
-    "wang2007": "Wang, Keller, Gader & Sjahputera 2007: sub-bands and ten features",
-}
-"""Every paper that can be run again: authors, year and subject by name."""
+from flgpr_papers.kit.settings import PAPERS
 
 
 def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track = silent, workers: int = 1) -> Path:

@@ -13,25 +13,81 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import t as student
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.executors import Executor
+from flgpr.execution.cluster import Cluster
+from flgpr.execution.executors import Executor, Processes
 from flgpr.io import write_whole
+from flgpr.report import figure_png
 from flgpr_papers.kit.cache import key_of
-from flgpr_papers.kit.findings import row_of
-from flgpr_papers.kit.worlds import World, worlds
-from flgpr_papers.overview import PAPERS
+from flgpr_papers.kit.findings import (
+    AGREES,
+    DISAGREES,
+    UNDECIDED,
+    Finding,
+    Interval,
+    all_of,
+    finding_of,
+    judge_again,
+    row_of,
+)
+from flgpr_papers.kit.page import study_html
+from flgpr_papers.kit.settings import PAPERS
+from flgpr_papers.kit.worlds import AXES, World, worlds
 
 TWO_SITES = "flsar2004"
 """The paper whose two sites are the two losses of a world: it is asked once for both."""
+FEWEST = 5
+"""Worlds that a region needs to be judged."""
+SOILS = (
+    ("Dry sand (3, low loss) is better than gravel (4, model)", (3.0, "low"), (4.0, "mironov")),
+    ("Dry sand (3, low loss) is better than wet clay (9, model)", (3.0, "low"), (9.0, "mironov")),
+    ("Wet clay (9, model) is worse than gravel (4, model)", (4.0, "mironov"), (9.0, "mironov")),
+)
+"""Soils of cosgrove2004, the better first: permittivity and loss."""
+
+
+def map_worlds(output: str | Path, track: Track = silent, workers: int = 1, scheduler: str | None = None) -> Path:
+    """Judge every statement of every paper in every declared world and write the map; what was stopped goes on.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder to work in: ``index.html``, ``worlds.csv`` and a heat map per paper.
+    track : Track
+        Shows progress.
+    workers : int
+        Number of processes, each at a study in a world.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers do it instead; they see the folder under the same path.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ValueError
+        If there is no scheduler at the address.
+    """
+    folder = Path(output).resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    with Cluster(scheduler) if scheduler else Processes(workers) as executor:
+        run_worlds(folder, executor, track)
+    return write_map(folder)
 
 
 def studies() -> list[tuple[str, World]]:
@@ -70,9 +126,178 @@ def judge_in_world(paper: str, number: int, folder: str) -> dict[str, Any]:
     return {"paper": paper, "seconds": spent}
 
 
-def read_worlds(folder: Path) -> Iterator[tuple[str, World, dict[str, Any]]]:
-    """Read what is there: paper, world and its record."""
-    for paper, world in studies():
+def read_worlds(folder: Path) -> dict[str, list[tuple[World, dict[str, Any]]]]:
+    """Read what is there: worlds and their records, by paper."""
+    found: dict[str, list[tuple[World, dict[str, Any]]]] = {paper: [] for paper in PAPERS}
+    for paper, world in sorted(studies(), key=lambda one: one[1].number):
         path = path_of(folder, paper, world)
         if path.is_file():
-            yield paper, world, json.loads(path.read_text(encoding="utf-8"))
+            found[paper].append((world, json.loads(path.read_text(encoding="utf-8"))))
+    return found
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of a paper in all worlds where it was judged."""
+
+    claim: str  #: what the paper says, and of which number
+    found: list[tuple[World, Finding]]  #: what each world shows
+    regions: dict[str, tuple[int, Interval, str]]  #: worlds, mean with its interval, and verdict, by region
+
+    @property
+    def holds(self) -> str:
+        """Where it holds: "everywhere", "somewhere", "nowhere" or "undecided"."""
+        verdicts = {verdict for _, _, verdict in self.regions.values()}
+        if AGREES in verdicts:
+            return "everywhere" if verdicts == {AGREES} else "somewhere"
+        return "nowhere" if DISAGREES in verdicts else "undecided"
+
+
+def statements(records: Sequence[tuple[World, dict[str, Any]]]) -> list[Statement]:
+    """Judge the statements of a paper in every region."""
+    found: dict[str, list[tuple[World, Finding]]] = {}
+    for world, record in records:
+        for one in map(finding_of, record["findings"]):
+            if one.asks is not None or one.rule is not None:
+                found.setdefault(f"{one.claim} [{one.quantity}]" if one.quantity else one.claim, []).append(
+                    (world, one)
+                )
+    several = [axis for axis in AXES if len({getattr(world, axis) for world, _ in records}) > 1]
+    regions = {"all": lambda _: True} | {
+        f"{axis} {value}": (lambda world, axis=axis, value=value: getattr(world, axis) == value)
+        for axis in several
+        for value in AXES[axis]
+    }
+    return [
+        Statement(
+            claim,
+            here,
+            {name: pooled([f for w, f in here if inside(w)], len(regions)) for name, inside in regions.items()},
+        )
+        for claim, here in found.items()
+    ]
+
+
+def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
+    """Judge a region by the mean over its worlds: their number, the least part with its interval, and the verdict.
+
+    Intervals are Student's and hold in all regions and parts together.
+    """
+    values = np.array([numbers(one) for one in found], dtype=np.float64)
+    values = values[np.isfinite(values).all(axis=1)] if values.size else values
+    count = len(values)
+    if count < FEWEST:
+        return count, (np.nan, -np.inf, np.inf), UNDECIDED
+    level = 1 - 0.025 / (regions * values.shape[1])
+    half = student.ppf(level, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count)
+    parts = [(float(m), float(m - h), float(m + h)) for m, h in zip(values.mean(axis=0), half, strict=True)]
+    verdicts = [judge_again(found[0], *part) for part in parts]
+    told = DISAGREES if DISAGREES in verdicts else UNDECIDED
+    shown = parts[verdicts.index(told)] if told in verdicts else min(parts, key=lambda one: one[1])
+    return count, shown, all_of(verdicts)
+
+
+def soils_in_order(records: Sequence[tuple[World, dict[str, Any]]]) -> list[Statement]:
+    """Judge cosgrove2004's order of soils, which needs several worlds: differences where all but the soil is alike."""
+    pd = {
+        (w.permittivity, w.loss, w.roughness, w.roadside): finding_of(row).interval
+        for w, record in records
+        for row in record["findings"]
+        if row["claim"].startswith("Pd of")
+    }
+    made = []
+    for claim, better, worse in SOILS:
+        found = []
+        for world, _ in records:
+            place = world.roughness, world.roadside
+            a, b = pd.get((*better, *place)), pd.get((*worse, *place))
+            if (world.permittivity, world.loss) == better and a and b:
+                gap = (a[0] - b[0], -np.inf, np.inf)
+                found.append((world, Finding(claim, "", "", UNDECIDED, interval=gap, asks=("larger", 0.0, 0.0))))
+        made.append(Statement(claim, found, {"all": pooled([one for _, one in found], 1)}))
+    return made
+
+
+def write_map(folder: Path) -> Path:
+    """Write what is there: ``worlds.csv``, a heat map per paper and the page, ``index.html``."""
+    records = read_worlds(folder)
+    judged = {paper: statements(found) for paper, found in records.items()}
+    judged["cosgrove2004"] += soils_in_order(records["cosgrove2004"])
+    rows = [
+        {"paper": paper, "statement": one.claim, "region": region, "worlds": count, "mean": value[0], "low": value[1]}
+        | {"high": value[2], "verdict": verdict, "holds": one.holds}
+        for paper, several in judged.items()
+        for one in several
+        for region, (count, value, verdict) in one.regions.items()
+    ]
+    pd.DataFrame(rows).round(4).to_csv(folder / "worlds.csv", index=False)
+    pictures = {paper: figure_png(heat_maps(several)) for paper, several in judged.items() if several}
+    for paper, picture in pictures.items():
+        write_whole(folder / f"{paper}.png", picture)
+    html = study_html(
+        "worlds.html",
+        judged=judged,
+        pictures=pictures,
+        papers=PAPERS,
+        axes=AXES,
+        counts={paper: (len(found), sum(bool(one["failed"]) for _, one in found)) for paper, found in records.items()},
+        asked={paper: sum(name == paper for name, _ in studies()) for paper in PAPERS},
+        two_sites=TWO_SITES,
+        marks={AGREES: "+", DISAGREES: "−", UNDECIDED: "·"},
+    )
+    write_whole(folder / "index.html", html)
+    return folder / "index.html"
+
+
+def numbers(one: Finding) -> tuple[float, ...]:
+    """Give the number of every part of a finding, or its only one."""
+    return one.parts or (np.nan if one.interval is None else one.interval[0],)
+
+
+def margin(one: Finding) -> float:
+    """Tell by how much the number of a finding keeps what is asked of it; below zero it does not."""
+    values = numbers(one)
+    if one.rule is not None:
+        return min(min(value - one.rule[0], one.rule[1] - value) for value in values)
+    kind, limit, _ = one.asks or ("", 0.0, 0.0)
+    return min(value - limit if kind == "larger" else limit - abs(value) for value in values)
+
+
+def heat_maps(several: Sequence[Statement]) -> Figure:
+    """Draw every statement over the space: how far each world is on its side of the limit; verdicts are marked."""
+    columns = 5
+    rows = -(-len(several) // columns)
+    figure = Figure(figsize=(3.3 * columns, 1.75 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    worlds_of = sorted({w for one in several for w, _ in one.found}, key=lambda w: w.number)
+    down = AXES["permittivity"]
+    across = sorted({replace(w, number=0, permittivity=0) for w in worlds_of}, key=_order)
+    for axes, one in zip(grid.flat, several, strict=False):
+        value = np.full((len(down), len(across)), np.nan)
+        for world, found in one.found:
+            at = down.index(world.permittivity), across.index(replace(world, number=0, permittivity=0))
+            value[at] = margin(found)
+            if found.verdict in (AGREES, DISAGREES):
+                axes.text(at[1], at[0], "+" if found.verdict == AGREES else "−", ha="center", va="center", fontsize=6)
+        known = np.abs(value[np.isfinite(value)])
+        top = float(np.quantile(known, 0.9)) if known.size and known.any() else 1.0
+        axes.imshow(value, cmap="RdBu", vmin=-top, vmax=top, aspect="auto")
+        axes.set_facecolor("0.85")
+        axes.set_title(fill(one.claim.split(" [")[0], 44) + f"\n{one.holds}", fontsize=6.5)
+        axes.set_yticks(range(len(down)), [f"{value:g}" for value in down], fontsize=6)
+        axes.set_xticks([])
+        for k in range(1, len(across)):
+            if across[k].roadside != across[k - 1].roadside:
+                axes.axvline(k - 0.5, color="k", lw=1.0)
+            elif across[k].loss != across[k - 1].loss:
+                axes.axvline(k - 0.5, color="k", lw=0.4)
+    for axes in list(grid.flat)[len(several) :]:
+        axes.set_visible(False)
+    words = ", ".join(AXES["roadside"])
+    figure.supxlabel(f"{words}; in each low loss before that of the model; in each 3, 6, 10 mm rms", fontsize=8)
+    figure.supylabel("permittivity", fontsize=8)
+    return figure
+
+
+def _order(world: World) -> tuple[int, ...]:
+    return tuple(AXES[axis].index(getattr(world, axis)) for axis in ("roadside", "loss", "roughness"))

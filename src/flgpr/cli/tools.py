@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
+from flgpr.cli.common import Output, Quiet, Scheduler, plain_errors, progress, tell_written
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
@@ -100,18 +100,24 @@ def plan_lane_command(
 
 
 def reproduce(
-    paper: Annotated[str, Argument(help=f"One of {', '.join(PAPERS)}, or all.")],
+    paper: Annotated[
+        str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of where statements hold.")
+    ],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
-    workers: Annotated[int, Option(min=1, help="Processes that take a paper each, of all.")] = 1,
+    workers: Annotated[int, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = 1,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
     with plain_errors(), progress(quiet) as track:
-        if paper != "all" and paper not in PAPERS:
-            raise ValueError(f"paper must be one of {', '.join(PAPERS)} or all, got {paper!r}")
+        if paper not in (*PAPERS, "all", "worlds"):
+            raise ValueError(f"paper must be one of {', '.join(PAPERS)}, all or worlds, got {paper!r}")
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
         papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
-        page = papers.reproduce(paper, folder, quick, track, workers)
+        if paper == "worlds":
+            page = papers.map_worlds(folder, track, workers, scheduler)
+        else:
+            page = papers.reproduce(paper, folder, quick, track, workers)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")

@@ -11,8 +11,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
+from sklearn import config_context
 from sklearn.metrics import roc_auc_score
-from sklearn.model_selection import GridSearchCV, StratifiedKFold
+from sklearn.metrics.pairwise import pairwise_kernels
+from sklearn.model_selection import StratifiedKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, OneClassSVM
@@ -253,22 +255,36 @@ def svm(settings: Classify, kernel: str = "rbf") -> Classifier:
     """Support vector machine; C and width or degree by cross-validation inside the training examples."""
 
     def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        best = _search(settings, kernel, X, y)
+        best = _search(settings, kernel, X, y).fit(X, y)
         return best.decision_function, len(best[-1].support_) / len(X)
 
     return fit
 
 
 def _search(settings: Classify, kernel: str, X: FloatArray, y: NDArray[np.bool_]) -> Any:
-    """Choose a support vector machine, and with it the kernel of both machines, inside the training examples."""
-    grid: dict[str, Any] = {"svc__C": list(settings.costs)}
+    """Choose a support vector machine, and with it the kernel of both machines, inside the training examples.
+
+    By the mean area under the ROC of three folds, whose kernels are computed once for all costs: a grid search of whole
+    pipelines takes three times as long.
+    """
     if kernel == "rbf":
-        grid["svc__gamma"] = [width / X.shape[1] for width in settings.widths]
+        options: list[dict[str, float]] = [{"gamma": width / X.shape[1]} for width in settings.widths]
     else:
-        grid |= {"svc__degree": list(settings.degrees), "svc__coef0": [1.0], "svc__gamma": [1 / X.shape[1]]}
-    inner = StratifiedKFold(3, shuffle=True, random_state=0)
-    search = GridSearchCV(make_pipeline(StandardScaler(), SVC(kernel=kernel)), grid, cv=inner, scoring="roc_auc")
-    return search.fit(X, y).best_estimator_
+        options = [{"degree": n, "coef0": 1.0, "gamma": 1 / X.shape[1]} for n in settings.degrees]
+    area = np.zeros((len(settings.costs), len(options)))
+    with config_context(assume_finite=True, skip_parameter_validation=True):
+        for train, test in StratifiedKFold(3, shuffle=True, random_state=0).split(X, y):
+            scaler = StandardScaler().fit(X[train])
+            seen, new = scaler.transform(X[train]), scaler.transform(X[test])
+            for k, option in enumerate(options):
+                inner, outer = (pairwise_kernels(Z, seen, kernel, **option) for Z in (seen, new))
+                for j, cost in enumerate(settings.costs):
+                    machine = SVC(C=cost, kernel="precomputed").fit(inner, y[train])
+                    score = machine.decision_function(outer)
+                    above = score[y[test]][:, None] - score[~y[test]]
+                    area[j, k] += (above > 0).mean() + 0.5 * (above == 0).mean()
+    j, k = np.unravel_index(int(area.argmax()), area.shape)
+    return make_pipeline(StandardScaler(), SVC(C=settings.costs[j], kernel=kernel, **options[k]))
 
 
 def median_width(mines: FloatArray) -> float:
