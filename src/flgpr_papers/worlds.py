@@ -231,7 +231,8 @@ def write_map(folder: Path) -> Path:
         for region, (count, value, verdict) in one.regions.items()
     ]
     pd.DataFrame(rows).round(4).to_csv(folder / "worlds.csv", index=False)
-    pictures = {paper: figure_png(heat_maps(several)) for paper, several in judged.items() if several}
+    shown = [paper for paper, several in judged.items() if any(one.found for one in several)]
+    pictures = {paper: figure_png(heat_maps(several)) for paper, several in judged.items() if paper in shown}
     for paper, picture in pictures.items():
         write_whole(folder / f"{paper}.png", picture)
     html = study_html(
@@ -269,9 +270,9 @@ def heat_maps(several: Sequence[Statement]) -> Figure:
     rows = -(-len(several) // columns)
     figure = Figure(figsize=(3.3 * columns, 1.75 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
-    worlds_of = sorted({w for one in several for w, _ in one.found}, key=lambda w: w.number)
+    losses = {w.loss for one in several for w, _ in one.found}
     down = AXES["permittivity"]
-    across = sorted({replace(w, number=0, permittivity=0) for w in worlds_of}, key=_order)
+    across = sorted({replace(w, number=0, permittivity=0) for w in worlds() if w.loss in losses}, key=_order)
     for axes, one in zip(grid.flat, several, strict=False):
         value = np.full((len(down), len(across)), np.nan)
         for world, found in one.found:

@@ -132,7 +132,7 @@ def check_flgpr(words):
     for sensor in [given.get("sensor"), *(given.get("compare") or [])]:
         assert sensor is None or sensor.endswith(".toml") or sensor in sensor_presets()
     assert given.get("site", "arid-sand") in sites()
-    assert given.get("paper", "all") in {*PAPERS, "all"}
+    assert given.get("paper", "all") in {*PAPERS, "all", "worlds"}
     assert given.get("to", "kml") in FORMATS
     assert given.get("engine", "flgpr") in {"flgpr", "gprmax"}
 

@@ -273,3 +273,17 @@ def test_clutter_decorrelates_with_frequency(clutter):
     )
     a, b = images[:, 0, 0].ravel(), images[:, 0, 1].ravel()
     assert np.abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) < 0.25
+
+
+def test_a_site_of_ones_own_stands_where_the_scene_says_nothing(tmp_path):
+    own = tmp_path / "track.toml"
+    own.write_text('[soil]\nmodel = "fixed"\npermittivity = 5.0\n[surface]\nrms_height = 0.007\n', encoding="utf-8")
+    scene = Scene(site=str(own), surface={"slope": 0.1})
+    assert (scene.soil.permittivity, scene.surface.rms_height, scene.surface.slope) == (5.0, 0.007, 0.1)
+    assert Scene.model_validate(scene.model_dump()) == scene
+    for text, message in (("[soil", "must be TOML"), ("[lane]\nx = 1\n", "tables of a site alone, got lane")):
+        own.write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=message):
+            Scene(site=str(own))
+    with pytest.raises(ValueError, match=r"site must be one of arid-sand, .* or a TOML file that is there, got"):
+        Scene(site=str(tmp_path / "none.toml"))

@@ -36,7 +36,7 @@ PACKAGED = {
         "magnitude": "forms:MagnitudeMap",
     },
     "screen": {"clusters": "clusters:ClusterScreen"},
-    "features": {"templates": "clusters:TemplateFeatures"},
+    "features": {"templates": "clusters:TemplateFeatures", "tracking": "tracking:Tracking"},
 }
 Positive = Annotated[float, Field(gt=0)]
 FloatArray = NDArray[np.float64]
