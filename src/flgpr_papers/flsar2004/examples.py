@@ -283,8 +283,8 @@ def _search(settings: Classify, kernel: str, X: FloatArray, y: NDArray[np.bool_]
                     score = machine.decision_function(outer)
                     above = score[y[test]][:, None] - score[~y[test]]
                     area[j, k] += (above > 0).mean() + 0.5 * (above == 0).mean()
-    j, k = np.unravel_index(int(area.argmax()), area.shape)
-    return make_pipeline(StandardScaler(), SVC(C=settings.costs[j], kernel=kernel, **options[k]))
+    best_cost, best = np.unravel_index(int(area.argmax()), area.shape)
+    return make_pipeline(StandardScaler(), SVC(C=settings.costs[best_cost], kernel=kernel, **options[best]))
 
 
 def median_width(mines: FloatArray) -> float:

@@ -51,11 +51,10 @@ class Tracking(FeatureStage):
         """1 where the largest pixel within reach is a maximum of at least the level, 0 where not, NaN out of sight."""
         level, reach = np.abs(image.values[self._channel]), self.settings.reach
         x, y = image["x"].values, image["y"].values
-        inside = (points >= [x[0], y[0]]).all(axis=1) & (points <= [x[-1], y[-1]]).all(axis=1)
-        return {"tracked": np.array([
-            float(_stands_out(level, x, y, place, reach, self.settings.level)) if seen else np.nan
-            for place, seen in zip(points, inside, strict=True)
-        ])}  # fmt: skip
+        tracked = np.full(len(points), np.nan)
+        for row in np.flatnonzero(((points >= [x[0], y[0]]) & (points <= [x[-1], y[-1]])).all(axis=1)):
+            tracked[row] = _stands_out(level, x, y, points[row], reach, self.settings.level)
+        return {"tracked": tracked}
 
 
 def _number(name: str, wanted: str | None, known: list[str]) -> int:
