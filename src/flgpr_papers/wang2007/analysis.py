@@ -46,7 +46,8 @@ class LaneResult:
     alarms: pd.DataFrame
     features: pd.DataFrame
     view: xr.DataArray  #: run-view (polarization, subband, y, x)
-    wide_view: xr.DataArray  #: run-view (y, x) of the prescreener's channel over the full range of the images
+    #: run-view (y, x) of the prescreener's channel over the full range of the images, where it was asked for
+    wide_view: xr.DataArray | None
 
 
 def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Match:
@@ -258,6 +259,8 @@ def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, 
     for one in results:
         wide = subband == "wide"
         view = one.wide_view if wide else one.view.sel(polarization=polarization, subband=subband)
+        if view is None:
+            raise ValueError(f"lane {one.name} must have a run-view over the full range")
         screen = recipe.prescreen
         alarms = prescreen(view, one.lane, screen.radius, screen.density, screen.count)
         tables.append(alarms.assign(confidence=alarms["magnitude"]))

@@ -63,7 +63,7 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     ]
     if not quick:
         write_whole(page, page_html(folder, results, [], parse_recipe(text), radar, quick, track)[0])
-    others = [lane_result(folder, scene, seed, radar, text, track) for scene, seed in blind.values()]
+    others = [lane_result(folder, scene, seed, radar, text, track, wide=False) for scene, seed in blind.values()]
     html, findings = page_html(folder, results, others, parse_recipe(text), radar, quick, track)
     write_findings(folder, findings, quick)
     write_whole(page, html)
@@ -71,33 +71,44 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
 
 
 def lane_result(
-    folder: Path, scene: Scene, seed: int, radar: Sensor, text: str, track: Track, examples: bool = False
+    folder: Path,
+    scene: Scene,
+    seed: int,
+    radar: Sensor,
+    text: str,
+    track: Track,
+    examples: bool = False,
+    wide: bool = True,
 ) -> LaneResult:
     """Simulate a lane and run the chain on it, or take what is there.
 
-    What was found and what is there.
+    What was found and what is there; with the run-view over the full range and with examples for the figures if wanted.
     """
     home, recipe = folder / "results" / scene.name, parse_recipe(text)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
     pictures = folder / "results" / "examples.bundle"
-    if not (_is_done(home, store, text) and extras.is_file() and (pictures.is_file() or not examples)):
+    there = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
+    if not (there and _is_done(home, store, text)):
         run = open_run(store)
-        chain = LaneChain(run, recipe, lane)
+        chain = LaneChain(run, recipe, lane, explains=False)
         chain.go(track, ("signature", "gain", "view", "features"))
         cleaned, found = chain.cleaned, chain.detection()
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:
             save_examples(pictures, cleaned, run, recipe, truth, found.alarms)
-        wide = wide_view(cleaned, run, recipe, lane, track)
-        write_arrays(extras, {"view": wide.values, "looks": wide["looks"].values})
+        if wide:
+            far = wide_view(cleaned, run, recipe, lane, track)
+            write_arrays(extras, {"view": far.values, "looks": far["looks"].values})
         write_result(home, [found], text, lane, describe_run(run, store))
     result = read_result(home)
     main = result.detections[0]
     features = main.features if main.features is not None else pd.DataFrame()
-    arrays = read_arrays(extras)
-    wide = view_array(arrays["view"], arrays["looks"], recipe.run_view.grid(lane), {})
-    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, wide)
+    view = None
+    if wide:
+        arrays = read_arrays(extras)
+        view = view_array(arrays["view"], arrays["looks"], recipe.run_view.grid(lane), {})
+    return LaneResult(scene.name, lane, truth, main.alarms, features, main.view, view)
 
 
 def wide_view(cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, lane: Lane, track: Track) -> xr.DataArray:
