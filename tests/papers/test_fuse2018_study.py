@@ -9,7 +9,7 @@ import pytest
 from flgpr.chain.progress import silent
 from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
-from flgpr.model import check_shared_poses, make_run, vehicle_to_lane
+from flgpr.model import make_run, vehicle_to_lane
 from flgpr.scoring import pd_mean
 from flgpr.simulate import draw_world
 from flgpr_papers.fuse2018 import results as fuse2018_results
@@ -27,16 +27,10 @@ from flgpr_papers.fuse2018.findings import (
     strongest_boxes,
 )
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import (
-    Frames,
-    aperture,
-    band_sensor,
-    lane_scene,
-    read_frames,
-)
+from flgpr_papers.fuse2018.lanes import Frames, band_sensor, lane_scene, local, masks_stage, trained
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
-from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, suppressed_alone
+from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, stage_forms, suppressed_alone
 from flgpr_papers.fuse2018.recipe import fuse_recipe
 from flgpr_papers.fuse2018.tracking import follow
 from flgpr_papers.kit.findings import OPEN, VERDICTS, clustered
@@ -56,8 +50,9 @@ RECIPE = RECIPE.model_copy(
 )
 
 
-def make_frames(name, seed, count=6):
-    """Mines that show in VV alone and bushes that show everywhere, in noise."""
+def make_runs(seed, count):
+    """Runs of both bands, what is on the lane, and what the mines add to VV: mines that show in VV alone,
+    bushes that show everywhere, in noise."""
     rng = np.random.default_rng(seed)
     # Off the pixels, and not alike on the three lanes.
     mines, bushes = MINES + rng.uniform(-0.1, 0.1, MINES.shape), BUSHES + rng.uniform(-0.3, 0.3, BUSHES.shape)
@@ -69,28 +64,33 @@ def make_frames(name, seed, count=6):
     level = {"l": [(1.0, 5.0), (0.03, 2.0)], "x": [(0.02, 3.0)]}
     pose = np.zeros((count, 6))
     pose[:, 1] = 2.0 * np.arange(count) - 5
-    data, poses, alone = {}, {}, None
+    runs, alone = {}, None
     for band, tones in TONES.items():
-        poses[band] = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
+        own = pose + np.array([0, 0, 3.0 if band == "l" else 3.4, 0, 0, 0])
         strength = np.stack([np.where(mine, a, b) * phase for a, b in level[band]])[:, None]
         made = [
             ImagingOperator(tones, vehicle_to_lane(TX, p), vehicle_to_lane(RX, p), points, tolerance=1e-2).forward(
                 strength
             )
-            for p in poses[band]
+            for p in own
         ]
         if band == "l":
-            views = [vehicle_to_lane(side, p) for p in poses["l"] for side in (TX, RX)]
+            views = [vehicle_to_lane(side, p) for p in own for side in (TX, RX)]
             makes = [ImagingOperator(tones, *views[k : k + 2], points[mine]) for k in range(0, len(views), 2)]
             alone = np.array([make.forward((level["l"][0][0] * phase[mine])[None, None]) for make in makes])
         noise = rng.normal(size=(*np.shape(made), 2)).view(complex)[..., 0]
-        data[band] = (np.array(made) + 0.3 * noise).astype(np.complex64)
+        labels = ["VV", "VH"] if band == "l" else ["VV"]
+        runs[band] = make_run((np.array(made) + 0.3 * noise).astype(np.complex64), tones, labels, TX, RX, own)
     ids = {"target_id": [f"T{i}" for i in range(len(mines))], "kind": "metal", "depth": 0.05}
     truth = pd.DataFrame({"x": mines[:, 0], "y": mines[:, 1], **ids})
     objects = pd.DataFrame({"object_id": [f"O{i}" for i in range(len(bushes))], "kind": "bush"})
     objects = objects.assign(x=bushes[:, 0], y=bushes[:, 1])
-    sides = {band: side for band in TONES for side in [TX]}
-    return Frames(name, TONES, data, sides, {band: RX for band in TONES}, poses, truth, objects, alone)
+    return runs, truth, objects, alone
+
+
+def make_frames(name, seed, count=6, bands=("l", "x")):
+    runs, *rest = make_runs(seed, count)
+    return Frames(name, masks_stage({band: runs[band] for band in bands}, RECIPE), *rest)
 
 
 @pytest.fixture(scope="module")
@@ -106,10 +106,10 @@ def lanes(calibration, tmp_path_factory):
         frames, shown = make_frames(name, seed), {}
 
         def keep(cleaned, frames=frames, shown=shown):
-            shown.update(fuse2018_results.example_arrays(cleaned, frames, calibration, RECIPE))
+            shown.update(fuse2018_results.example_arrays(cleaned, frames, RECIPE))
 
         records = process_lane(frames, calibration, RECIPE, silent, every=2, example=keep)
-        fuse2018_results.write_records(folder / f"{name}.json", frames, records, RECIPE)
+        fuse2018_results.write_records(folder / f"{name}.json", frames, records)
         results[name] = fuse2018_results.read_records(folder / f"{name}.json", frames), frames, shown
     return results
 
@@ -130,29 +130,21 @@ def test_bands_share_world_and_poses():
     assert l_band.errors.position == x_band.errors.position == RECIPE.radar.position
 
 
-def as_run(frames, band, polarizations, pose=None):
-    signal = frames.data[band]
-    order = [p for p in ("VV", "VH") if p in polarizations]
-    return make_run(
-        signal[:, : len(order)], frames.frequency[band], order, TX, RX, frames.pose[band] if pose is None else pose
-    )
-
-
 def test_runs_whose_poses_differ_are_refused():
-    frames = make_frames("A", 2, 3)
-    runs = {"l": as_run(frames, "l", ("VV", "VH")), "x": as_run(frames, "x", ("VV",))}
-    check_shared_poses(runs)
-    read = read_frames("A", runs, frames.truth, frames.objects)
-    assert np.array_equal(read.data["l"], subtract_standing(frames.data["l"], standing_field(frames.data["l"])))
-    assert "x" not in read_frames("A", {"l": runs["l"]}, frames.truth, frames.objects).data
-    moved = frames.pose["x"].copy()
+    runs = make_runs(2, 3)[0]
+    assert masks_stage({"l": runs["l"]}, RECIPE).aperture(2).second is None
+    one = masks_stage(runs, RECIPE)
+    read = one.before(2, 3)
+    signal = runs["l"]["signal"].values
+    np.testing.assert_array_equal(read, subtract_standing(signal, standing_field(signal)))
+    moved = runs["x"]["pose"].copy(deep=True)
     moved[1, 0] += 0.01
-    with pytest.raises(ValueError, match=r"share their poses: l and x are up to 0\.01 m"):
-        check_shared_poses(runs | {"x": as_run(frames, "x", ("VV",), moved)})
+    with pytest.raises(ValueError, match=r"share their poses: run and x are up to 0\.01 m"):
+        masks_stage(runs | {"x": runs["x"].assign(pose=moved)}, RECIPE)
     with pytest.raises(ValueError, match="3 scans, x has 2"):
-        check_shared_poses(runs | {"x": runs["x"].isel(scan=slice(2))})
-    with pytest.raises(ValueError, match="VH is missing"):
-        read_frames("A", {"l": as_run(frames, "l", ("VV",))}, frames.truth, frames.objects)
+        masks_stage(runs | {"x": runs["x"].isel(scan=slice(2))}, RECIPE)
+    with pytest.raises(ValueError, match="VV and VH or HV"):
+        masks_stage({"l": runs["l"].isel(polarization=slice(1))}, RECIPE)
 
 
 def test_the_self_signature_goes_whatever_its_gain():
@@ -166,14 +158,13 @@ def test_the_self_signature_goes_whatever_its_gain():
 
 
 def test_an_aperture_is_the_coherent_sum_of_its_frames():
-    frames = make_frames("A", 2, 3)
-    one = aperture(frames, 2, RECIPE.image)
-    assert one.frames == (1, 2)
+    stage = make_frames("A", 2, 3).stage
+    one = stage.aperture(2)
+    assert len(one.data) == len(one.looks) == 2
     np.testing.assert_allclose(one.looks.sum(axis=0), one.vv, rtol=1e-5)
-    np.testing.assert_allclose(one.stack_on(one.grid.points()).adjoint(one.data)[0, 0], one.vv, atol=1e-3)
-    assert (one.grid.y - one.origin[1]).min() == pytest.approx(5)
-    assert np.unique(one.region).tolist() == [0, 1, 2, 3]
-    np.testing.assert_allclose(one.grid.y / 0.2, np.round(one.grid.y / 0.2), atol=1e-9)
+    np.testing.assert_allclose(one.stack_on(stage.points).adjoint(one.data)[0, 0], one.vv, atol=1e-3)
+    assert np.unique(stage.region).tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose((*stage.grid.extent(), stage.grid.dy), (-10.1, 10.1, 4.9, 15.1, 0.2))
 
 
 def test_masks_hold_the_bushes_and_leave_the_mines(lanes):
@@ -211,11 +202,11 @@ def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     clear = result.own[(result.own["variant"] == "iteration") & ~result.own["masked"]]
     assert (clear["change_db"] < 0.5).all()
     assert clear["change_db"].median() > -1.0  # nothing lies over them
-    one = clean(aperture(frames, 1, RECIPE.image), calibration.thresholds, RECIPE, ("original", "iteration"))
-    parts = frames.mines[[0, 1]], one.aperture.data - frames.mines[[0, 1]]
-    made = [suppressed_alone(one, data, RECIPE) for data in (*parts, one.aperture.data)]
+    one = clean(stage_forms(frames, calibration), 1, ("original", "iteration"))
+    data = one.data["original"]
+    made = [suppressed_alone(one, part) for part in (frames.mines[:2], data - frames.mines[:2], data)]
     np.testing.assert_allclose(made[0] + made[1], made[2], atol=2e-4 * np.abs(made[2]).max())  # linear ...
-    whole = one.aperture.stack_on(one.aperture.grid.points())
+    whole = one.aperture.stack_on(one.stage.points)
     mine, said = np.abs(whole.adjoint(made[2])[0, 0]), np.abs(one.images["iteration"])
     np.testing.assert_allclose(mine, said, atol=2e-3 * said.max())  # ... and what the iteration did to all of it
 
@@ -261,34 +252,31 @@ def test_truth_does_not_reach_masks_suppression_or_alarms(calibration):
 
 
 def test_a_single_band_run_is_masked_by_vv_and_vh(calibration):
-    frames = make_frames("A", 2, 3)
-    alone = replace(frames, data={"l": frames.data["l"]})
-    one = aperture(alone, 2, RECIPE.image)
-    assert one.x is None
-    cleaned = clean(one, calibration.thresholds, RECIPE, ("original", "iteration"))
+    frames = make_frames("A", 2, 3, bands=("l",))
+    only = {name: value for name, value in calibration.learnt.items() if name != "second"}
+    cleaned = clean(stage_forms(frames, replace(calibration, learnt=only)), 2, ("original", "iteration"))
+    assert cleaned.aperture.second is None
     assert np.array_equal(cleaned.masks["pixel"], cleaned.masks["L"])
     assert cleaned.masks["pixel"].any()
+    with pytest.raises(ValueError, match="trained with a second band"):
+        stage_forms(frames, calibration)
 
 
 def test_equal_cost_counts_pixels(calibration):
-    one = aperture(make_frames("A", 2, 3), 2, RECIPE.image)
-    cleaned = clean(one, calibration.thresholds, RECIPE, ("original", "iteration"))
-    mask = np.zeros(one.grid.shape, bool)
+    cleaned = clean(stage_forms(make_frames("A", 2, 3), calibration), 2, ("original",))
+    region = cleaned.stage.region
+    mask = np.zeros(region.shape, bool)
     mask[0, :10] = True
-    area = int((one.region == 0).sum())
-    assert equal_cost(cleaned.course, mask, one.region) == 7 * (20 + area) // 20
-    assert equal_cost(cleaned.course, np.zeros_like(mask), one.region) == 1
+    area = int((region == 0).sum())
+    assert equal_cost(cleaned.course, mask, region) == 7 * (20 + area) // 20
+    assert equal_cost(cleaned.course, np.zeros_like(mask), region) == 1
 
 
 def test_scores_count_every_frame_or_every_place(lanes):
     lane, frames, _ = lanes["A"]
     looks = frame_match(lane, "original", RECIPE)
-    used = np.flatnonzero(np.isfinite(lane.origins[:, 0]))
-    wanted = sum(
-        5 <= y - lane.origins[k, 1] <= 10 and abs(x - lane.origins[k, 0]) <= 7
-        for k in used
-        for x, y in frames.truth[["x", "y"]].to_numpy()
-    )
+    used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
+    wanted = sum(5 <= y <= 10 and abs(x) <= 7 for k in used for x, y in local(frames.truth, lane.poses[k]))
     assert looks.truth["inside"].sum() == wanted
     assert set(looks.truth["mine"]) <= set(frames.truth["target_id"])
     matched, curve, options = scored(lane, "original", RECIPE, "frames")
@@ -319,7 +307,7 @@ def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
     path = tmp_path / "calibration.json"
     first = fuse2018_results.stored_calibration(path, lambda: calibration)
     again = fuse2018_results.stored_calibration(path, lambda: pytest.fail("made again"))
-    np.testing.assert_array_equal(first.thresholds.vh, again.thresholds.vh)
+    np.testing.assert_array_equal(first.learnt["vh"], again.learnt["vh"])
     np.testing.assert_array_equal(first.background, calibration.background)
     keys = {fuse2018_results.result_key(RECIPE, quick) for quick in (False, True)}
     keys |= {fuse2018_results.result_key(fuse_recipe(), False), fuse2018_results.result_key(RECIPE, True, calibration)}
@@ -331,13 +319,13 @@ def test_what_is_on_disk_is_not_made_again(lanes, calibration, tmp_path):
 
 
 def test_loosened_poses_are_wrong_alike_in_both_bands():
-    frames = make_frames("A", 2, 200)
-    wrong = fuse2018.loosened(frames, RECIPE)
-    shift = {band: wrong.pose[band] - frames.pose[band] for band in ("l", "x")}
-    np.testing.assert_allclose(shift["l"], shift["x"], atol=1e-12)
-    total = np.hypot(shift["l"][:, :3].std(), RECIPE.radar.position)
-    assert total == pytest.approx(RECIPE.study.loose_position, rel=0.1)
-    assert not shift["l"][:, 3:].any()
+    frames = make_frames("A", 2, 60)
+    runs, wrong = (one.stage.setup for one in (frames, fuse2018.loosened(frames, RECIPE)))
+    shift = wrong.run["pose"].values - runs.run["pose"].values
+    np.testing.assert_allclose(wrong.others["x"]["pose"].values - runs.others["x"]["pose"].values, shift, atol=1e-12)
+    total = np.hypot(shift[:, :3].std(), RECIPE.radar.position)
+    assert total == pytest.approx(RECIPE.study.loose_position, rel=0.15)
+    assert not shift[:, 3:].any()
 
 
 def test_reflectors_lose_what_the_formula_says():
@@ -383,8 +371,14 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     assert (tmp_path / "figure-9.png").is_file()
 
 
-def test_least_squares_needs_the_iteration_before_it(calibration):
-    one = aperture(make_frames("A", 2, 3), 2, RECIPE.image)
-    for variants in (("original",), ("least squares", "iteration")):
-        with pytest.raises(ValueError, match="iteration before any least-squares form"):
-            clean(one, calibration.thresholds, RECIPE, variants)
+def test_the_chain_cleans_as_the_study_does(calibration):
+    """What detection is run on is what the study calls by the method's name."""
+    frames = make_frames("A", 2, 3)
+    forms = stage_forms(frames, calibration)
+    cleaned = clean(forms, 2, ("original", *forms))
+    for name in ("iteration", "least squares", "least squares spared"):
+        stage = trained(frames.stage, calibration.learnt, method=forms[name].settings.method)
+        kept = stage.passes()[-1].start(None)
+        kept.add(2)
+        np.testing.assert_array_equal(kept.state(False)["data"][0], cleaned.data[name])
+    assert not np.array_equal(cleaned.data["least squares"], cleaned.data["iteration"])

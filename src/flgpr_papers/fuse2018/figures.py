@@ -93,10 +93,8 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
     """Draw the clutter power against iterations and combinations, as Fig. 8."""
     figure = Figure(figsize=(8.6, 3.5), layout="constrained")
     boxes = strongest_boxes(lanes)
-    first = lanes[0]
-    nearest = int(np.nanargmin(np.abs(first.origins[:, 1] - float(example["origin"][1]))))
-    named = strongest_boxes([first])
-    named = named[named["frame"] == nearest]
+    named = strongest_boxes(lanes[:1])
+    named = named[named["frame"] == int(example["frame"])]
     singles = {i: f"iteration {i}" for i in range(recipe.suppress.iterations + 1)}
     averages = {i: f"#{i}" for i in TABLE_II}
     panels = (("without averaging", "iteration", singles), ("with averaging", "combination # (Table II)", averages))
@@ -204,18 +202,18 @@ def _mask(axes: Axes, example: Arrays, mask: NDArray[Any], title: str) -> None:
 
 
 def _extent(example: Arrays) -> tuple[float, float, float, float]:
-    x, y = example["x_axis"] - example["origin"][0], example["y_axis"] - example["origin"][1]
+    x, y = example["x_axis"], example["y_axis"]
     return float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
 
 
 def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
-    for x, y in example["mines"] - example["origin"]:
+    for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
             axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.4)
     if boxes:
         side = float(example["box side"])
-        for x, y in example["boxes"] - example["origin"]:
+        for x, y in example["boxes"]:
             axes.add_patch(Rectangle((x - side / 2, y - side / 2), side, side, fill=False, ec="#9dff57", lw=1.4))
     axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xlabel="cross-range, m", ylabel="ahead of the array, m")
     axes.label_outer()

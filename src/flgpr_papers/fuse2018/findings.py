@@ -14,10 +14,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from flgpr.model import Grid, Lane
+from flgpr.model import Lane
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
+from flgpr_papers.fuse2018.lanes import local
 from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.fuse2018.tracking import follow
@@ -76,25 +77,22 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
 
     Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the detection area.
     """
-    score = recipe.score
-    used = np.flatnonzero(np.isfinite(lane.origins[:, 0]))
+    score, reach, looks = recipe.score, recipe.score.halo / 2, []
+    used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
     slot = {int(frame): number * _SLOT - score.y[0] for number, frame in enumerate(used)}
     alarms = lane.alarms[lane.alarms["variant"] == variant]
-    frame = alarms["frame"].to_numpy(dtype=int)
-    place = lane.origins[frame]
     unrolled = pd.DataFrame(
         {
-            "x": alarms["x"].to_numpy() - place[:, 0],
-            "y": alarms["y"].to_numpy() - place[:, 1] + np.array([slot[k] for k in frame.tolist()]),
+            "x": alarms["across"].to_numpy(),
+            "y": alarms["ahead"].to_numpy() + alarms["frame"].map(slot).to_numpy(dtype=np.float64),
             "confidence": alarms["magnitude"].to_numpy(),
         }
     )
-    looks, reach = [], score.halo / 2
+    wide = Lane(score.x[0] - reach, score.x[1] + reach, score.y[0] - reach, score.y[1] + reach)
     for k in used.tolist():
-        x, y = lane.truth["x"].to_numpy() - lane.origins[k, 0], lane.truth["y"].to_numpy() - lane.origins[k, 1]
-        near = (np.abs(x) <= score.x[1] + reach) & (y >= score.y[0] - reach) & (y <= score.y[1] + reach)
-        inside = near & (x >= score.x[0]) & (x <= score.x[1]) & (y >= score.y[0]) & (y <= score.y[1])
-        table = lane.truth[near].assign(x=x[near], y=y[near] + slot[k], inside=inside[near])
+        x, y = local(lane.truth, lane.poses[k]).T
+        near = wide.contains(x, y)
+        table = lane.truth.assign(x=x, y=y + slot[k], inside=recipe.area.contains(x, y))[near]
         looks.append(table.assign(mine=table["target_id"], target_id=table["target_id"].astype(str) + f"-{k}"))
     strip = Lane(*score.x, 0.0, _SLOT * len(used))
     return match(unrolled, pd.concat(looks, ignore_index=True), strip, score.halo, halo_as="diameter")
@@ -102,9 +100,8 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
 
 def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
     """Match a variant's alarms on the lane's map, every place once."""
-    level, image, area = lane.maps[variant], recipe.image, recipe.lane
-    grid = Grid(image.x[0], 0.0, level.shape[1], level.shape[0], image.spacing, image.spacing)
-    view = view_array(level, np.isfinite(level).astype(np.int64), grid, {})
+    level, area = lane.maps[variant], recipe.lane
+    view = view_array(level, np.isfinite(level).astype(np.int64), recipe.map_grid, {})
     found = prescreen(view, area, recipe.score.radius, density=10.0)
     found = found[area.contains(found["x"], found["y"])].assign(confidence=lambda t: t["magnitude"])
     truth = lane.truth.assign(mine=lane.truth["target_id"], inside=True)

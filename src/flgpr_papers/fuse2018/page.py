@@ -119,12 +119,11 @@ def _lane_row(recipe: FuseRecipe, lane: LaneResult) -> Row:
 
 
 def _threshold_rows(calibration: Calibration) -> list[Row]:
-    limits = calibration.thresholds
-    names = {"VV": limits.vv, "VH": limits.vh, "X": limits.second, "VH, roadside": limits.low_vh}
+    names, learnt = {"VV": "vv", "VH": "vh", "X": "second", "VH, roadside": "low_vh"}, calibration.learnt
     rows: list[Row] = [
-        (name, *(f"{20 * np.log10(v):.1f}" for v in values)) for name, values in names.items() if values is not None
+        (words, *(f"{20 * np.log10(v):.1f}" for v in learnt[name])) for words, name in names.items() if name in learnt
     ]
-    return [*rows, ("looks at mines", *calibration.looks)]
+    return [*rows, ("looks at mines", *learnt["looks"])]
 
 
 def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,24 +12,21 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.chain.passes import Arrays
 from flgpr.chain.progress import Track
+from flgpr.chain.stages.masks import Aperture, MaskedSuppression
 from flgpr.clutter import (
     TABLE_II,
     Iterated,
-    ThresholdCalibration,
-    Thresholds,
-    averaged,
     averaged_frames,
     equal_cost,
     iterate_frames,
-    iterate_suppression,
     measured_coherence,
-    mixed_mask,
     suppress_by_model,
 )
-from flgpr.model import Lane
-from flgpr.screen import prescreen
-from flgpr_papers.fuse2018.lanes import Aperture, Frames, aperture
+from flgpr.model import Grid, ground_points, scan_to_lane
+from flgpr.screen import MeanViewSums, prescreen
+from flgpr_papers.fuse2018.lanes import Frames, local, trained
 from flgpr_papers.fuse2018.recipe import FuseRecipe
 
 BoolArray = NDArray[np.bool_]
@@ -47,47 +44,42 @@ VARIANTS = {
     "L band alone": "iteration, masks from VV and VH alone",
 }
 """What is compared, and how it is called in full."""
+_FORMS: dict[str, dict[str, str]] = {
+    "iteration": {},
+    "regions": {"intersect": "region"},
+    "least squares": {"method": "least-squares"},
+    "least squares spared": {"method": "least-squares-spared"},
+}
+"""Settings of the detection chain's stage that make a variant."""
 
 
 @dataclass(frozen=True)
 class Calibration:
     """What the calibration lane teaches."""
 
-    thresholds: Thresholds  #: of the masks
+    learnt: Arrays  #: thresholds of the masks as the stage takes them, and the looks at targets that they rest on
     #: (row,) median magnitude of VV between the roadsides at every distance ahead: alarms are measured in units of it
     background: FloatArray
-    looks: NDArray[np.int64]  #: (region,) looks at targets that the thresholds rest on
 
 
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
     """Learn thresholds and background from the calibration lane, whose targets are known."""
-    learnt = ThresholdCalibration(len(recipe.image.edges) - 1, recipe.mask.response_db)
-    rows: list[FloatArray] = []
-    latest = range(recipe.image.frames - 1, len(frames))
-    for k in track(latest, "calibration lane", len(latest)):
-        one = aperture(frames, k, recipe.image)
-        halos = [one.halo(x, y, recipe.mask.halo) for x, y in _within(frames.truth, one, recipe.mask.halo)]
-        away = np.abs(one.across)
-        near, far = recipe.mask.roadside
-        learnt.add(one.vv, one.vh, one.region, halos, (away >= near) & (away <= far), one.x)
-        rows.append(np.median(np.where(away < near, np.abs(one.vv), np.nan)[:, away[0] < near], axis=1))
-    return Calibration(learnt.result(), np.mean(rows, axis=0), learnt.targets)
-
-
-def _within(table: pd.DataFrame, one: Aperture, margin: float) -> FloatArray:
-    """Places (n, 2) that lie within an aperture's image by a margin, m."""
-    x_min, x_max, y_min, y_max = one.grid.extent()
-    place = table[["x", "y"]].to_numpy(dtype=np.float64)
-    x, y = place.T
-    good = (x >= x_min + margin) & (x <= x_max - margin) & (y >= y_min + margin) & (y <= y_max - margin)
-    return np.asarray(place[good])
+    stage, rows = frames.stage, []
+    examples = stage.examples(frames.truth)
+    road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
+    whole = range(recipe.image.frames - 1, len(frames))
+    for k in track(whole, "calibration lane", len(whole)):
+        examples.add(k)
+        rows.append(np.median(np.abs(stage.aperture(k).vv[:, road]), axis=1))
+    learnt, _ = stage.fit(stage.settings, [examples.result()])
+    return Calibration(learnt, np.mean(rows, axis=0))
 
 
 @dataclass
 class LaneRecords:
     """What a lane's frames yield, row by row."""
 
-    #: variant, frame, x, y (m), magnitude over the background
+    #: variant, frame, x, y (m, lane frame), across, ahead (m, scan frame), magnitude over the background
     alarms: list[dict[str, Any]] = field(default_factory=list)
     boxes: list[dict[str, Any]] = field(default_factory=list)  #: frame, object, side, stage, power in the box
     #: frame, target, variant, peak, whether the mask covers the original peak
@@ -98,95 +90,95 @@ class LaneRecords:
     coherence: list[dict[str, Any]] = field(default_factory=list)
     #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
-    maps: dict[str, FloatArray] = field(default_factory=dict)  #: lane maps
-    looks: FloatArray | None = None
+    maps: Arrays = field(default_factory=dict)  #: mean magnitude over the background of all looks, by variant
 
 
 @dataclass(frozen=True)
 class Cleaned:
     """An aperture with its masks and what each variant made of it."""
 
-    aperture: Aperture  #: the aperture
+    index: int  #: the latest frame
+    forms: dict[str, MaskedSuppression]  #: the stage by variant, as far as it knows them
+    aperture: Aperture
     masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region" and "L"
     course: Iterated  #: the paper's iteration
     data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
-    images: dict[str, ComplexArray]  #: by variant
+    images: dict[str, ComplexArray]  #: by variant, in the scan frame of the latest frame
     rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
 
+    @property
+    def stage(self) -> MaskedSuppression:
+        """The stage as the paper has it."""
+        return self.forms["iteration"]
 
-def clean(one: Aperture, thresholds: Thresholds, recipe: FuseRecipe, variants: Sequence[str]) -> Cleaned:
-    """Form the masks of an aperture and suppress what lies under them."""
-    first = next((name for name in variants if name == "iteration" or name.startswith("least squares")), None)
-    if first != "iteration":
-        raise ValueError(f"variants must name iteration before any least-squares form, got {', '.join(variants)}")
-    side = recipe.mask.roadside
-    common = (thresholds, one.region, one.across)
-    masks = {
-        "pixel": mixed_mask(one.vv, one.vh, *common, one.x, "pixel", side),
-        "region": mixed_mask(one.vv, one.vh, *common, one.x, "region", side),
-        "L": mixed_mask(one.vv, one.vh, *common, None, "pixel", side),
-    }
-    pixels, count = one.grid.points(), recipe.suppress.iterations
-    whole = one.stack_on(pixels)
-    main: list[Iterated] = []
+    @property
+    def pose(self) -> FloatArray:
+        """Pose of the latest frame."""
+        return self.stage.setup.pose(self.index)
+
+
+def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSuppression]:
+    """Make the stage of the detection chain, trained, as every variant that it knows wants it."""
+    return {name: trained(frames.stage, calibration.learnt, **changes) for name, changes in _FORMS.items()}
+
+
+def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
+    """Form the masks of the aperture that ends with a frame and suppress what lies under them."""
+    stage = forms["iteration"]
+    one, settings = stage.aperture(index), stage.settings
+    b, whole = one.data[:, stage.setup.imaged], one.stack_on(stage.points)
+    masks = {"pixel": stage.mask(one), "region": forms["regions"].mask(one), "L": stage.mask(replace(one, second=None))}
+    mask = masks["pixel"]
+    before = time.process_time()
+    main = stage.iterated(one, mask)
+    spent = {"iteration": time.process_time() - before}
 
     def iterated(name: str) -> tuple[ComplexArray, list[Iterated]]:
-        course = iterate_suppression(one.data, one.stack_on, pixels, masks[name], one.region, count)
-        if name == "pixel":
-            main.append(course)
-        return averaged(course, recipe.suppress.combination), [course]
+        course = main if name == "pixel" else stage.iterated(one, masks[name])
+        return stage.cleaned(one, masks[name], course), [course]
 
     def per_frame() -> tuple[ComplexArray, list[Iterated]]:
-        courses = iterate_frames(one.data, one.operators, pixels, masks["pixel"], one.region, count)
-        return averaged_frames(courses, recipe.suppress.combination), courses
+        courses = iterate_frames(b, one.operators, stage.points, mask, stage.region, settings.iterations)
+        return averaged_frames(courses, settings.combination), courses
 
-    def least_squares(split: bool) -> tuple[ComplexArray, list[Iterated]]:
-        mask = masks["pixel"]
+    def least_squares_per_frame() -> tuple[ComplexArray, list[Iterated]]:
         if not mask.any():
-            return one.data, []
-        number, points = equal_cost(main[0], mask, one.region), pixels[mask]
-        if not split:
-            return road_spared(one, one.data, mask, number, 0.0), []
-        pairs = zip(one.data, one.operators, strict=True)
-        return np.stack([suppress_by_model(b, make(points), number).data for b, make in pairs]), []
-
-    def spared() -> tuple[ComplexArray, list[Iterated]]:
-        mask = masks["pixel"]
-        number = equal_cost(main[0], mask, one.region)
-        return road_spared(one, one.data, mask, number, side[0]), []
+            return b, []
+        number, pairs = equal_cost(main, mask, stage.region), zip(b, one.operators, strict=True)
+        return np.stack([suppress_by_model(data, make(stage.points[mask]), number).data for data, make in pairs]), []
 
     how: dict[str, Callable[[], tuple[ComplexArray, list[Iterated]]]] = {
-        "original": lambda: (one.data, []),
+        "original": lambda: (b, []),
         "iteration": lambda: iterated("pixel"),
         "regions": lambda: iterated("region"),
         "per frame": per_frame,
-        "least squares": lambda: least_squares(False),
-        "least squares per frame": lambda: least_squares(True),
-        "least squares spared": spared,
+        "least squares": lambda: (forms["least squares"].cleaned(one, mask, main), []),
+        "least squares per frame": least_squares_per_frame,
+        "least squares spared": lambda: (forms["least squares spared"].cleaned(one, mask, main), []),
         "L band alone": lambda: iterated("L"),
     }
     made, images, rows = {}, {}, []
-    norm = float(np.linalg.norm(one.data))
+    norm = float(np.linalg.norm(b))
     for variant in variants:
         before = time.process_time()
         data, courses = how[variant]()
-        spent = time.process_time() - before
+        cpu = time.process_time() - before + spent.get(variant, 0.0)
         made[variant], images[variant] = data, whole.adjoint(data)[0, 0]
-        mask = masks[{"regions": "region", "L band alone": "L"}.get(variant, "pixel")]
+        under = masks[{"regions": "region", "L band alone": "L"}.get(variant, "pixel")]
         rises = [course.rise for course in courses if course.rise is not None]
         rows.append(
             {
-                "frame": one.frames[-1],
+                "frame": index,
                 "variant": variant,
                 "iterations": min((course.iterations for course in courses), default=0),
                 "stopped": len(rises),
                 "rise": max(rises, default=np.nan),
                 "residual": float(np.linalg.norm(data)) / norm,
-                "masked": float(mask.mean()),
-                "cpu": spent,
+                "masked": float(under.mean()),
+                "cpu": cpu,
             }
         )
-    return Cleaned(one, masks, main[0], made, images, rows)
+    return Cleaned(index, forms, one, masks, main, made, images, rows)
 
 
 def process_lane(
@@ -203,39 +195,52 @@ def process_lane(
     The truth is used to say where mines and roadside objects are when something is measured, never to form a mask, to
     suppress or to raise an alarm.
     """
-    records = LaneRecords()
+    records, forms = LaneRecords(), stage_forms(frames, calibration)
+    sums, poses = MeanViewSums(recipe.map_grid, recipe.score.y[1]), frames.poses
     latest = range(recipe.image.frames - 1, len(frames), every)
-    shown = min(latest, key=lambda k: abs(frames.pose["l"][k, 1] - recipe.study.example))
+    shown = min(latest, key=lambda k: abs(poses[k, 1] - recipe.study.example))
     for k in track(latest, f"lane {frames.name}", len(latest)):
-        cleaned = clean(aperture(frames, k, recipe.image), calibration.thresholds, recipe, variants)
+        cleaned = clean(forms, k, variants)
         records.courses += cleaned.rows
         _record_boxes(records, cleaned, frames, recipe)
         _record_mines(records, cleaned, frames, recipe)
-        _record_alarms(records, cleaned, calibration, recipe)
         _record_own(records, cleaned, frames, recipe)
+        levels = {name: np.abs(image) / calibration.background[:, None] for name, image in cleaned.images.items()}
+        _record_alarms(records, cleaned, levels, recipe)
+        sums.add(np.stack(list(levels.values())).astype(np.float32), cleaned.stage.grid, cleaned.pose)
         loss = measured_coherence(cleaned.aperture.looks).loss_db
         records.coherence += [{"frame": k, "loss_db": float(value)} for value in loss]
         if example is not None and k == shown:
             example(cleaned)
+    records.maps = dict(zip(variants, sums.result()[0], strict=True))
     return records
 
 
-def roadside_objects(frames: Frames, one: Aperture, recipe: FuseRecipe) -> pd.DataFrame:
-    """List the bushes and posts whose boxes lie within an aperture's image, at the roadside."""
-    near, far = recipe.mask.roadside
+def roadside_objects(frames: Frames, pose: FloatArray, recipe: FuseRecipe) -> pd.DataFrame:
+    """List the bushes and posts whose boxes lie within a frame's image, at the roadside; ``x``, ``y`` in its frame."""
+    (near, far), margin = recipe.mask.roadside, recipe.boxes.margin
     table = frames.objects[frames.objects["kind"].isin(["bush", "post"])]
-    away = np.abs(table["x"] - one.origin[0])
-    ahead = table["y"] - one.origin[1]
-    margin = recipe.boxes.margin
-    good = (away >= near) & (away <= far - margin)
-    good &= (ahead >= recipe.image.y[0] + margin) & (ahead <= recipe.image.y[1] - margin)
-    return table[good]
+    x, y = local(table, pose).T
+    good = (np.abs(x) >= near) & (np.abs(x) <= far - margin)
+    good &= (y >= recipe.image.y[0] + margin) & (y <= recipe.image.y[1] - margin)
+    return table.assign(x=x, y=y)[good]
 
 
-def box_of(one: Aperture, x: float, y: float, side: float) -> BoolArray:
+def box_of(grid: Grid, x: float, y: float, side: float) -> BoolArray:
     """Mark the pixels of a square box about a place, m."""
-    columns, rows = np.abs(one.grid.x - x) <= side / 2, np.abs(one.grid.y - y) <= side / 2
+    columns, rows = np.abs(grid.x - x) <= side / 2, np.abs(grid.y - y) <= side / 2
     return rows[:, None] & columns[None, :]
+
+
+def _halo(grid: Grid, place: FloatArray, radius: float) -> BoolArray:
+    """Mark the pixels within a radius of a place, m."""
+    return np.asarray(np.hypot(grid.x - place[0], grid.y[:, None] - place[1]) <= radius)
+
+
+def _targets(frames: Frames, cleaned: Cleaned, recipe: FuseRecipe) -> list[tuple[Any, FloatArray]]:
+    """Rows of the mines in the detection area, and their places in the scan frame."""
+    places = zip(frames.truth.itertuples(), local(frames.truth, cleaned.pose), strict=True)
+    return [(row, place) for row, place in places if recipe.area.contains(*place)]
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
@@ -243,7 +248,7 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
 
     "iteration 0" and so on, "#0" and so on.
     """
-    course, points = cleaned.course, cleaned.aperture.grid.points()[chosen]
+    course, points = cleaned.course, cleaned.stage.points[chosen]
     stack = cleaned.aperture.stack_on(points)
     kept = [stack.adjoint(data)[0, 0] for data in course.data]
     single = {i: kept[min(i, course.iterations)] for i in range(course.asked + 1)}
@@ -252,34 +257,29 @@ def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]
 
 
 def _record_boxes(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
-    one = cleaned.aperture
-    objects = roadside_objects(frames, one, recipe)
+    objects = roadside_objects(frames, cleaned.pose, recipe)
     if objects.empty:
         return
-    boxes = [box_of(one, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
+    boxes = [box_of(cleaned.stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
     together = np.any(boxes, axis=0)
     stages = stage_images(cleaned, together) | {name: image[together] for name, image in cleaned.images.items()}
-    sides = np.where(objects["x"] < one.origin[0], "left", "right")
+    sides = np.where(objects["x"] < 0, "left", "right")
     for name, side, box in zip(objects["object_id"], sides, boxes, strict=True):
         inside = box[together]
         records.boxes += [
-            {"frame": one.frames[-1], "object": name, "side": side, "stage": stage}
+            {"frame": cleaned.index, "object": name, "side": side, "stage": stage}
             | {"power": float(np.mean(np.abs(image[inside]) ** 2))}
             for stage, image in stages.items()
         ]
 
 
 def _record_mines(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
-    one, radius = cleaned.aperture, recipe.score.halo / 2
-    area = frame_area(one, recipe)
-    for row in frames.truth.itertuples():
-        x, y = float(row.x), float(row.y)  # type: ignore[arg-type]
-        if not area.contains(x, y):
-            continue
-        halo = one.halo(x, y, radius)
-        at = np.unravel_index(int(np.where(halo, np.abs(one.vv), -1).argmax()), one.grid.shape)
+    strength = np.abs(cleaned.aperture.vv)
+    for row, place in _targets(frames, cleaned, recipe):
+        halo = _halo(cleaned.stage.grid, place, recipe.score.halo / 2)
+        at = np.unravel_index(int(np.where(halo, strength, -1).argmax()), halo.shape)
         records.mines += [
-            {"frame": one.frames[-1], "target": row.target_id, "variant": name, "depth": row.depth}
+            {"frame": cleaned.index, "target": row.target_id, "variant": name, "depth": row.depth}
             | {"peak": float(np.abs(image[halo]).max()), "masked": bool(cleaned.masks["pixel"][at])}
             for name, image in cleaned.images.items()
         ]
@@ -287,78 +287,56 @@ def _record_mines(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
 
 def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
     """Follow what the mines alone add to the data through what was done to the data as they are."""
-    one, mask, area = cleaned.aperture, cleaned.masks["pixel"], frame_area(cleaned.aperture, recipe)
-    targets = [row for row in frames.truth.itertuples() if area.contains(float(row.x), float(row.y))]  # type: ignore[arg-type]
+    stage, one, mask = cleaned.stage, cleaned.aperture, cleaned.masks["pixel"]
+    targets = _targets(frames, cleaned, recipe)
     if frames.mines is None or not targets or not mask.any():
         return
-    alone = frames.mines[list(one.frames)]
-    made = {"original": alone, "iteration": suppressed_alone(cleaned, alone, recipe)}
-    number, road = equal_cost(cleaned.course, mask, one.region), recipe.mask.roadside[0]
-    for name, half in (("least squares", 0.0), ("least squares spared", road)):
+    alone = frames.mines[stage.setup.imager.scans[: cleaned.index + 1][-len(one.data) :]]
+    made = {"original": alone, "iteration": suppressed_alone(cleaned, alone)}
+    without = one.data.copy()
+    without[:, stage.setup.imaged] -= alone
+    for name in ("least squares", "least squares spared"):
         if name in cleaned.images:
             # Its steps depend on the data: what the mines add is what they change.
-            made[name] = cleaned.data[name] - road_spared(one, one.data - alone, mask, number, half)
-    whole = one.stack_on(one.grid.points())
+            rest = cleaned.forms[name].cleaned(replace(one, data=without), mask, cleaned.course)
+            made[name] = cleaned.data[name] - rest
+    whole = one.stack_on(stage.points)
     level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
-    for row in targets:
-        halo = one.halo(float(row.x), float(row.y), recipe.score.halo / 2)  # type: ignore[arg-type]
-        at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), one.grid.shape)
+    for row, place in targets:
+        halo = _halo(stage.grid, place, recipe.score.halo / 2)
+        at = np.unravel_index(int(np.where(halo, level["original"], -1).argmax()), halo.shape)
         records.own += [
-            {"frame": one.frames[-1], "target": row.target_id, "variant": name, "masked": bool(mask[at])}
+            {"frame": cleaned.index, "target": row.target_id, "variant": name, "masked": bool(mask[at])}
             | {"change_db": float(20 * np.log10(image[at] / level["original"][at]))}
             for name, image in level.items()
             if name != "original"
         ]
 
 
-def road_spared(one: Aperture, data: ComplexArray, mask: BoolArray, number: int, half: float) -> ComplexArray:
-    """Suppress by least squares what lies under a mask; the road, ``half`` m to either side, is fitted and stays."""
-    fitted = mask | (np.abs(one.across) < half)
-    return suppress_by_model(data, one.stack_on(one.grid.points()[fitted]), number, spared=~mask[fitted]).data
-
-
-def suppressed_alone(cleaned: Cleaned, data: ComplexArray, recipe: FuseRecipe) -> ComplexArray:
+def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
     """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed: a linear operation."""
-    one, course, pixels = cleaned.aperture, cleaned.course, cleaned.aperture.grid.points()
-    mask, kept = cleaned.masks["pixel"], [data]
-    parts = {int(r): one.stack_on(pixels[mask & (one.region == r)]) for r in np.unique(one.region[mask])}
+    stage, course, mask, kept = cleaned.stage, cleaned.course, cleaned.masks["pixel"], [data]
+    used = np.unique(stage.region[mask])
+    parts = {int(r): cleaned.aperture.stack_on(stage.points[mask & (stage.region == r)]) for r in used}
     for amplitude in course.amplitude[: course.iterations]:
         rest = kept[-1]
         for r, stack in parts.items():
             rest = rest - np.float32(amplitude[r, 0]) * stack.forward(stack.adjoint(kept[-1]))
         kept.append(rest)
-    wanted = TABLE_II[recipe.suppress.combination]
+    wanted = TABLE_II[stage.settings.combination]
     return np.asarray(np.mean([kept[min(i, course.iterations)] for i in wanted], axis=0), dtype=np.complex64)
 
 
-def frame_area(one: Aperture, recipe: FuseRecipe) -> Lane:
-    """Give the detection area of an aperture's latest frame in the lane frame."""
-    (x0, y0), (xa, xb), (ya, yb) = one.origin, recipe.score.x, recipe.score.y
-    return Lane(x0 + xa, x0 + xb, y0 + ya, y0 + yb)
-
-
-def _record_alarms(records: LaneRecords, cleaned: Cleaned, calibration: Calibration, recipe: FuseRecipe) -> None:
-    one, area = cleaned.aperture, frame_area(cleaned.aperture, recipe)
-    grid, radius = one.grid, recipe.score.radius
+def _record_alarms(records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe) -> None:
+    grid, area, radius = cleaned.stage.grid, recipe.area, recipe.score.radius
     # Pixels beyond the area's border take part, so that the flank of a peak outside is no alarm inside.
     rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
     columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
-    place = np.round(grid.y / grid.dy).astype(int)
-    inside = (grid.y >= area.y_min) & (grid.y <= area.y_max)
-    size = int(np.ceil((recipe.lanes.length + 2) / grid.dy))
-    count = inside & (place >= 0) & (place < size)
-    if records.looks is None:
-        records.looks = np.zeros(size)
-    records.looks[place[count]] += 1
-    for name, image in cleaned.images.items():
-        level = np.abs(image) / calibration.background[:, None]
-        records.maps.setdefault(name, np.zeros((size, grid.nx)))[place[count]] += level[count]
-        view = xr.DataArray(
-            level[np.ix_(rows, columns)], dims=("y", "x"), coords={"y": grid.y[rows], "x": grid.x[columns]}
-        )
+    axes = {"y": grid.y[rows], "x": grid.x[columns]}
+    for name, level in levels.items():
+        view = xr.DataArray(level[np.ix_(rows, columns)], dims=("y", "x"), coords=axes)
         found = prescreen(view, area, radius, density=10.0)
         found = found[area.contains(found["x"], found["y"])]
-        records.alarms += [
-            {"variant": name, "frame": one.frames[-1], "x": x, "y": y, "magnitude": m}
-            for x, y, m in found[["x", "y", "magnitude"]].to_numpy().tolist()
-        ]
+        x, y, _ = scan_to_lane(ground_points(found), cleaned.pose).T
+        found = found.rename(columns={"x": "across", "y": "ahead"}).assign(variant=name, frame=cleaned.index, x=x, y=y)
+        records.alarms += found.to_dict("records")

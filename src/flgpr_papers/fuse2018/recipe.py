@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from typing import Annotated
 
 from pydantic import Field
 
-from flgpr.model import Lane
+from flgpr.chain.recipe import Recipe, recipe_text
+from flgpr.model import Grid, Lane
 from flgpr_papers.kit.settings import Table, packaged
 
 Positive = Annotated[float, Field(gt=0)]
@@ -121,6 +123,24 @@ class FuseRecipe(Table):
     def lane(self) -> Lane:
         """The rectangle that is scored as a lane: as wide as the detection area."""
         return Lane(*self.score.x, 0.0, self.lanes.length)
+
+    @property
+    def area(self) -> Lane:
+        """The detection area of a frame, in its scan frame."""
+        return Lane(*self.score.x, *self.score.y)
+
+    @property
+    def map_grid(self) -> Grid:
+        """Pixels of a lane's map, in the lane frame: more than is scored, so that peaks at the border are whole."""
+        return Grid.spanning(self.image.x, (0.0, self.lanes.length + 2.0), self.image.spacing)
+
+    def chain(self) -> Recipe:
+        """Load the recipe that detection is run with, and give it the study's images and masks."""
+        held, image = tomllib.loads(recipe_text("fuse2018")), self.image.model_dump()
+        masks = {"edges": image.pop("edges"), "frames": image["frames"], **dict(self.mask), **dict(self.suppress)}
+        held["image"] |= image
+        held["clutter"] = [one | masks if one["stage"] == "masks" else one for one in held["clutter"]]
+        return Recipe.model_validate(held)
 
 
 def fuse_recipe(quick: bool = False) -> FuseRecipe:

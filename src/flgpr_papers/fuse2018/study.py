@@ -11,7 +11,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
 from flgpr_papers.fuse2018.findings import all_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import Frames, simulate_lane
+from flgpr_papers.fuse2018.lanes import Frames, masks_stage, simulate_lane
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration, Cleaned, calibrate, process_lane
@@ -83,11 +83,11 @@ def lane_result(
 
     def keep(cleaned: Cleaned) -> None:
         if name == LANES[0]:
-            write_arrays(shown, example_arrays(cleaned, frames, calibration, recipe))
+            write_arrays(shown, example_arrays(cleaned, frames, recipe))
 
     if not path.is_file():
         records = process_lane(frames, calibration, recipe, track, tuple(VARIANTS), recipe.study.every, keep)
-        write_records(path, frames, records, recipe)
+        write_records(path, frames, records)
     return read_records(path, frames)
 
 
@@ -101,13 +101,15 @@ def loose_result(
         variants = ("original", "iteration", "per frame")
         wrong = loosened(frames, recipe)
         records = process_lane(wrong, calibration, recipe, track, variants, recipe.study.loose_every)
-        write_records(path, wrong, records, recipe)
+        write_records(path, wrong, records)
     return read_records(path, frames)
 
 
 def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     """Add errors to a lane's reported poses, the same in both bands, up to the looser navigation."""
     more = np.sqrt(max(recipe.study.loose_position**2 - recipe.radar.position**2, 0.0))
-    shift = np.zeros_like(frames.pose["l"])
-    shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(frames), 3))
-    return replace(frames, pose={band: pose + shift for band, pose in frames.pose.items()})
+    run, others = frames.stage.setup.run, frames.stage.setup.others
+    shift = np.zeros(run["pose"].shape)
+    shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
+    runs = {band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()}
+    return replace(frames, stage=masks_stage(runs, recipe))

@@ -30,5 +30,5 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     calibration = calibrate(simulate_lane(folder, recipe, "calibration", True, silent), recipe, silent)
     frames, path = simulate_lane(folder, recipe, "A", True, silent), folder / "A.json"
     records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
-    write_records(path, frames, records, recipe)
+    write_records(path, frames, records)
     return paper_findings([read_records(path, frames)], recipe)
