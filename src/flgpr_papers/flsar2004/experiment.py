@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,12 +44,14 @@ from flgpr_papers.flsar2004.findings import (
     roc,
 )
 from flgpr_papers.flsar2004.lanes import Settings
-from flgpr_papers.kit.findings import Finding, difference_of_shares, measured, spread
+from flgpr_papers.kit.findings import Finding, Interval, difference_of_shares, measured, spread
+from flgpr_papers.kit.settings import packaged_text
 
 FloatArray = NDArray[np.float64]
 Examples = tuple[pd.DataFrame, FloatArray]
 SHALLOW = 0.06
 """Depth up to which the paper's first three depths lie, m, with their scatter."""
+_STATEMENTS = tomllib.loads(packaged_text("flsar2004", "statements"))
 
 
 @dataclass
@@ -59,6 +62,12 @@ class Results:
     areas: dict[str, tuple[float, float, float]] = field(default_factory=dict)  #: areas under ROCs with their intervals
     findings: list[Finding] = field(default_factory=list)
     notes: dict[str, Any] = field(default_factory=dict)  #: what else is told, as JSON can hold it
+
+    def judge(self, statement: str, interval: Interval, **words: Any) -> None:
+        """Judge a statement of ``statements.toml`` by the interval of its number."""
+        one = _STATEMENTS[statement]
+        rule = tuple(one["rule"]) if "rule" in one else None
+        self.findings.append(measured(one["claim"].format(**words), one["paper"], one["quantity"], interval, rule))
 
     def add(self, other: Results) -> None:
         """Take another part's results in."""
@@ -125,22 +134,9 @@ def templates(material: Material) -> Results:
     settings, sites, results = material.settings, material.sites, Results()
     chips = [signatures(settings, site, False)[0] for site in sites]
     share, cosine = component_interval(chips[0], settings.classify.bootstrap)
-    results.findings += [
-        measured(
-            "one dominant principal component", "typically a single principal component (par. 24)",
-            "share of the energy in the first component, arid", share, (0.5, 1.0),
-        ),
-        measured(
-            "component close to the mean template", "very similar to the average templates (par. 24)",
-            "cosine of first component and mean template, arid", cosine, (0.9, 1.0),
-        ),
-        measured(
-            "templates alike at both sites", "templates very close to those of the temperate site (par. 19)",
-            "correlation of the sites' mean templates",
-            likeness_interval(chips[0], chips[1], settings.classify.bootstrap),
-            (0.9, 1.0),
-        ),
-    ]  # fmt: skip
+    results.judge("component", share)
+    results.judge("component-mean", cosine)
+    results.judge("templates", likeness_interval(chips[0], chips[1], settings.classify.bootstrap))
     results.notes["energy of the first component"] = {
         f"{site.name}, {'magnitudes' if magnitude else 'complex'}": _first_share(settings, site, magnitude)
         for site in sites
@@ -179,32 +175,14 @@ def screened(material: Material) -> Results:
         results.curves[f"fig5 {site.name}"] = figure
         if len(scores) == 3:
             for label in ("HH", "VV"):
-                results.findings.append(
-                    measured(
-                        f"fusion changes little, {site.name}, against {label}",
-                        "fused not significantly different from VV or HH (par. 46)",
-                        "area under the ROC, both less one polarization, prescreened metal",
-                        auc_difference(scores["both"], scores[label], settings.classify.bootstrap), (-0.05, 0.05),
-                    )
-                )  # fmt: skip
+                gap = auc_difference(scores["both"], scores[label], settings.classify.bootstrap)
+                results.judge("fusion", gap, site=site.name, label=label)
     if len(peaks) == 2:
-        results.findings.append(
-            measured(
-                "peak Pd higher at the arid site", "peak Pd higher for the arid site (par. 43)",
-                "share of metal mines, flush and 5 cm, past the prescreeners, arid less temperate",
-                difference_of_shares(*peaks), (0.0, 1.0),
-            )
-        )  # fmt: skip
-    for kind, rule in (("plastic", (0.0, 0.2)), ("metal", (0.5, 1.0))):
+        results.judge("peak", difference_of_shares(*peaks))
+    for kind in ("plastic", "metal"):
         examples_table, offered = passed[sites[0].name]
         count = int((examples_table["kind"] == kind).sum())
-        results.findings.append(
-            measured(
-                f"{kind} mines at the prescreener, arid",
-                "almost all plastic mines missed (par. 41)" if kind == "plastic" else "metal mines stronger (par. 41)",
-                f"share of {kind} mines past the prescreeners", proportion(count, int(offered[kind])), rule,
-            )
-        )  # fmt: skip
+        results.judge(f"screened-{kind}", proportion(count, int(offered[kind])))
     return results
 
 
@@ -262,36 +240,13 @@ def sparsity(material: Material) -> Results:
         **{label: float(one.kept.mean()) for label, one in loo.items()},
     }
     results.notes["vectors by fold"] = {label: one.kept.tolist() for label, one in loo.items()}
-    results.findings += [
-        measured(
-            "RVM and SVM alike", "ROCs almost identical (par. 48)",
-            "area under the ROC, RVM less SVM, metal to 5 cm, VV",
-            auc_difference(scores["RVM"], scores["SVM"], count), (-0.05, 0.05),
-        ),
-        measured(
-            "RVM and SVM alike, leave-one-out", "ROCs almost identical (par. 48)",
-            "area under the ROC, RVM less SVM, the paper's own scheme",
-            auc_difference(loo["RVM"], loo["SVM"], count), (-0.05, 0.05),
-        ),
-        measured(
-            "RVM sparser", "14 % relevance against 34 % support vectors (par. 48)",
-            "relevance over support vectors, leave-one-out",
-            ratio_interval(loo["RVM"].kept, loo["SVM"].kept), (0.0, 0.5),
-        ),
-        measured(
-            "our choice: ARD and width by evidence", "not tried", "area under the ROC, less that of the paper's RVM",
-            auc_difference(scores["RVM, ARD, width by evidence"], scores["RVM"], count),
-        ),
-        measured(
-            "our choice: sparser still", "not tried", "its relevance vectors over the paper's RVM's, leave-one-out",
-            ratio_interval(loo["RVM, ARD, width by evidence"].kept, loo["RVM"].kept),
-        ),
-        measured(
-            "kernel matters little", "polynomial kernels: very little difference (par. 40)",
-            "area under the ROC, RVM, RBF less polynomial",
-            auc_difference(scores["RVM"], scores["RVM polynomial"], count), (-0.05, 0.05),
-        ),
-    ]  # fmt: skip
+    own = "RVM, ARD, width by evidence"
+    results.judge("machines", auc_difference(scores["RVM"], scores["SVM"], count))
+    results.judge("machines-loo", auc_difference(loo["RVM"], loo["SVM"], count))
+    results.judge("sparser", ratio_interval(loo["RVM"].kept, loo["SVM"].kept))
+    results.judge("own", auc_difference(scores[own], scores["RVM"], count))
+    results.judge("own-sparser", ratio_interval(loo[own].kept, loo["RVM"].kept))
+    results.judge("kernel", auc_difference(scores["RVM"], scores["RVM polynomial"], count))
     return results
 
 
@@ -327,24 +282,9 @@ def unscreened(material: Material) -> Results:
         results.areas[f"fig7 {kind}, trained anew in every draw"] = spread(auc(binary[kind]), again)
         for name, one in rivals.items():
             results.areas[f"fig9 {kind}, one-class {name}"] = auc_interval(one, count)
-        results.findings.append(
-            measured(
-                f"novelty detector slightly worse, {kind}", "only slightly worse than the binary classifier (par. 53)",
-                "area under the ROC, binary less one-class RVM", auc_difference(binary[kind], novel[kind], count),
-                (0.0, 0.1),
-            )
-        )  # fmt: skip
-    results.findings += [
-        measured(
-            "plastic separable without prescreener", "plastic encouraging without prescreener (par. 42)",
-            "area under the ROC, plastic, binary RVM", auc_interval(binary["plastic"], count), (0.75, 1.0),
-        ),
-        measured(
-            "plastic comparable to metal", "metal typically better, but comparable (par. 49)",
-            "area under the ROC, metal less plastic",
-            auc_difference(binary["metal"], binary["plastic"], count), (0.0, 0.1),
-        ),
-    ]  # fmt: skip
+        results.judge("novelty", auc_difference(binary[kind], novel[kind], count), kind=kind)
+    results.judge("plastic", auc_interval(binary["plastic"], count))
+    results.judge("comparable", auc_difference(binary["metal"], binary["plastic"], count))
     _depths(settings, _pick(examples, ("plastic",)), binary["plastic"], results)
     return results
 
@@ -358,17 +298,8 @@ def _depths(settings: Settings, chosen: Examples, scores: HeldOut, results: Resu
         part = HeldOut(scores.mine[rows], scores.clutter, scores.target[rows], scores.tile, scores.kept)
         results.curves.setdefault("fig8", {})[label] = roc(part, area)
     for far in (0.04, 0.07):
-        results.findings.append(
-            measured(
-                f"plastic degrades with depth at {far} per m²",
-                "substantial degradation for deeper mines, particularly at 0.04-0.07 per m² (par. 50)",
-                "Pd, down to 5 cm less 10 and 15 cm",
-                difference_of_shares(
-                    pd_count(scores, area, far, depth <= SHALLOW), pd_count(scores, area, far, depth > SHALLOW)
-                ),
-                (0.1, 1.0),
-            )
-        )
+        shallow, deep = (pd_count(scores, area, far, rows) for rows in (depth <= SHALLOW, depth > SHALLOW))
+        results.judge("depth", difference_of_shares(shallow, deep), far=far)
 
 
 def between_sites(material: Material) -> Results:
@@ -388,17 +319,8 @@ def between_sites(material: Material) -> Results:
             figure |= {f"{kind}, one-class": roc(novel[kind], area), f"{kind}, binary": roc(binary, area)}
             results.areas[f"fig10 {way}, {kind}, one-class"] = auc_interval(novel[kind], count)
             results.areas[f"fig10 {way}, {kind}, binary"] = auc_interval(binary, count)
-        results.findings += [
-            measured(
-                f"training carries over, {way}", "reasonable performance at the other site (par. 55)",
-                "area under the ROC, metal, one-class RVM", auc_interval(novel["metal"], count), (0.75, 1.0),
-            ),
-            measured(
-                f"metal better than plastic, {way}", "improved performance for metal mines (par. 55)",
-                "area under the ROC, metal less plastic, one-class RVM",
-                auc_difference(novel["metal"], novel["plastic"], count), (0.0, 1.0),
-            ),
-        ]  # fmt: skip
+        results.judge("carries", auc_interval(novel["metal"], count), way=way)
+        results.judge("carries-metal", auc_difference(novel["metal"], novel["plastic"], count), way=way)
     return results
 
 

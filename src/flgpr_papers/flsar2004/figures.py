@@ -31,28 +31,10 @@ TITLES = {
     "fig10 arid-sand to temperate": "Fig. 10: trained arid, tested temperate",
     "fig10 temperate to arid-sand": "the other way: trained temperate, tested arid",
 }
-CAPTIONS = {
-    "fig1": "Fig. 1. Paper: HH and VV images of part of the arid lane, with mines. Ours: the first 30 m, 10 m ahead.",
-    "fig2": "Fig. 2. Paper: the ellipse of the last prescreener. Ours: learnt from the subset, arid, HH, 10 m.",
-    "fig3": "Fig. 3. Paper: average signatures; two strong responses down-range, particularly in VV. Ours: both sites.",
-    "fig4": "Fig. 4. Paper: the margin of a hyperplane in two dimensions. Ours: the linear support vector machine's "
-    "for points drawn for the purpose, and the relevance vector machine's boundary.",
-    "fig5": "Fig. 5. Paper: metal mines with prescreeners; VV, HH and fusion alike, peak Pd higher at the arid site.",
-    "fig6": "Fig. 6. Paper: RVM and SVM almost identical at 14 % relevance and 34 % support vectors.",
-    "fig7": "Fig. 7. Paper: metal better than plastic, but comparable.",
-    "fig8": "Fig. 8. Paper: plastic mines degrade with depth, particularly at 0.04-0.07 per m².",
-    "fig9": "Fig. 9. Paper: the novelty detector only slightly worse than Fig. 7.",
-    "fig10": "Fig. 10. Paper: trained at the arid and tested at the temperate site; metal better, plastic reasonable. "
-    "Ours with the binary machine beside it, and the other way round.",
-    "vectors": "Sparsity. Paper: 34 % against 14 % (par. 48), typically 30 % against 15 % (par. 57). Ours: the "
-    "leave-one-out folds of Fig. 6.",
-    "one-class-width": "Not in the paper: p(mine) of the one-class machine over a plane, by formulation and width.",
-    "rocs": "Fig. 5 to 10 side by side.",
-}
 
 
 def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures with their names, one at a time and in the order of ``CAPTIONS``."""
+    """Draw the figures with their names, one at a time and in the order of the captions."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         yield "fig1", _lane(settings, sites[0])
         yield "fig2", _ellipse(settings, sites[0])

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from flgpr_papers.flsar2004.experiment import Results
-from flgpr_papers.flsar2004.figures import CAPTIONS
 from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.kit.findings import by_chance
 from flgpr_papers.kit.page import study_html
@@ -29,7 +28,7 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         templates=_variants(notes["templates"]),
         energy=notes["energy of the first component"],
         registration=_registration(notes["registration"]),
-        pictures=[(picture, CAPTIONS[name]) for name, picture in pictures.items() if name != "rocs"],
+        pictures=pictures,
     )
 
 

@@ -24,9 +24,9 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def packaged_text(paper: str) -> str:
-    """Read the packaged settings of a paper's study."""
-    return (resources.files(f"flgpr_papers.{paper}") / "study.toml").read_text(encoding="utf-8")
+def packaged_text(paper: str, name: str = "study") -> str:
+    """Read the packaged settings of a paper's study, or another TOML file beside them."""
+    return (resources.files(f"flgpr_papers.{paper}") / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def packaged(paper: str, kind: type[T]) -> T:
