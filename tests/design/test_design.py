@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.design.array import PointSpread, Question, study
+from flgpr.design.array import PointSpread, Question, half_power, study
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 
@@ -102,3 +102,9 @@ def test_faults_are_told(small):
         study(small, Question(band=(5e9, 6e9)))
     with pytest.raises(ValueError, match="window must be one of"):
         PointSpread(small, window="square")
+
+
+def test_half_power_width_of_a_known_lobe():
+    place = np.linspace(-1, 1, 201)
+    assert half_power(place, np.exp(-(place**2) / 0.1)) == pytest.approx(2 * np.sqrt(0.05 * np.log(2)), abs=1e-3)
+    assert np.isnan(half_power(place, np.ones_like(place)))

@@ -30,7 +30,8 @@ from flgpr_papers.wang2007.analysis import (
     matched,
     table_one,
 )
-from flgpr_papers.wang2007.page import blind_scores, page_html
+from flgpr_papers.wang2007.findings import blind_scores
+from flgpr_papers.wang2007.page import page_html
 
 BANDS = ("F0", *SUBBANDS)
 

@@ -121,11 +121,11 @@ class PointSpread:
             offset = np.linspace(-4, 4, 401) * expected
             line = np.repeat(place[None], offset.size, axis=0)
             line[:, axis] += offset
-            found.append(_half_power(offset, self(line, place)))
+            found.append(half_power(offset, self(line, place)))
         return found[0], found[1]
 
 
-def _half_power(offset: FloatArray, amplitude: FloatArray) -> float:
+def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
     """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
     middle, level = offset.size // 2, math.sqrt(0.5)
     edges = []

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.design.array import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.kernels.windows import ramp
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, make_run
@@ -32,22 +33,7 @@ class PointResponse:
     @property
     def resolution(self) -> tuple[float, float]:
         """Width between the half-power points down-track and cross-track, m."""
-        return half_power_width(self.down, self.down_level), half_power_width(self.cross, self.cross_level)
-
-
-def half_power_width(place: FloatArray, level: FloatArray) -> float:
-    """Width of the main lobe of a sampled response between its half-power points, interpolated; its peak is one."""
-    top, half = int(np.argmax(level)), np.sqrt(0.5)
-    edges = []
-    for step in (-1, 1):
-        k = top
-        while 0 <= k + step < level.size and level[k + step] >= half:
-            k += step
-        if not 0 <= k + step < level.size:
-            return float("nan")
-        part = (level[k] - half) / (level[k] - level[k + step])
-        edges.append(place[k] + part * (place[k + step] - place[k]))
-    return float(abs(edges[1] - edges[0]))
+        return half_power(self.down, self.down_level), half_power(self.cross, self.cross_level)
 
 
 def point_response(recipe: StudyRecipe, filtered: bool) -> PointResponse:

@@ -100,16 +100,7 @@ class Settings(Table):
 
 def load_settings(quick: bool = False) -> Settings:
     """Read the packaged settings; ``quick`` takes few mines, tones and draws, which only show that all of it runs."""
-    settings = packaged("flsar2004", Settings)
-    if not quick:
-        return settings
-    few = tuple(Mines(depth=mines.depth, metal=2, plastic=2) for mines in settings.mines)
-    classify = settings.classify.model_copy(
-        update={"bootstrap": 100, "folds": 3, "widths": (0.3, 1.0), "costs": (1.0, 10.0), "examples": (8, 12)}
-    )
-    return settings.model_copy(
-        update={"mines": few, "classify": classify, "tones": (300e6, 8e6, 169), "density": 20.0, "fiducial_pitch": 17.3}
-    )
+    return packaged("flsar2004", Settings, quick)
 
 
 @dataclass(frozen=True)

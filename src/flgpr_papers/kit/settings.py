@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
@@ -29,6 +29,13 @@ def packaged_text(paper: str, name: str = "study") -> str:
     return (resources.files(f"flgpr_papers.{paper}") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def packaged(paper: str, kind: type[T]) -> T:
-    """Load the packaged settings of a paper's study."""
-    return kind.model_validate(tomllib.loads(packaged_text(paper)))
+def packaged(paper: str, kind: type[T], quick: bool = False) -> T:
+    """Load the packaged settings of a paper's study; for a quick run the table ``quick`` is laid over the others."""
+    tables = tomllib.loads(packaged_text(paper))
+    small = tables.pop("quick", {})
+    return kind.model_validate(_over(tables, small) if quick else tables)
+
+
+def _over(tables: dict[str, Any], small: dict[str, Any]) -> dict[str, Any]:
+    more = {name: _over(tables[name], entry) if isinstance(entry, dict) else entry for name, entry in small.items()}
+    return {**tables, **more}

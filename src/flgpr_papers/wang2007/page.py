@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import Finding, by_chance, spread
 from flgpr_papers.kit.page import draw, study_html
 from flgpr_papers.kit.points import HEADER, point_rows
+from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import (
     BURIED_METAL,
@@ -39,20 +41,7 @@ from flgpr_papers.wang2007.lanes import SITE
 
 Row = tuple[Any, ...]
 
-PAPER_ONE = {
-    "A": (0.75, 0.82, 0.71, 0.69, 0.93, 0.77, 0.66, 0.19, 0.76, 0.30),
-    "B": (0.75, 0.80, 0.68, 0.69, 0.90, 0.77, 0.65, 0.14, 0.76, 0.11),
-    "C": (0.75, 0.82, 0.71, 0.69, 0.93, 0.77, 0.66, 0.19, 0.76, 0.21),
-    "D": (0.73, 0.81, 0.65, 0.60, 0.77, 0.59, 0.66, 0.12, 0.65, 0.13),
-}
-PAPER_TWO = {
-    "A": ((5, 8, 1, 4, 3, 2, 6, 10, 7, 9), (0.93, 0.93, 0.94, 0.94, 0.94, 0.94, 0.94, 0.94, 0.93, 0.85)),
-    "B": ((5, 4, 8, 10, 7, 2, 3, 9, 1, 6), (0.90, 0.91, 0.90, 0.90, 0.89, 0.88, 0.87, 0.86, 0.84, 0.82)),
-    "C": ((5, 10, 8, 2, 4, 1, 7, 6, 9, 3), (0.93, 0.93, 0.92, 0.89, 0.90, 0.89, 0.89, 0.88, 0.88, 0.87)),
-    "D": ((2, 5, 4, 9, 6, 10, 1, 3, 7, 8), (0.81, 0.86, 0.89, 0.88, 0.88, 0.87, 0.87, 0.85, 0.84, 0.82)),
-}
-PAPER_THREE = {"F1": ("5, 8, 1", 0.94), "F2": ("2, 7, 10", 0.72), "F3": ("5, 1, 6", 0.74), "F4": ("1, 2, 3", 0.64)}
-PAPER_FOUR = ((5, 8, 29, 31, 18), (0.93, 0.93, 0.94, 0.94, 0.94))
+PAPER: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("wang2007", "paper"))
 
 
 def page_html(
@@ -100,7 +89,7 @@ def page_html(
         searches=_search_rows(searches),
         nested={"score": score, "low": low, "high": high, "chosen": "; ".join(map(", ".join, chosen))},
         sets=_set_rows(sets),
-        all_forty=[("paper", *_steps(*PAPER_FOUR)), ("here", *_found_steps(sets["all"]))],
+        all_forty=[("paper", *_steps(*PAPER["forty"]["steps"])), ("here", *_found_steps(sets["all"]))],
         pictures=pictures,
     )
     return html, findings
@@ -178,7 +167,7 @@ def _found_steps(search: Sequence[SearchStep]) -> list[str]:
 def _single_rows(table: pd.DataFrame) -> list[Row]:
     rows: list[Row] = []
     for method, meaning in METHODS.items():
-        rows.append((f"({method}) {meaning}", "paper", *_two_digits(PAPER_ONE[method])))
+        rows.append((f"({method}) {meaning}", "paper", *_two_digits(PAPER["singles"][method])))
         rows.append(("", "here", *_two_digits(table.loc[method])))
     return rows
 
@@ -186,7 +175,7 @@ def _single_rows(table: pd.DataFrame) -> list[Row]:
 def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
     rows: list[Row] = []
     for method in METHODS:
-        rows.append((f"({method})", "paper", *_steps(*PAPER_TWO[method])))
+        rows.append((f"({method})", "paper", *_steps(*PAPER["searches"][method])))
         rows.append(("", "here", *_found_steps(searches[method])))
     return rows
 
@@ -194,7 +183,7 @@ def _search_rows(searches: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
 def _set_rows(sets: Mapping[str, Sequence[SearchStep]]) -> list[Row]:
     rows = []
     for band in SUBBANDS:
-        paper, score = PAPER_THREE[band]
+        paper, score = PAPER["sets"][band]
         ours = ", ".join(str(step.feature + 1) for step in sets[band])
         rows.append((band, paper, f"{score:.2f}", ours, f"{sets[band][-1].score:.2f}"))
     return rows
