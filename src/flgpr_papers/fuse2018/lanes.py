@@ -60,7 +60,8 @@ class Frames:
     """A lane's frames, as the stage of the detection chain that forms masks and suppresses has them."""
 
     name: str
-    stage: MaskedSuppression  #: on the L band, beside it the X band, the standing fields known; not trained
+    #: of the L band, with the X band as the second, not trained; what it needs to know of the runs is known
+    stage: MaskedSuppression
     #: truth, objects: what is in and beside the lane; for calibration and scoring
     truth: pd.DataFrame
     objects: pd.DataFrame
@@ -71,10 +72,9 @@ class Frames:
     def __len__(self) -> int:
         return len(self.stage.setup.imager)
 
-    @property
-    def poses(self) -> FloatArray:
-        """Reported poses (frame, 6)."""
-        return np.stack([self.stage.setup.pose(k) for k in range(len(self))])
+    def pose(self, frame: int) -> FloatArray:
+        """Give the reported pose (6,) of a frame."""
+        return self.stage.setup.pose(frame)
 
 
 def masks_stage(runs: Mapping[str, xr.Dataset], recipe: FuseRecipe) -> MaskedSuppression:

@@ -196,9 +196,9 @@ def process_lane(
     suppress or to raise an alarm.
     """
     records, forms = LaneRecords(), stage_forms(frames, calibration)
-    sums, poses = MeanViewSums(recipe.map_grid, recipe.score.y[1]), frames.poses
+    sums = MeanViewSums(recipe.map_grid, recipe.score.y[1])
     latest = range(recipe.image.frames - 1, len(frames), every)
-    shown = min(latest, key=lambda k: abs(poses[k, 1] - recipe.study.example))
+    shown = min(latest, key=lambda k: abs(frames.pose(k)[1] - recipe.study.example))
     for k in track(latest, f"lane {frames.name}", len(latest)):
         cleaned = clean(forms, k, variants)
         records.courses += cleaned.rows

@@ -67,9 +67,8 @@ def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None 
 
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
     """Turn a calibration into plain lists."""
-    return {
-        name: value.tolist() for name, value in {**calibration.learnt, "background": calibration.background}.items()
-    }
+    arrays = {**calibration.learnt, "background": calibration.background}
+    return {name: value.tolist() for name, value in arrays.items()}
 
 
 def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibration:
@@ -82,7 +81,7 @@ def stored_calibration(path: Path, make: Callable[[], Calibration]) -> Calibrati
 def write_records(path: Path, frames: Frames, records: LaneRecords) -> None:
     """Write a lane's records: tables as JSON, maps beside it."""
     write_arrays(path.with_suffix(".bundle"), records.maps)
-    poses = {row["frame"]: frames.poses[row["frame"]].tolist() for row in records.courses}
+    poses = {row["frame"]: frames.pose(row["frame"]).tolist() for row in records.courses}
     tables = {name: pd.DataFrame(getattr(records, name)).to_dict("list") for name in TABLES}
     write_whole(path, json.dumps({"poses": poses, "tables": tables}))
 
@@ -105,14 +104,13 @@ def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arra
     """
     one, stage = cleaned.aperture, cleaned.stage
     limits, region, grid = stage.limits, stage.region, stage.grid
-    common = (limits, region)
     arrays: Arrays = {
         "x_axis": grid.x, "y_axis": grid.y, "frame": np.array(cleaned.index),
         "vv": np.abs(one.vv), "vh": np.abs(one.vh),
         "mask vv": above(one.vv, limits.vv, region), "mask vh": above(one.vh, limits.vh, region),
-        "fundamental": fundamental_mask(one.vv, one.vh, *common, one.second),
-        "fundamental by region": fundamental_mask(one.vv, one.vh, *common, one.second, "region"),
-        "extended": extended_mask(one.vh, *common, stage.across, recipe.mask.roadside),
+        "fundamental": fundamental_mask(one.vv, one.vh, limits, region, one.second),
+        "fundamental by region": fundamental_mask(one.vv, one.vh, limits, region, one.second, "region"),
+        "extended": extended_mask(one.vh, limits, region, stage.across, recipe.mask.roadside),
         "mines": local(frames.truth, cleaned.pose),
         "residual": cleaned.course.residual,
     }  # fmt: skip
