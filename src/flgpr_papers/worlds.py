@@ -45,7 +45,7 @@ from flgpr_papers.kit.findings import (
 )
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
-from flgpr_papers.kit.worlds import AXES, World, worlds
+from flgpr_papers.kit.worlds import AXES, World, smooth_worlds, worlds
 
 TWO_SITES = "flsar2004"
 """The paper whose two sites are the two losses of a world: it is asked once for both."""
@@ -91,9 +91,10 @@ def map_worlds(output: str | Path, track: Track = silent, workers: int = 1, sche
 
 
 def studies() -> list[tuple[str, World]]:
-    """Every paper in every world, in an order that covers the space evenly however far a run gets."""
+    """List every paper in every world, in an order that covers the space evenly however far a run gets."""
     asked = [(paper, one) for one in worlds() for paper in PAPERS if paper != TWO_SITES or one.loss == "low"]
-    return [asked[k] for k in np.random.default_rng(2004).permutation(len(asked))]
+    beside = [(paper, one) for one in smooth_worlds() for paper in PAPERS]
+    return [asked[k] for k in np.random.default_rng(2004).permutation(len(asked))] + beside
 
 
 def path_of(folder: Path, paper: str, world: World) -> Path:
@@ -112,7 +113,7 @@ def run_worlds(folder: Path, executor: Executor, track: Track = silent) -> None:
 
 def judge_in_world(paper: str, number: int, folder: str) -> dict[str, Any]:
     """Judge the statements of a paper in a world and write them; lanes too small for a study are told as such."""
-    world, before = worlds()[number], time.process_time()
+    world, before = [*worlds(), *smooth_worlds()][number], time.process_time()
     work, told = Path(folder) / "work" / f"{paper}-{number}", {"failed": ""}
     try:
         found = import_module(f"flgpr_papers.{paper}.world").findings_in(world, work)
@@ -143,6 +144,7 @@ class Statement:
     claim: str  #: what the paper says, and of which number
     found: list[tuple[World, Finding]]  #: what each world shows
     regions: dict[str, tuple[int, Interval, str]]  #: worlds, mean with its interval, and verdict, by region
+    smooth: tuple[int, Interval, str] = (0, (np.nan, -np.inf, np.inf), UNDECIDED)  #: the same on smooth roads
 
     @property
     def holds(self) -> str:
@@ -162,20 +164,24 @@ def statements(records: Sequence[tuple[World, dict[str, Any]]]) -> list[Statemen
                 found.setdefault(f"{one.claim} [{one.quantity}]" if one.quantity else one.claim, []).append(
                     (world, one)
                 )
-    several = [axis for axis in AXES if len({getattr(world, axis) for world, _ in records}) > 1]
+    beside = {world.number for world in smooth_worlds()}
+    of_map = [world for world, _ in records if world.number not in beside]
+    several = [axis for axis in AXES if len({getattr(world, axis) for world in of_map}) > 1]
     regions = {"all": lambda _: True} | {
         f"{axis} {value}": (lambda world, axis=axis, value=value: getattr(world, axis) == value)
         for axis in several
         for value in AXES[axis]
     }
-    return [
-        Statement(
-            claim,
-            here,
-            {name: pooled([f for w, f in here if inside(w)], len(regions)) for name, inside in regions.items()},
-        )
-        for claim, here in found.items()
-    ]
+    made = []
+    for claim, every in found.items():
+        here = [(world, one) for world, one in every if world.number not in beside]
+        judged = {
+            name: pooled([one for world, one in here if inside(world)], len(regions))
+            for name, inside in regions.items()
+        }
+        smooth = pooled([one for world, one in every if world.number in beside], 1)
+        made.append(Statement(claim, here, judged, smooth))
+    return made
 
 
 def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
@@ -228,7 +234,7 @@ def write_map(folder: Path) -> Path:
         | {"high": value[2], "verdict": verdict, "holds": one.holds}
         for paper, several in judged.items()
         for one in several
-        for region, (count, value, verdict) in one.regions.items()
+        for region, (count, value, verdict) in [*one.regions.items(), ("smooth", one.smooth)]
     ]
     pd.DataFrame(rows).round(4).to_csv(folder / "worlds.csv", index=False)
     shown = [paper for paper, several in judged.items() if any(one.found for one in several)]

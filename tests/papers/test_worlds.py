@@ -28,7 +28,10 @@ def test_all_declared_worlds_are_there_once():
     assert len({one.name for one in every}) == 72
     assert [one.number for one in every] == list(range(72))
     asked = w.studies()
-    assert len(asked) == len(set(asked)) == 3 * 72 + 36
+    beside = [world for _, world in asked if world.number >= 72]
+    assert len(asked) == len(set(asked)) == 3 * 72 + 36 + len(beside)
+    assert {one.roughness for one in beside} == {0.5}
+    assert len(beside) >= 4 * w.FEWEST
 
 
 @pytest.mark.parametrize("permittivity", AXES["permittivity"])
@@ -118,6 +121,7 @@ def test_the_map_tells_where_a_statement_holds(made):
     assert table[(table["paper"] == "fuse2018") & (table["region"] == "all")]["worlds"].max() == 71
     soils = holds["cosgrove2004"]
     assert {soils[claim] for claim, *_ in w.SOILS} == {"everywhere"}
+    assert set(table[table["region"] == "smooth"]["worlds"]) == {0, 6}  # soils in order are not asked there
     assert not any(name.startswith("loss") for name in table[table["paper"] == w.TWO_SITES]["region"])
 
 

@@ -45,25 +45,9 @@ def reproduce(
     track: Track = silent,
     recipe: StudyRecipe | None = None,
 ) -> Path:
-    """Run the study and write its page, figures, findings and trained detectors.
+    """Run the study and write its page, figures, findings and trained detectors; ``recipe`` stands in for the packaged.
 
     Every lane's scores are kept in ``output/lanes``, so that a broken run goes on where it stopped.
-
-    Parameters
-    ----------
-    output : path
-        Folder to make or to go on with.
-    quick : bool
-        Fewer seeds and mines; everything shown is marked as such.
-    track : Track
-        Shows progress.
-    recipe : StudyRecipe, optional
-        Study in place of the packaged one.
-
-    Returns
-    -------
-    Path
-        The page, ``index.html``.
     """
     study = recipe or study_recipe()
     folder = Path(output)

@@ -28,20 +28,6 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
 
     Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
-
-    Parameters
-    ----------
-    output : str or Path
-        Folder to make or to go on with: ``flsar2004.html``, ``findings.json``, ``results.json`` and the figures.
-    quick : bool
-        Few mines and tones, which only show that everything runs; the page says so on every figure.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Path
-        The page.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)

@@ -66,6 +66,13 @@ class World:
         return str(path)
 
 
+def smooth_worlds() -> list[World]:
+    """Worlds of the experiment beside the map, with numbers of their own."""
+    told = dict(_DECLARED["smooth"])
+    first, count = len(worlds()), told.pop("lanes")
+    return [World(first + k, **told) for k in range(count)]
+
+
 def worlds() -> list[World]:
     """All worlds of the declared axes."""
     return [World(number, *values) for number, values in enumerate(itertools.product(*AXES.values()))]

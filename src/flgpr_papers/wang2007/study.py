@@ -32,25 +32,10 @@ PAGE = "wang2007.html"
 
 
 def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
-    """Simulate the lanes, run the chain on them, and write the page.
+    """Simulate the lanes, run the chain on them, and write the page, after the calibration lanes and after the blind.
 
     What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
-    sensor and recipe; so a run that was stopped goes on where it was, lane by lane. The page is written after the
-    calibration lanes and again after the blind ones.
-
-    Parameters
-    ----------
-    output : str or Path
-        Folder to work in and to write ``wang2007.html`` and ``findings.json`` to.
-    quick : bool
-        Small lanes that only show that everything runs; the page says so on every figure.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Path
-        The page.
+    sensor and recipe; so a run that was stopped goes on where it was, lane by lane.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
