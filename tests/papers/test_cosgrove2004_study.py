@@ -30,7 +30,7 @@ def recipe():
     packaged = study_recipe()
     radar = packaged.radar.model_copy(update={"tone_step": 40e6, "scatterers": 5.0})
     image = packaged.image.model_copy(update={"y": (12.0, 17.2), "spacing": (0.1, 0.02)})
-    study = packaged.study.model_copy(update={"quick_seeds": 2, "quick_share": 0.01})
+    study = packaged.study.model_copy(update={"seeds": 2, "share": 0.01})
     training = packaged.training.model_copy(update={"clutter_step": (3, 1)})
     sites = {name: packaged.sites[name] for name in ("sand", "gravel")}
     tables = {"radar": radar, "image": image, "study": study, "training": training, "sites": sites}

@@ -155,17 +155,7 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame, titles: Mapping[st
                 name = "the detector trained on metal mines" if rival == "trained on sand" else rival
                 values = base - groups["plastic", rival]["pd"].to_numpy()
                 found.append(_open("Plastic mines", f"{pfa}: deflection less {name}", values))
-    questions = {
-        "trained on simulation": "A detector trained on clutter-free simulation of the soil",
-        "trained on sand": "A detector trained in dry sand, used in other soils",
-        "robust": "A robust detector: training energies clipped at their median",
-        "placed by survey": "Training cuts placed by survey and refraction, not at the brightest place",
-        "Neyman-Pearson": "The Gaussian Neyman-Pearson detector of low rank",
-        "gamma 0.5": "Generalised deflection (Eq. 3), γ = 0.5",
-        "matched filter": "The linear part alone",
-        "unshrunk clutter": "Whitening by the sample covariance of the clutter, not shrunk",
-    }
-    for name, text in questions.items():
+    for name, text in recipe.questions.items():
         for site in SOILS:
             if (site, name) in groups:
                 values = groups[site, name]["pd"].to_numpy() - groups[site, rank]["pd"].to_numpy()

@@ -78,12 +78,10 @@ class Score(Table):
 
 
 class Study(Table):
-    """Number of seeds and share of the mines that are laid; with ``quick``, fewer of both."""
+    """Number of seeds and share of the mines that are laid."""
 
     seeds: Annotated[int, Field(ge=2)]
     share: Annotated[float, Field(gt=0, le=1)]
-    quick_seeds: Annotated[int, Field(ge=2)]
-    quick_share: Annotated[float, Field(gt=0, le=1)]
 
 
 class Site(Table):
@@ -107,7 +105,7 @@ class Site(Table):
 
 
 class StudyRecipe(Table):
-    """All that the study depends on."""
+    """All that the study depends on, and what is asked beyond the paper, by detector."""
 
     name: str
     description: str
@@ -119,6 +117,7 @@ class StudyRecipe(Table):
     score: Score
     study: Study
     sites: dict[str, Site]
+    questions: dict[str, str]
 
     @property
     def cuts(self) -> CutSettings:
@@ -126,6 +125,6 @@ class StudyRecipe(Table):
         return CutSettings(**(self.cut.model_dump() | self.training.model_dump()))
 
 
-def study_recipe() -> StudyRecipe:
+def study_recipe(quick: bool = False) -> StudyRecipe:
     """Load the packaged recipe of the study."""
-    return packaged("cosgrove2004", StudyRecipe)
+    return packaged("cosgrove2004", StudyRecipe, quick)

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,11 +48,10 @@ def reproduce(
 
     Every lane's scores are kept in ``output/lanes``, so that a broken run goes on where it stopped.
     """
-    study = recipe or study_recipe()
+    study = recipe or study_recipe(quick)
     folder = Path(output)
     (folder / "lanes").mkdir(parents=True, exist_ok=True)
-    seeds = range(1, 1 + (study.study.quick_seeds if quick else study.study.seeds))
-    share = study.study.quick_share if quick else study.study.share
+    seeds, share = range(1, 1 + study.study.seeds), study.study.share
     cases = _run_cases(study, folder, seeds, share, track)
     tables = {world: pd_table(study, cases[world]) for world in WORLDS}
     found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
@@ -97,7 +95,10 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
                 "test_looks": len(test),
                 "ratios": eigenvalue_ratios(recipe, training).tolist(),
                 "eigenvectors": np.abs(eigenvectors(recipe, training)).tolist(),
-                "cuts": [_sample_cut(recipe, look) for look in _one_per_depth(looks)],
+                "cuts": [
+                    {"depth": look.depth, "magnitude": np.abs(target_cut(recipe, look)[0]).astype(float).tolist()}
+                    for look in _one_per_depth(looks)
+                ],
                 "peaks": {name: asdict(peaks) for name, peaks in score_looks(recipe, test, made).items()},
             }
     return cases
@@ -117,15 +118,8 @@ def _run_cases(
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:
-    first: dict[float, Look] = {}
-    for look in looks:
-        first.setdefault(look.depth, look)
+    first = {look.depth: look for look in reversed(looks)}
     return [first[depth] for depth in sorted(first)][:3]
-
-
-def _sample_cut(recipe: StudyRecipe, look: Look) -> dict[str, Any]:
-    cut = np.abs(target_cut(recipe, look)[0]).astype(np.float64)
-    return {"depth": look.depth, "magnitude": cut.tolist()}
 
 
 def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointResponse], seed: int) -> dict[str, Figure]:

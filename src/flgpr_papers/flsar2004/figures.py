@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -18,19 +19,10 @@ from flgpr.detect.one_class import FORMULATIONS
 from flgpr.screen import fit_ellipse
 from flgpr_papers.flsar2004.examples import POLARIZATIONS, Site, make_templates
 from flgpr_papers.flsar2004.lanes import Settings
+from flgpr_papers.kit.settings import packaged_text
 
 Curves = dict[str, dict[str, pd.DataFrame]]
-TITLES = {
-    "fig5 arid-sand": "Fig. 5a: metal, flush and 5 cm, prescreened, arid",
-    "fig5 temperate": "Fig. 5b: the same, temperate",
-    "fig6": "Fig. 6: RVM and SVM, metal to 5 cm, VV, temperate",
-    "fig6 leave-one-out": "Fig. 6, leave-one-out as in the paper",
-    "fig7": "Fig. 7: binary RVM, both polarizations, temperate",
-    "fig8": "Fig. 8: plastic by depth, temperate",
-    "fig9": "Fig. 9: one-class RVM, both polarizations, temperate",
-    "fig10 arid-sand to temperate": "Fig. 10: trained arid, tested temperate",
-    "fig10 temperate to arid-sand": "the other way: trained temperate, tested arid",
-}
+TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 
 
 def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]) -> Iterator[tuple[str, Figure]]:

@@ -87,19 +87,9 @@ class Boxes(Table):
 
 
 class Study(Table):
-    """Place of the example frame (m); steps from aperture to aperture; the looser navigation that is tried (m rms).
-
-    Those that begin with ``quick`` take the place of others in a quick run.
-    """
+    """Place of the example frame (m); steps from aperture to aperture; the looser navigation that is tried (m rms)."""
 
     example: float
-    quick_length: Positive
-    quick_mines: Annotated[int, Field(ge=1)]
-    quick_scatterers: Positive
-    quick_spacing: Positive
-    quick_frames: Annotated[int, Field(ge=2)]
-    quick_start: float
-    quick_every: Annotated[int, Field(ge=1)]
     every: Annotated[int, Field(ge=1)]
     loose_every: Annotated[int, Field(ge=1)]
     loose_position: Positive
@@ -145,18 +135,4 @@ class FuseRecipe(Table):
 
 def fuse_recipe(quick: bool = False) -> FuseRecipe:
     """Load the packaged recipe of the study."""
-    recipe = packaged("fuse2018", FuseRecipe)
-    if not quick:
-        return recipe
-    study = recipe.study
-    short = {"length": study.quick_length, "mines": study.quick_mines, "start": study.quick_start}
-    changes = {
-        "radar": recipe.radar.model_copy(update={"scatterers_x": study.quick_scatterers}),
-        "lanes": recipe.lanes.model_copy(update=short),
-        "image": recipe.image.model_copy(update={"spacing": study.quick_spacing, "frames": study.quick_frames}),
-        "boxes": recipe.boxes.model_copy(update={"draws": 200}),
-        "study": study.model_copy(
-            update={"example": 0.0, "every": study.quick_every, "loose_every": study.quick_every}
-        ),
-    }
-    return recipe.model_copy(update=changes)
+    return packaged("fuse2018", FuseRecipe, quick)

@@ -55,9 +55,7 @@ class LaneResult:
 
 def result_key(recipe: FuseRecipe, quick: bool, calibration: Calibration | None = None) -> str:
     """Compute the key under which results are kept: another recipe or other thresholds have another one."""
-    # What a quick run would change is in the recipe already if this is one.
     held = recipe.model_dump(mode="json")
-    held["study"] = {name: value for name, value in held["study"].items() if not name.startswith("quick")}
     content: dict[str, Any] = {"recipe": held, "chain": recipe_text("fuse2018"), "quick": quick}
     content["variants"] = list(VARIANTS)
     if calibration is not None:

@@ -32,24 +32,10 @@ LANES = ("A", "B")
 
 
 def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
-    """Simulate the calibration lane and lanes A and B, clean them, and write the page.
+    """Simulate the calibration lane and lanes A and B, clean them, and write the page, the findings and the tables.
 
     What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
     the same recipe, so that a run that was stopped goes on where it was.
-
-    Parameters
-    ----------
-    output : str or Path
-        Folder to work in and to write ``fuse2018.html``, ``findings.json`` and the tables to.
-    quick : bool
-        Small lanes that only show that everything runs; the page says so on every figure.
-    track : Track
-        Shows progress.
-
-    Returns
-    -------
-    Path
-        The page.
     """
     folder, recipe = Path(output), fuse_recipe(quick)
     stores, results = folder / "lanes", folder / "results"

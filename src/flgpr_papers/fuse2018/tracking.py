@@ -20,19 +20,8 @@ def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
     yet, or begins one; a track stands at the mean of its alarms, weighed by magnitude. Its confidence is the
     ``hits``-th largest of its magnitudes: at a threshold are declared the tracks of which so many frames exceed it.
 
-    Parameters
-    ----------
-    alarms : DataFrame
-        ``frame``, ``x``, ``y`` (m, lane frame) and ``magnitude``.
-    gate : float
-        Distance within which an alarm continues a track, m.
-    hits : int
-        Frames that a track needs.
-
-    Returns
-    -------
-    DataFrame
-        ``x``, ``y``, ``confidence`` and ``frames``, tracks of fewer frames left out.
+    ``alarms`` has frame, x, y (m, lane frame) and magnitude; ``gate`` is in m. The table has x, y, confidence and
+    frames; tracks of fewer frames than ``hits`` are left out.
     """
     tracks: list[list[NDArray[np.float64]]] = []
     for _, frame in alarms.sort_values("magnitude", ascending=False, kind="stable").groupby("frame", sort=True):
