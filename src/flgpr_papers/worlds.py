@@ -5,7 +5,8 @@ in a world of their own, so statements are judged in regions: the whole space an
 value of an axis. Every world's lanes have seeds of their own, so that the mean over a region's worlds has Student's
 interval; it is to hold in all regions and all parts of a claim together (Bonferroni), and gets the error of the paper's
 figure where there is one. A statement holds somewhere if it agrees in at least one region, and nowhere if it disagrees
-in all that decide.
+in all that decide. Beside that, after the first worlds had been looked at, regions with two values of two axes: a
+statement that agrees in one of these alone holds in a corner. Their intervals hold in all regions of both kinds.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
+from itertools import combinations, pairwise
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -114,14 +116,14 @@ def run_worlds(folder: Path, executor: Executor, track: Track = silent) -> None:
 def judge_in_world(paper: str, number: int, folder: str) -> dict[str, Any]:
     """Judge the statements of a paper in a world and write them; lanes too small for a study are told as such."""
     world, before = [*worlds(), *smooth_worlds()][number], time.process_time()
-    work, told = Path(folder) / "work" / f"{paper}-{number}", {"failed": ""}
+    work, found, failed = Path(folder) / "work" / f"{paper}-{number}", [], ""
     try:
         found = import_module(f"flgpr_papers.{paper}.world").findings_in(world, work)
     except ValueError as error:
-        found, told = [], {"failed": str(error)}
+        failed = str(error)
     path, spent = path_of(Path(folder), paper, world), time.process_time() - before
     path.parent.mkdir(parents=True, exist_ok=True)
-    record = {"world": asdict(world), **told, "seconds": spent, "findings": [row_of(one) for one in found]}
+    record = {"world": asdict(world), "failed": failed, "seconds": spent, "findings": [row_of(one) for one in found]}
     write_whole(path, json.dumps(record))
     shutil.rmtree(work, ignore_errors=True)
     return {"paper": paper, "seconds": spent}
@@ -145,13 +147,16 @@ class Statement:
     found: list[tuple[World, Finding]]  #: what each world shows
     regions: dict[str, tuple[int, Interval, str]]  #: worlds, mean with its interval, and verdict, by region
     smooth: tuple[int, Interval, str] = (0, (np.nan, -np.inf, np.inf), UNDECIDED)  #: the same on smooth roads
+    corners: tuple[str, ...] = ()  #: regions of two values in which it agrees
 
     @property
     def holds(self) -> str:
-        """Where it holds: "everywhere", "somewhere", "nowhere" or "undecided"."""
+        """Where it holds: "everywhere", "somewhere", "in a corner", "nowhere" or "undecided"."""
         verdicts = {verdict for _, _, verdict in self.regions.values()}
         if AGREES in verdicts:
             return "everywhere" if verdicts == {AGREES} else "somewhere"
+        if self.corners:
+            return "in a corner"
         return "nowhere" if DISAGREES in verdicts else "undecided"
 
 
@@ -161,27 +166,29 @@ def statements(records: Sequence[tuple[World, dict[str, Any]]]) -> list[Statemen
     for world, record in records:
         for one in map(finding_of, record["findings"]):
             if one.asks is not None or one.rule is not None:
-                found.setdefault(f"{one.claim} [{one.quantity}]" if one.quantity else one.claim, []).append(
-                    (world, one)
-                )
+                found.setdefault(one.claim + f" [{one.quantity}]" * bool(one.quantity), []).append((world, one))
     beside = {world.number for world in smooth_worlds()}
     of_map = [world for world, _ in records if world.number not in beside]
     several = [axis for axis in AXES if len({getattr(world, axis) for world in of_map}) > 1]
-    regions = {"all": lambda _: True} | {
-        f"{axis} {value}": (lambda world, axis=axis, value=value: getattr(world, axis) == value)
-        for axis in several
-        for value in AXES[axis]
-    }
+    values = [{axis: value} for axis in several for value in AXES[axis]]
+    pairs = [one | other for one, other in combinations(values, 2) if one.keys() != other.keys()]
     made = []
     for claim, every in found.items():
         here = [(world, one) for world, one in every if world.number not in beside]
-        judged = {
-            name: pooled([one for world, one in here if inside(world)], len(regions))
-            for name, inside in regions.items()
-        }
+
+        def judged(region: dict[str, Any], count: int, here: Any = here) -> tuple[int, Interval, str]:
+            inside = [one for world, one in here if all(getattr(world, axis) == v for axis, v in region.items())]
+            return pooled(inside, count)
+
+        regions = {_named(region): judged(region, 1 + len(values)) for region in ({}, *values)}
+        corners = [_named(one) for one in pairs if judged(one, 1 + len(values) + len(pairs))[2] == AGREES]
         smooth = pooled([one for world, one in every if world.number in beside], 1)
-        made.append(Statement(claim, here, judged, smooth))
+        made.append(Statement(claim, here, regions, smooth, tuple(corners)))
     return made
+
+
+def _named(region: dict[str, Any]) -> str:
+    return ", ".join(f"{axis} {value}" for axis, value in region.items()) or "all"
 
 
 def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
@@ -197,7 +204,10 @@ def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
     level = 1 - 0.025 / (regions * values.shape[1])
     half = student.ppf(level, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count)
     parts = [(float(m), float(m - h), float(m + h)) for m, h in zip(values.mean(axis=0), half, strict=True)]
-    verdicts = [judge_again(found[0], *part) for part in parts]
+    asked = found[0]
+    if asked.asks is not None:  # the error of a paper's figure may be estimated in each world anew
+        asked = replace(asked, asks=(*asked.asks[:2], float(np.mean([one.asks[2] for one in found if one.asks]))))
+    verdicts = [judge_again(asked, *part) for part in parts]
     told = DISAGREES if DISAGREES in verdicts else UNDECIDED
     shown = parts[verdicts.index(told)] if told in verdicts else min(parts, key=lambda one: one[1])
     return count, shown, all_of(verdicts)
@@ -231,7 +241,7 @@ def write_map(folder: Path) -> Path:
     judged["cosgrove2004"] += soils_in_order(records["cosgrove2004"])
     rows = [
         {"paper": paper, "statement": one.claim, "region": region, "worlds": count, "mean": value[0], "low": value[1]}
-        | {"high": value[2], "verdict": verdict, "holds": one.holds}
+        | {"high": value[2], "verdict": verdict, "holds": one.holds, "corners": "; ".join(one.corners)}
         for paper, several in judged.items()
         for one in several
         for region, (count, value, verdict) in [*one.regions.items(), ("smooth", one.smooth)]
@@ -276,9 +286,13 @@ def heat_maps(several: Sequence[Statement]) -> Figure:
     rows = -(-len(several) // columns)
     figure = Figure(figsize=(3.3 * columns, 1.75 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
+    order = "roadside", "loss", "roughness"
     losses = {w.loss for one in several for w, _ in one.found}
     down = AXES["permittivity"]
-    across = sorted({replace(w, number=0, permittivity=0) for w in worlds() if w.loss in losses}, key=_order)
+    across = sorted(
+        {replace(w, number=0, permittivity=0) for w in worlds() if w.loss in losses},
+        key=lambda w: [AXES[axis].index(getattr(w, axis)) for axis in order],
+    )
     for axes, one in zip(grid.flat, several, strict=False):
         value = np.full((len(down), len(across)), np.nan)
         for world, found in one.found:
@@ -293,18 +307,12 @@ def heat_maps(several: Sequence[Statement]) -> Figure:
         axes.set_title(fill(one.claim.split(" [")[0], 44) + f"\n{one.holds}", fontsize=6.5)
         axes.set_yticks(range(len(down)), [f"{value:g}" for value in down], fontsize=6)
         axes.set_xticks([])
-        for k in range(1, len(across)):
-            if across[k].roadside != across[k - 1].roadside:
-                axes.axvline(k - 0.5, color="k", lw=1.0)
-            elif across[k].loss != across[k - 1].loss:
-                axes.axvline(k - 0.5, color="k", lw=0.4)
+        for k, (a, b) in enumerate(pairwise(across)):
+            axes.axvline(k + 0.5, color="k", lw=1.0 if a.roadside != b.roadside else 0.4 * (a.loss != b.loss))
     for axes in list(grid.flat)[len(several) :]:
         axes.set_visible(False)
-    words = ", ".join(AXES["roadside"])
-    figure.supxlabel(f"{words}; in each low loss before that of the model; in each 3, 6, 10 mm rms", fontsize=8)
+    figure.supxlabel(
+        f"{', '.join(AXES['roadside'])}; in each low loss before that of the model; in each 3, 6, 10 mm rms", fontsize=8
+    )
     figure.supylabel("permittivity", fontsize=8)
     return figure
-
-
-def _order(world: World) -> tuple[int, ...]:
-    return tuple(AXES[axis].index(getattr(world, axis)) for axis in ("roadside", "loss", "roughness"))

@@ -37,7 +37,9 @@ def test_all_declared_worlds_are_there_once():
 @pytest.mark.parametrize("permittivity", AXES["permittivity"])
 def test_a_world_is_a_site_of_its_soil_and_roadside(tmp_path, permittivity):
     world = World(1, permittivity, "mironov", 6.0, "posts")
-    scenes = {loss: Scene(site=world.of_loss(loss).site(tmp_path), length=30.0) for loss in AXES["loss"]}
+    scenes = {
+        loss: Scene(site=dataclasses.replace(world, loss=loss).site(tmp_path), length=30.0) for loss in AXES["loss"]
+    }
     soil = {loss: scene.soil.media(np.array([1e9]))[-1][0] for loss, scene in scenes.items()}
     assert soil["mironov"].real == pytest.approx(permittivity, abs=0.01)
     assert soil["low"].real == pytest.approx(permittivity, abs=0.01)
@@ -87,7 +89,9 @@ def made(tmp_path):
     rng = np.random.default_rng(4)
     for paper, world in w.studies():
         gap = rng.normal(0.5 if world.permittivity < 5 else -0.5, 0.1)
+        corner = 3.0 if (world.roughness, world.roadside) == (3.0, "none") else -0.5
         found = [larger(gap), larger(rng.normal(-1, 0.1), claim="C"), larger(rng.normal(0, 1), claim="D")]
+        found.append(larger(rng.normal(corner, 0.1), claim="E"))
         pd_of = Finding(
             "Pd of the deflection detector",
             "",
@@ -111,8 +115,10 @@ def test_the_map_tells_where_a_statement_holds(made):
         assert holds[paper]["A beats B"] == "somewhere"
         assert holds[paper]["C"] == "nowhere"
         assert holds[paper]["D"] == "undecided"
+        assert holds[paper]["E"] == ("in a corner" if paper != w.TWO_SITES else "nowhere")  # four worlds are too few
         assert (made / f"{paper}.png").stat().st_size > 10_000
         assert page.count(f'id="{paper}"') == 1
+    assert set(table[table["statement"] == "E"]["corners"].dropna()) == {"roughness 3.0, roadside none"}
     dry = table[(table["paper"] == "wang2007") & (table["statement"] == "A beats B")].set_index("region")
     assert dry.loc["permittivity 3.0", "verdict"] == AGREES
     assert dry.loc["permittivity 9.0", "verdict"] == DISAGREES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from flgpr_papers.flsar2004.examples import join
@@ -10,14 +11,13 @@ from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.worlds import World
 
-SITES = {"arid": "low", "temperate": "mironov"}
-"""The paper's two sites are the two losses of a world that is alike in all else: the arid one has little."""
+SITES = {"arid": "low", "temperate": "mironov"}  # the paper's two sites are the two losses of a world
 
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements at two sites of a world that differ in their loss."""
     settings = load_settings(quick=True)
-    scenes = {name: world.of_loss(loss).site(folder) for name, loss in SITES.items()}
+    scenes = {name: replace(world, loss=loss).site(folder) for name, loss in SITES.items()}
     own = {"sites": tuple(SITES), "scenes": scenes, "seed": settings.seed + 100 * (world.number + 1)}
     settings = settings.model_copy(update=own)
     material = prepare(settings, [join(settings, drive(settings, site, folder)) for site in settings.sites])

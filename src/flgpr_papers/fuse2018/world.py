@@ -13,8 +13,6 @@ from flgpr_papers.fuse2018.results import read_records, write_records
 from flgpr_papers.kit.findings import Finding
 from flgpr_papers.kit.worlds import World
 
-_SCATTERERS = 25.0  # per m²
-
 
 def findings_in(world: World, folder: Path) -> list[Finding]:
     """Judge the paper's statements on lane A, by thresholds of the calibration lane of the same world."""
@@ -24,7 +22,7 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     recipe = recipe.model_copy(
         update={
             "lanes": recipe.lanes.model_copy(update=there),
-            "radar": recipe.radar.model_copy(update={"scatterers_x": _SCATTERERS}),
+            "radar": recipe.radar.model_copy(update={"scatterers_x": 25.0}),  # per m²
         }
     )
     calibration = calibrate(simulate_lane(folder, recipe, "calibration", True, silent), recipe, silent)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -39,10 +39,6 @@ class World:
     def roadside_density(self) -> dict[str, float]:
         """Bushes and posts per metre of lane."""
         return {kind: float(_DECLARED["roadside"][kind]) * (kind == self.roadside) for kind in ("bushes", "posts")}
-
-    def of_loss(self, loss: str) -> World:
-        """Give the same world with another loss."""
-        return replace(self, loss=loss)
 
     def moisture(self) -> float:
         """Volumetric moisture at which the soil model has the permittivity."""
