@@ -49,10 +49,8 @@ from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, World, smooth_worlds, worlds
 
-TWO_SITES = "flsar2004"
-"""The paper whose two sites are the two losses of a world: it is asked once for both."""
-FEWEST = 5
-"""Worlds that a region needs to be judged."""
+TWO_SITES = "flsar2004"  # its two sites are the two losses of a world: it is asked once for both
+FEWEST = 5  # worlds that a region needs to be judged
 SOILS = (
     ("Dry sand (3, low loss) is better than gravel (4, model)", (3.0, "low"), (4.0, "mironov")),
     ("Dry sand (3, low loss) is better than wet clay (9, model)", (3.0, "low"), (9.0, "mironov")),
