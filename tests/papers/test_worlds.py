@@ -152,3 +152,18 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
     assert record["failed"] == f"lane of {worlds()[5].name} must hold a mine"
     assert not list((tmp_path / "work").iterdir())
     assert "undecided" in w.write_map(tmp_path).read_text(encoding="utf-8")
+
+
+def test_a_cluster_does_what_is_left(made, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    for paper in flgpr_papers.PAPERS:
+        monkeypatch.setattr(f"flgpr_papers.{paper}.world.findings_in", lambda world, _: [larger(world.permittivity)])
+    left = [w.path_of(made, *one) for one in w.studies()[:3]]
+    for path in left:
+        path.unlink()
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, dashboard_address=None, host="tcp://127.0.0.1"
+    ) as cluster:
+        page = w.map_worlds(made, scheduler=cluster.scheduler_address)
+    assert page == made / "index.html"
+    assert all(json.loads(path.read_text())["findings"] for path in left)
