@@ -15,6 +15,8 @@ from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.io import write_bundle
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
+from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.redrawn import Draw, Rescorer
 from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import all_of
@@ -23,9 +25,7 @@ from flgpr_papers.wang2007 import lanes
 from flgpr_papers.wang2007.analysis import (
     MINES,
     SUBBANDS,
-    Draw,
     LaneResult,
-    PdMeanScorer,
     Pool,
     matched,
     table_one,
@@ -84,11 +84,29 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
         confidence = np.round(rng.normal(size=len(pool.labels)), 1)
         confidence[rng.random(confidence.size) < 0.1] = -np.inf
         want = pd_mean(roc_of(pool.match_of(confidence), MINES))
-        assert PdMeanScorer(pool.reference)(confidence) == pytest.approx(want, abs=1e-12)
+        assert Rescorer(pool.reference, MINES)(confidence) == pytest.approx(want, abs=1e-12)
+
+
+def test_the_scorers_curve_is_that_of_the_bootstrap(pool):
+    confidence, far = np.random.default_rng(6).normal(size=len(pool.labels)), np.linspace(0, 0.1, 21)
+    design = make_design(pool.reference, MINES)
+    want = make_scores(pool.match_of(confidence), design, MINES)
+    ones = np.ones(len(want.target)), np.ones(len(design.block_lane))
+    np.testing.assert_allclose(
+        Rescorer(pool.reference, MINES).pd_at(confidence, far), want.pd_at(far, *ones, pool.scorer.area)
+    )
+
+
+def test_training_anew_widens_the_band(pool):
+    far = np.linspace(0, 0.1, 11)
+    kept, anew = pool.bands(["C_HH_F1", "M_VV_F1", "P_alpha_F1"], "C", MINES, far, 40)
+    assert kept.shape == anew.shape == (2, 11)
+    assert (kept[0] <= kept[1]).all()
+    assert np.ptp(anew, axis=0).mean() > np.ptp(kept, axis=0).mean()
 
 
 def test_a_draw_of_everything_once_is_the_lanes_themselves(pool):
-    once = Draw(np.ones(27), np.ones(len(pool.labels)), pool.scorer._area)
+    once = Draw(np.ones(27), np.ones(len(pool.labels)), pool.scorer.area)
     for columns, method in ((["C_HH_F1"], "A"), (["C_HH_F1", "M_VV_F1"], "C")):
         cross, duplicate = method in "CD", method in "AC"
         plain, drawn = (pool.folds(columns, cross, duplicate, draw=draw) for draw in (None, once))

@@ -16,8 +16,9 @@ from flgpr.chain.classifier import duplication, label_lanes
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
 from flgpr.model import Lane
-from flgpr.scoring import Match, far_area, match, pd_mean_interval
+from flgpr.scoring import Match, match, pd_mean_interval
 from flgpr.scoring.bootstrap import make_design, make_scores
+from flgpr.scoring.redrawn import Draw, Rescorer
 from flgpr.screen import prescreen
 
 MINES = {"kind": lambda kind: kind != "simulant"}
@@ -58,46 +59,6 @@ def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Ma
     return match(pd.concat(alarms, ignore_index=True), pd.concat(truth, ignore_index=True), lanes)
 
 
-@dataclass(frozen=True)
-class Draw:
-    """Lanes, targets and stretches of lane drawn anew: how often each counts."""
-
-    target: FloatArray  #: (target,)
-    alarm: FloatArray  #: (alarm,) as often as the target that it hits or the stretch of lane that it stands on
-    area: float  #: that the false alarms stand on, m²
-
-
-class PdMeanScorer:
-    """PD_mean of actual mines as a function of confidences, quick enough for a search.
-
-    An alarm with confidence -inf is never declared. Equal to :func:`flgpr.scoring.pd_mean` of the curve.
-
-    Parameters
-    ----------
-    reference : Match
-        The alarms, with any confidences.
-    """
-
-    def __init__(self, reference: Match) -> None:
-        mines = (reference.truth["kind"] != "simulant").to_numpy()
-        number = np.where(mines, np.cumsum(mines) - 1, -1)[reference.pair_target]
-        self._alarm, self._mine = reference.pair_alarm[number >= 0], number[number >= 0]
-        self._mines, self._false = np.flatnonzero(mines), np.flatnonzero(reference.false)
-        self._area = far_area(reference, "union")
-
-    def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
-        """PD_mean for the confidences of all alarms, of the lanes as they are or of a draw."""
-        best = np.full(len(self._mines), -np.inf)
-        np.maximum.at(best, self._mine, confidence[self._alarm])
-        target = np.ones(best.size) if draw is None else draw.target[self._mines]
-        weight = np.ones(self._false.size) if draw is None else draw.alarm[self._false]
-        order = np.argsort(confidence[self._false])
-        below = np.append(0.0, np.cumsum(weight[order]))
-        above = below[-1] - below[np.searchsorted(confidence[self._false][order], best, side="left")]
-        share = np.maximum(0.0, 1 - above / (self._area if draw is None else draw.area) / FAR_MAX)
-        return float(np.where(np.isneginf(best), 0.0, share) @ target / target.sum())
-
-
 class Pool:
     """All alarms of the calibration lanes, labelled, for training and testing.
 
@@ -112,7 +73,7 @@ class Pool:
         self.features = pd.concat([one.features for one in results], ignore_index=True)
         self.labels = label_lanes([(one.name, one.alarms, one.truth, one.lane) for one in results])
         self.reference = matched(results, [one.alarms for one in results])
-        self.scorer = PdMeanScorer(self.reference)
+        self.scorer = Rescorer(self.reference, MINES, FAR_MAX)
         self.lanes = [one.name for one in results]
 
     def draws(self, count: int, seed: int = 0) -> Iterator[Draw]:
@@ -202,6 +163,18 @@ class Pool:
             for draw in self.draws(draws)
         ])  # fmt: skip
 
+    def bands(
+        self, columns: Sequence[str], method: str, subset: Any, far: FloatArray, draws: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Give 95 % bands (2, far) of a ROC: of the classifier as it is, and trained anew in every draw."""
+        scorer, (cross, duplicate) = Rescorer(self.reference, subset), _settings(method)
+        confidence, curves = self.confidence(columns, method), []
+        for draw in self.draws(draws):
+            again = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
+            curves.append([scorer.pd_at(one, far, draw) for one in (confidence, again)])
+        kept, anew = np.swapaxes(np.nanquantile(np.array(curves), (0.025, 0.975), axis=0), 0, 1)
+        return kept, anew
+
     def outranks(self, column: str, draws: int) -> tuple[float, FloatArray]:
         """Share of pairs in which a hit on a mine has more of a feature than a false alarm has; here and in draws."""
         values, labels = self.features[column].to_numpy(dtype=np.float64), self.labels
@@ -224,10 +197,8 @@ class Pool:
         for name in self.lanes:
             others = [lane for lane in self.lanes if lane != name]
             folds = self.folds(columns, len(others) > 1, True, others)
-            scorer = PdMeanScorer(
-                matched([one for one in self.results if one.name in others],
-                        [one.alarms for one in self.results if one.name in others])
-            )  # fmt: skip
+            left = [one for one in self.results if one.name in others]
+            scorer = Rescorer(matched(left, [one.alarms for one in left]), MINES, FAR_MAX)
             rows = np.flatnonzero(np.isin(self.labels["lane"], others))
             inner = forward_search(folds, len(self.labels), lambda c, r=rows, s=scorer: s(c[r]), steps)  # type: ignore[misc]
             best = int(np.argmax([step.score for step in inner])) + 1

@@ -187,10 +187,29 @@ def normalisation_figure(values: NDArray[np.float64], weight: NDArray[np.int64])
     return figure
 
 
-def classifier_figure(panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any]) -> Figure:
-    """Fig. 13 and 14: ROC of classifiers, one panel per data set, for metal and plastic mines."""
-    figure, axes = _figure(5 * len(panels), 3.8, 1, len(panels))
-    for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=True):
+Band = tuple[NDArray[np.float64], NDArray[np.float64]]
+BAND_FAR = np.linspace(0, 0.1, 51)
+"""False alarm rates at which bands are drawn, per m²."""
+
+
+def classifier_figure(
+    panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any], bands: Mapping[str, Band] | None = None
+) -> Figure:
+    """Fig. 13 and 14: ROC of classifiers, one panel per data set, for metal and plastic mines.
+
+    ``bands`` adds a panel with two bands each: those of the classifier as it is, and trained anew in every draw.
+    """
+    shown = dict(bands or {})
+    figure, axes = _figure(5 * (len(panels) + len(shown)), 3.8, 1, len(panels) + len(shown))
+    last = list(next(iter(panels.values())).items())[-1]
+    for axis, (kind, (kept, anew)), colour in zip(
+        np.atleast_1d(axes)[len(panels) :], shown.items(), _COLOURS, strict=False
+    ):
+        axis.fill_between(BAND_FAR, *anew, color=colour, alpha=0.15, lw=0, label="95 %, trained anew in every draw")
+        axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
+        _step(axis, roc_of(last[1], subsets[kind]), f"{last[0]}, {kind}", colour, "-")
+        _roc_axes(axis, f"{kind} mines with bands", 0.1)
+    for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=False):
         for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
                 _step(axis, roc_of(one, subset), f"{name}, {kind}", colour, dash)
