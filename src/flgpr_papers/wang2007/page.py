@@ -139,10 +139,10 @@ def all_figures(
     yield figures.normalisation_figure(known.features["M_HH_F1"].to_numpy(), known.weight)
     subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
     a, b = (pool.match_of(pool.confidence(list(columns), "A")) for columns in (CLASSIFIER_A, CLASSIFIER_B))
-    drawn = {kind: pool.bands(CLASSIFIER_A, "A", one, figures.BAND_FAR, 200) for kind, one in subsets.items()}
-    yield figures.classifier_figure({"calibration": {"prescreener": of["HH", "F1"], "C_HH": a}}, subsets, drawn)
+    yield figures.classifier_figure({"calibration": {"prescreener": of["HH", "F1"], "C_HH": a}}, subsets)
     panels = {"calibration": {"A": a, "B": b}}
-    yield figures.classifier_figure(panels | ({"blind": blind} if blind else {}), subsets)
+    drawn = {kind: pool.bands(CLASSIFIER_B, "A", one, figures.BAND_FAR, 200) for kind, one in subsets.items()}
+    yield figures.classifier_figure(panels | ({"blind": blind} if blind else {}), subsets, drawn)
 
 
 def _lane_row(one: LaneResult) -> Row:
