@@ -149,8 +149,8 @@ class Statement:
 
     @property
     def holds(self) -> str:
-        """Where it holds: "everywhere", "somewhere", "in a corner", "nowhere" or "undecided"."""
-        verdicts = {verdict for _, _, verdict in self.regions.values()}
+        """Where it holds: "everywhere" that it can be asked, "somewhere", "in a corner", "nowhere" or "undecided"."""
+        verdicts = {verdict for count, _, verdict in self.regions.values() if count >= FEWEST}
         if AGREES in verdicts:
             return "everywhere" if verdicts == {AGREES} else "somewhere"
         if self.corners:
