@@ -252,6 +252,8 @@ class MaskedSuppression(ClutterStage):
         beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
 
         def add(index: int) -> None:
+            if index + 1 < min(settings.frames, len(self.setup.imager)):
+                return  # a sum of fewer scans is weaker, and would lower the thresholds of all
             aperture, local = self.aperture(index), lane_to_scan(targets, self.setup.pose(index))
             x_min, x_max, y_min, y_max = self.grid.extent()
             inside = (local[:, 0] >= x_min + settings.halo) & (local[:, 0] <= x_max - settings.halo)
