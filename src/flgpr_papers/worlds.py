@@ -280,7 +280,7 @@ def margin(one: Finding) -> float:
 
 def heat_maps(several: Sequence[Statement]) -> Figure:
     """Draw every statement over the space: how far each world is on its side of the limit; verdicts are marked."""
-    columns = 5
+    columns = 3
     rows = -(-len(several) // columns)
     figure = Figure(figsize=(3.3 * columns, 1.75 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
@@ -302,7 +302,7 @@ def heat_maps(several: Sequence[Statement]) -> Figure:
         top = float(np.quantile(known, 0.9)) if known.size and known.any() else 1.0
         axes.imshow(value, cmap="RdBu", vmin=-top, vmax=top, aspect="auto")
         axes.set_facecolor("0.85")
-        axes.set_title(fill(one.claim.split(" [")[0], 44) + f"\n{one.holds}", fontsize=6.5)
+        axes.set_title(fill(one.claim.split(" [")[0], 48) + f"\n{one.holds}", fontsize=7.5)
         axes.set_yticks(range(len(down)), [f"{value:g}" for value in down], fontsize=6)
         axes.set_xticks([])
         for k, (a, b) in enumerate(pairwise(across)):
