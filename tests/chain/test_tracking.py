@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from flgpr.chain.detect import detect
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.stages.tracking import Tracking, TrackingSettings
-from small_lane import small_recipe
+from small_lane import LANE, TARGETS, small_recipe, small_run
 
 X, Y = np.linspace(-2, 2, 81), np.linspace(3, 7, 81)
 
 
-def stage(**settings):
+def stage(imaged=(0, 1), **settings):
     run = xr.Dataset(coords={"polarization": ["HH", "VV"]})
-    setup = SimpleNamespace(imager=SimpleNamespace(run=run, subbands={"F1": None, "F2": None}))
+    setup = SimpleNamespace(imager=SimpleNamespace(run=run, subbands={"F1": None, "F2": None}), imaged=imaged)
     return Tracking(TrackingSettings(**settings), setup)
 
 
@@ -43,6 +44,10 @@ def test_level_reach_and_channel_are_those_of_the_table():
     assert tracked(one, (0.3, 5.0), reach=0.2) == 0
     assert tracked(one, (0.0, 5.0), level=9.0) == 0
     assert tracked(one, (0.0, 5.0), polarization="VV", level=4.0) == 0
+    alone = one.isel(polarization=[0])  # a recipe that images VV alone
+    assert stage([1], polarization="VV").of_image(alone, np.array([[0.0, 5.0]]))["tracked"] == 1
+    with pytest.raises(ValueError, match=r"tracking.polarization must be one of VV, got 'HH'"):
+        stage([1], polarization="HH")
     with pytest.raises(ValueError, match=r"tracking.subband must be one of F1, F2, got 'F9'"):
         stage(subband="F9")
 
@@ -52,3 +57,14 @@ def test_its_column_joins_those_of_a_recipe():
     assert recipe.columns[0].settings.level == 1.5
     with pytest.raises(ValueError, match=r"reach: .* got 0"):
         parse_recipe(small_recipe() + '\n[[columns]]\nstage = "tracking"\nreach = 0\n')
+
+
+def test_the_targets_of_a_lane_are_tracked_more_than_its_other_alarms():
+    text = small_recipe() + '\n[[columns]]\nstage = "tracking"\npolarization = "HH"\nreach = 0.3\n'
+    found = detect(small_run(), parse_recipe(text), LANE)[0]
+    tracked = found.features["tracked"].to_numpy()
+    assert ((tracked >= 0) & (tracked <= 1)).all()
+    away = np.hypot(*(found.alarms[axis].to_numpy()[:, None] - TARGETS[:, k] for k, axis in enumerate("xy")))
+    hit = away.min(axis=1) < 0.4
+    assert hit.any()
+    assert tracked[hit].mean() > tracked[~hit].mean()

@@ -38,7 +38,7 @@ class Tracking(FeatureStage):
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         super().__init__(settings, setup, learnt)
         imager = setup.imager
-        labels = [str(label) for label in imager.run["polarization"].values]
+        labels = [str(imager.run["polarization"].values[k]) for k in setup.imaged]
         self._channel = tuple(
             _number(name, wanted, known)
             for name, wanted, known in (
