@@ -29,8 +29,8 @@ from scipy.stats import t as student
 
 import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.execution.cluster import Cluster
-from flgpr.execution.executors import Executor, Processes
+from flgpr.execution.executors import Executor
+from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import write_whole
 from flgpr.report import figure_png
 from flgpr_papers.kit.cache import key_of
@@ -59,19 +59,16 @@ SOILS = (
 """Soils of cosgrove2004, the better first: permittivity and loss."""
 
 
-def map_worlds(output: str | Path, track: Track = silent, workers: int = 1, scheduler: str | None = None) -> Path:
+def map_worlds(output: str | Path, how: How = PLAINLY) -> Path:
     """Judge every statement of every paper in every declared world and write the map; what was stopped goes on.
 
     Parameters
     ----------
     output : str or Path
-        Folder to work in: ``index.html``, ``worlds.csv`` and a heat map per paper.
-    track : Track
-        Shows progress.
-    workers : int
-        Number of processes, each at a study in a world.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers do it instead; they see the folder under the same path.
+        Folder to work in: ``index.html``, ``worlds.csv`` and a heat map per paper. A cluster's workers see it under
+        the same path.
+    how : How
+        Who works, each at a study in a world, and who is shown progress.
 
     Returns
     -------
@@ -81,12 +78,12 @@ def map_worlds(output: str | Path, track: Track = silent, workers: int = 1, sche
     Raises
     ------
     ValueError
-        If there is no scheduler at the address.
+        If workers and a scheduler are asked for, or there is no scheduler at the address.
     """
     folder = Path(output).resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    with Cluster(scheduler) if scheduler else Processes(workers) as executor:
-        run_worlds(folder, executor, track)
+    with how.executor() as executor:
+        run_worlds(folder, executor, how.track)
     return write_map(folder)
 
 

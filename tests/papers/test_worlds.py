@@ -11,6 +11,7 @@ from scipy.stats import t as student
 
 import flgpr_papers
 from flgpr.execution.executors import Here
+from flgpr.execution.survey import How
 from flgpr.simulate import Scene
 from flgpr_papers import worlds as w
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, judge_again, row_of
@@ -164,6 +165,6 @@ def test_a_cluster_does_what_is_left(made, monkeypatch):
     with distributed.LocalCluster(
         n_workers=1, processes=False, dashboard_address=None, host="tcp://127.0.0.1"
     ) as cluster:
-        page = w.map_worlds(made, scheduler=cluster.scheduler_address)
+        page = w.map_worlds(made, How(scheduler=cluster.scheduler_address))
     assert page == made / "index.html"
     assert all(json.loads(path.read_text())["findings"] for path in left)

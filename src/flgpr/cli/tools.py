@@ -105,7 +105,7 @@ def reproduce(
     ],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
-    workers: Annotated[int, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = 1,
+    workers: Annotated[int | None, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
@@ -116,8 +116,8 @@ def reproduce(
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
         papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
         if paper == "worlds":
-            page = papers.map_worlds(folder, track, workers, scheduler)
+            page = papers.map_worlds(folder, tasks.How(workers, scheduler, track=track))
         else:
-            page = papers.reproduce(paper, folder, quick, track, workers)
+            page = papers.reproduce(paper, folder, quick, track, workers or 1)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")

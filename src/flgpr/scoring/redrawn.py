@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.scoring.bootstrap import Scores
 from flgpr.scoring.lane_roc import far_area
 from flgpr.scoring.matching import Match, Subset, select_targets
 
@@ -40,25 +41,21 @@ class Rescorer:
 
     def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
         """Give the mean of Pd up to ``far_max``, that of :func:`flgpr.scoring.pd_mean` of the curve."""
-        best, target, weight, area = self._counted(confidence, draw)
-        order = np.argsort(confidence[self._false])
-        below = np.append(0.0, np.cumsum(weight[order]))
-        above = below[-1] - below[np.searchsorted(confidence[self._false][order], best, side="left")]
-        share = np.maximum(0.0, 1 - above / area / self._far_max)
-        return float(np.where(np.isneginf(best), 0.0, share) @ target / target.sum())
+        scores, target, weight, area = self._scores(confidence, draw)
+        return float(scores.shares(self._far_max, weight, area) @ target / target.sum())
 
     def pd_at(self, confidence: FloatArray, far: FloatArray, draw: Draw | None = None) -> FloatArray:
         """Give Pd at allowed false alarm rates, per m²; NaN in a draw without any of the targets."""
-        best, target, weight, area = self._counted(confidence, draw)
-        order = np.argsort(-confidence[self._false], kind="stable")
-        barrier = np.append(confidence[self._false][order], -np.inf)
-        allowed = barrier[np.searchsorted(np.cumsum(weight[order]) / area, far, side="right")]
-        return np.asarray((best > allowed[:, None]) @ target / (target.sum() or np.nan))
+        scores, target, weight, area = self._scores(confidence, draw)
+        return scores.pd_at(far, target, weight, area) if target.any() else np.full(len(far), np.nan)
 
-    def _counted(self, confidence: FloatArray, draw: Draw | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """Confidence of every target's best alarm, weights of targets and false alarms, and the area."""
+    def _scores(self, confidence: FloatArray, draw: Draw | None) -> tuple[Scores, FloatArray, FloatArray, float]:
+        """Scores with every false alarm a block of its own, the weights of targets and false alarms, and the area."""
         best = np.full(len(self._targets), -np.inf)
         np.maximum.at(best, self._pair, confidence[self._alarm])
+        row = self._false[np.argsort(-confidence[self._false], kind="stable")]
+        false = confidence[row]
+        scores = Scores(best, false, np.arange(row.size), np.searchsorted(-false, -best, side="right"))
         if draw is None:
-            return best, np.ones(best.size), np.ones(self._false.size), self.area
-        return best, draw.target[self._targets], draw.alarm[self._false], draw.area
+            return scores, np.ones(best.size), np.ones(row.size), self.area
+        return scores, draw.target[self._targets], draw.alarm[row], draw.area

@@ -32,9 +32,6 @@ from flgpr.simulate.tables import (
 from flgpr.simulate.tables import Part as _Part
 
 _SITES = resources.files("flgpr.simulate") / "sites"
-_OF_SITES = {
-    "soil", "surface", "clutter", "terrain", "grass", "shadow", "stones", "roots", "lenses", "heterogeneity", "holes",
-}  # fmt: skip
 
 
 class Layer(_Part):
@@ -293,7 +290,7 @@ class Scene(_Part):
         if not isinstance(data, dict) or data.get("site") is None:
             return data
         merged = dict(data)
-        for part, values in _site_tables(data["site"]).items():
+        for part, values in site_tables(data["site"]).items():
             given = data.get(part, {})
             given = given.model_dump(exclude_unset=True) if isinstance(given, BaseModel) else given
             merged[part] = {**values, **given}
@@ -311,7 +308,7 @@ class Scene(_Part):
         return Lane(self.x_min, self.x_max, 0.0, self.length)
 
 
-def _site_tables(site: Any) -> dict[str, Any]:
+def site_tables(site: Any) -> dict[str, Any]:
     """Read the tables of a packaged site or of a file."""
     own = Path(str(site))
     if own.suffix == ".toml" and own.is_file():
@@ -319,7 +316,8 @@ def _site_tables(site: Any) -> dict[str, Any]:
             tables = tomllib.loads(own.read_text(encoding="utf-8"))
         except ValueError as error:
             raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
-        strange = sorted(set(tables) - _OF_SITES)
+        parts = {name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)} - {"track"}
+        strange = sorted(set(tables) - parts)
         if strange:
             raise ValueError(f"site {own} must hold the tables of a site alone, got {strange[0]}")
         return tables

@@ -265,7 +265,7 @@ def _search(settings: Classify, kernel: str, X: FloatArray, y: NDArray[np.bool_]
     """Choose a support vector machine, and with it the kernel of both machines, inside the training examples.
 
     By the mean area under the ROC of three folds, whose kernels are computed once for all costs: a grid search of whole
-    pipelines takes three times as long.
+    pipelines takes twice as long.
     """
     if kernel == "rbf":
         options: list[dict[str, float]] = [{"gamma": width / X.shape[1]} for width in settings.widths]

@@ -24,7 +24,7 @@ from flgpr.clutter import (
     measured_coherence,
     suppress_by_model,
 )
-from flgpr.model import Grid, ground_points, scan_to_lane
+from flgpr.model import Grid, ground_points, lane_to_scan, scan_to_lane
 from flgpr.screen import MeanViewSums, prescreen
 from flgpr_papers.fuse2018.lanes import Frames, local, trained
 from flgpr_papers.fuse2018.recipe import FuseRecipe
@@ -65,13 +65,14 @@ class Calibration:
 def calibrate(frames: Frames, recipe: FuseRecipe, track: Track) -> Calibration:
     """Learn thresholds and background from the calibration lane, whose targets are known."""
     stage, rows = frames.stage, []
-    examples = stage.examples(frames.truth)
+    examples, targets = stage.calibration(stage.settings), ground_points(frames.truth)
     road = np.abs(stage.grid.x) < recipe.mask.roadside[0]
     whole = range(recipe.image.frames - 1, len(frames))
     for k in track(whole, "calibration lane", len(whole)):
-        examples.add(k)
-        rows.append(np.median(np.abs(stage.aperture(k).vv[:, road]), axis=1))
-    learnt, _ = stage.fit(stage.settings, [examples.result()])
+        one = stage.aperture(k)
+        stage.learn_from(one, lane_to_scan(targets, frames.pose(k)), examples)
+        rows.append(np.median(np.abs(one.vv[:, road]), axis=1))
+    learnt, _ = stage.fit(stage.settings, [examples.state()])
     return Calibration(learnt, np.mean(rows, axis=0))
 
 

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from flgpr.io import write_whole
 from flgpr.simulate import soil
+from flgpr.simulate.scene import site_tables
 
 _DECLARED = tomllib.loads((resources.files("flgpr_papers") / "worlds.toml").read_text(encoding="utf-8"))
 AXES: dict[str, list[Any]] = _DECLARED["axes"]
@@ -47,8 +48,7 @@ class World:
 
     def site(self, folder: Path) -> str:
         """Write the world as a site of scenes; gives the file's path."""
-        packaged = resources.files("flgpr.simulate") / "sites" / f"{_DECLARED['site']}.toml"
-        tables = tomllib.loads(packaged.read_text(encoding="utf-8"))
+        tables = site_tables(_DECLARED["site"])
         own = {"model": "mironov", "moisture": round(self.moisture(), 5), **_DECLARED["soil"]}
         tables["soil"] = own | ({"loss_tangent": _DECLARED["low_loss"]} if self.loss == "low" else {})
         tables["surface"]["rms_height"] = self.roughness / 1000

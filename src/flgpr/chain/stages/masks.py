@@ -246,27 +246,34 @@ class MaskedSuppression(ClutterStage):
 
     def examples(self, truth: pd.DataFrame) -> Accumulator:
         """Follow the responses of the calibration targets, and the level at the roadside."""
-        settings = self.settings
-        learnt = ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
-        targets, away = ground_points(truth), np.abs(self.across)
-        beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
+        learnt, targets = self.calibration(self.settings), ground_points(truth)
 
         def add(index: int) -> None:
-            if index + 1 < min(settings.frames, len(self.setup.imager)):
-                return  # a sum of fewer scans is weaker, and would lower the thresholds of all
-            aperture, local = self.aperture(index), lane_to_scan(targets, self.setup.pose(index))
-            x_min, x_max, y_min, y_max = self.grid.extent()
-            inside = (local[:, 0] >= x_min + settings.halo) & (local[:, 0] <= x_max - settings.halo)
-            inside &= (local[:, 1] >= y_min + settings.halo) & (local[:, 1] <= y_max - settings.halo)
-            halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in local[inside]]
-            learnt.add(aperture.vv, aperture.vh, self.region, halos, beside, aperture.second)
+            if index + 1 >= min(self.settings.frames, len(self.setup.imager)):
+                # a sum of fewer scans is weaker, and would lower the thresholds of all
+                self.learn_from(self.aperture(index), lane_to_scan(targets, self.setup.pose(index)), learnt)
 
         return Accumulator(add, lambda _: learnt.state(), learnt.merge, learnt.state)
+
+    def learn_from(self, aperture: Aperture, targets: FloatArray, learnt: ThresholdCalibration) -> None:
+        """Add an aperture's responses to targets, at places (n, 3) of its latest scan's frame, and its roadside."""
+        settings, away = self.settings, np.abs(self.across)
+        beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
+        x_min, x_max, y_min, y_max = self.grid.extent()
+        inside = (targets[:, 0] >= x_min + settings.halo) & (targets[:, 0] <= x_max - settings.halo)
+        inside &= (targets[:, 1] >= y_min + settings.halo) & (targets[:, 1] <= y_max - settings.halo)
+        halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in targets[inside]]
+        learnt.add(aperture.vv, aperture.vh, self.region, halos, beside, aperture.second)
+
+    @staticmethod
+    def calibration(settings: Any) -> ThresholdCalibration:
+        """Begin a calibration of as many sub-regions."""
+        return ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
 
     @classmethod
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Set the thresholds "as low as possible without compromising the target signal response" (Sec. 2.4)."""
-        learnt = ThresholdCalibration(len(settings.edges) - 1, settings.response_db)
+        learnt = cls.calibration(settings)
         for one in examples:
             learnt.merge(one)
         limits = learnt.result()
