@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Here, Processes
@@ -18,7 +19,7 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
     """Run a paper's experiment again on simulated lanes, or all of them; what was stopped goes on where it was.
 
     With "all" every paper works in a folder of its own, and the overview is written anew after each, so that a run that
-    was stopped shows what is there.
+    was stopped shows what is there. Several processes first take what a study can have made beforehand part by part.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
     track : Track
         Shows progress.
     workers : int
-        Number of processes that take a paper each, of "all".
+        Number of processes that share the work of "all".
 
     Returns
     -------
@@ -49,10 +50,13 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
     if paper != "all":
         return run_study(paper, folder, quick, track)
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = [(name, str(folder / name), quick) for name in sorted(PAPERS, reverse=True)]  # the longest comes first
+    jobs = [(name, str(folder / name), quick) for name in sorted(PAPERS, reverse=True)]
     pages: dict[str, Path] = {}
     with Processes(workers) if workers > 1 else Here() as executor:
         if workers > 1:
+            parts = [(*job, part) for job in jobs for part in parts_of(job[0], quick)]
+            parts.sort(key=lambda job: job[3] is not None)  # whole studies take longest
+            list(track(executor.run(study_part, parts), "parts of the studies", len(parts)))
             done = track(executor.run(study_page, jobs), "papers", len(jobs))
         else:
             done = ({"paper": job[0], "page": str(run_study(job[0], Path(job[1]), quick, track))} for job in jobs)
@@ -66,8 +70,28 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
 
 def run_study(paper: str, folder: Path, quick: bool, track: Track = silent) -> Path:
     """Run the study of one paper, which is loaded for it; returns its page."""
-    page: Path = import_module(f"flgpr_papers.{paper}.study").reproduce(folder, quick, track)
+    page: Path = study_of(paper).reproduce(folder, quick, track)
     return page
+
+
+def study_of(paper: str) -> Any:
+    """Load the study of a paper."""
+    return import_module(f"flgpr_papers.{paper}.study")
+
+
+def parts_of(paper: str, quick: bool) -> list[str | None]:
+    """Name the parts of a study that can be made beforehand; None stands for all of it."""
+    study = study_of(paper)
+    return list(study.parts(quick)) if hasattr(study, "parts") else [None]
+
+
+def study_part(paper: str, folder: str, quick: bool, part: str | None) -> dict[str, Any]:
+    """Make a part of a study beforehand in a process of its own."""
+    if part is None:
+        run_study(paper, Path(folder), quick)
+    else:
+        study_of(paper).make_part(Path(folder), part, quick)
+    return {"paper": paper, "part": part}
 
 
 def study_page(paper: str, folder: str, quick: bool) -> dict[str, str]:

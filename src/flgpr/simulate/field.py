@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 from typing import NamedTuple
@@ -61,6 +62,7 @@ class SurfaceField:
         self.per_tile = math.prod(self._cells)
         self.tile = lru_cache(keep)(self._make)
         textures = "texture" if name == "surface" else f"{name} texture"
+        self._discs = np.array([(patch.x, patch.y, patch.radius) for patch in patches]).reshape(-1, 3)
         self._texture = None if surface.texture_shape is None else _Texture(surface, stream(seed, textures))
 
     def within(self, corners: FloatArray) -> Scatterers:
@@ -79,7 +81,9 @@ class SurfaceField:
         power = np.full(self.per_tile, TILE**2 / self.per_tile * 10 ** (self.surface.level_db / 10))
         if self._texture is not None:
             power *= self._texture(xy, ix, iy)
-        for patch in self.patches:
+        x, y, radius = self._discs.T
+        near = np.hypot(x / TILE - ix - 0.5, y / TILE - iy - 0.5) < radius / TILE + 1
+        for patch in itertools.compress(self.patches, near):
             reach = np.hypot(xy[:, 0] - patch.x, xy[:, 1] - patch.y) / patch.radius
             power *= 10 ** (patch.gain_db / 10 * np.clip(2 - 2 * reach, 0, 1))
         return Scatterers(xy, z * np.sqrt(power)[:, None].astype(np.float32))

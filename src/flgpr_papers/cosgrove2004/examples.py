@@ -15,6 +15,7 @@ from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, make_run
 from flgpr.simulate import Scene, Simulator
 from flgpr_papers.cosgrove2004.images import BAND, study_sensor, tone_weight
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+from flgpr_papers.kit.lanes import ALONE, BARE
 
 FloatArray = NDArray[np.float64]
 
@@ -64,9 +65,10 @@ def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex6
             "site": recipe.sites["sand"].scene,
             "length": 2 * ahead,
             "targets": [{"kind": "metal", "x": 0.0, "y": ahead, "depth": 0.1}],
-            "surface": {"echo": False, "phase_screen": False},
-            "clutter": {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0},
+            "clutter": BARE,
             "track": {"positions": [0.0]},
+            **ALONE,
+            "surface": {"echo": False, "phase_screen": False},
         }
     )
     sensor = study_sensor(recipe)

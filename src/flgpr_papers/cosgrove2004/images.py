@@ -17,7 +17,7 @@ from flgpr.scoring import refraction_shift
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
-from flgpr_papers.kit.lanes import BARE, changed, turned
+from flgpr_papers.kit.lanes import ALONE, BARE, changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"
@@ -91,7 +91,7 @@ def signature_looks(recipe: StudyRecipe, name: str) -> list[Look]:
     One look per mine; these mines lie in no lane of the study.
     """
     scene, trains, depths = _scene(recipe, recipe.sites[name], _SIGNATURES, _SIGNATURE_SHARE)
-    bare = changed(scene, surface={"echo": False}, clutter=BARE)
+    bare = changed(scene, clutter=BARE, **ALONE)
     simulator = Simulator(bare, study_sensor(recipe), _SIGNATURES, errors=False)
     found = _images(recipe, simulator, simulator.scans(), "none")
     return [
@@ -146,7 +146,7 @@ def _direction(
     """Images of every stop in both worlds. Echoes add, so the roadside is simulated by itself and added."""
     sensor = study_sensor(recipe)
     ground = changed(scene, clutter={"bushes": 0.0, "posts": 0.0})
-    roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, surface={"echo": False}, targets=[])
+    roadside = changed(scene, clutter={"rocks": 0.0, "patches": 0.0}, targets=[], **ALONE)
     if back:  # what the seed before put there, from the other end
         ground, roadside = turned(ground, seed - 1), turned(roadside, seed - 1)
         ground = ground.model_copy(update={"targets": ground.targets[::-1]})  # in the order of the stops

@@ -21,8 +21,8 @@ class Radar(Table):
     sensor: str
     tone_step: Positive
     range: Positive
+    scatterers: Positive | None = None
     stop_spacing: Positive
-    scatterers: Positive
     margin: Positive
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
 from flgpr_papers.cosgrove2004.images import WORLDS, Look, lane_looks, signature_looks
 from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
-from flgpr_papers.kit.cache import key_of
+from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import write_findings
 from flgpr_papers.kit.page import draw
 
@@ -50,9 +49,8 @@ def reproduce(
     """
     study = recipe or study_recipe(quick)
     folder = Path(output)
-    (folder / "lanes").mkdir(parents=True, exist_ok=True)
-    seeds, share = range(1, 1 + study.study.seeds), study.study.share
-    cases = _run_cases(study, folder, seeds, share, track)
+    seeds = _seeds(study)
+    cases = _run_cases(study, folder, seeds, track)
     tables = {world: pd_table(study, cases[world]) for world in WORLDS}
     found = {world: findings(study, cases[world], tables[world]) for world in WORLDS}
     responses = {"with the ramp": point_response(study, True), "without": point_response(study, False)}
@@ -104,17 +102,31 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
     return cases
 
 
-def _run_cases(
-    recipe: StudyRecipe, folder: Path, seeds: range, share: float, track: Track
-) -> dict[str, dict[str, list[Case]]]:
-    """Run the seeds that are not yet on disk, then read all; returns world, site, cases."""
-    key = key_of(recipe.model_dump(mode="json"), share)
-    paths = {seed: folder / "lanes" / f"seed-{seed}-{key}.json" for seed in seeds}
-    todo, models = [seed for seed in seeds if not paths[seed].is_file()], folder / "models"
-    for seed in track(todo, "lanes, seed by seed", len(todo)):
-        write_whole(paths[seed], json.dumps(run_seed(recipe, seed, share, models if seed == seeds[0] else None)))
-    read = [json.loads(paths[seed].read_text("utf-8")) for seed in seeds]
+def _run_cases(recipe: StudyRecipe, folder: Path, seeds: range, track: Track) -> dict[str, dict[str, list[Case]]]:
+    """Run the seeds that are not yet on disk, read the others; returns world, site, cases."""
+    read = [_seed_cases(recipe, folder, seed) for seed in track(seeds, "lanes, seed by seed", len(seeds))]
     return {world: {site: [one[world][site] for one in read] for site in recipe.sites} for world in WORLDS}
+
+
+def _seed_cases(recipe: StudyRecipe, folder: Path, seed: int) -> dict[str, dict[str, Case]]:
+    share, models = recipe.study.share, folder / "models" if seed == 1 else None
+    path = folder / "lanes" / f"seed-{seed}-{key_of(recipe.model_dump(mode='json'))}.json"
+    cases: dict[str, dict[str, Case]] = kept(path, lambda: run_seed(recipe, seed, share, models))
+    return cases
+
+
+def parts(quick: bool) -> list[str]:
+    """List the seeds, each of which can be worked on by itself."""
+    return [str(seed) for seed in _seeds(study_recipe(quick))]
+
+
+def make_part(folder: Path, seed: str, quick: bool) -> None:
+    """Work on a seed."""
+    _seed_cases(study_recipe(quick), folder, int(seed))
+
+
+def _seeds(recipe: StudyRecipe) -> range:
+    return range(1, 1 + recipe.study.seeds)
 
 
 def _one_per_depth(looks: Sequence[Look]) -> list[Look]:

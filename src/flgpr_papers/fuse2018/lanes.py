@@ -22,7 +22,7 @@ from flgpr.model import Sensor, ground_points, lane_to_scan, load_sensor
 from flgpr.simulate import Scene, Simulator, draw_world
 from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.lanes import told
+from flgpr_papers.kit.lanes import EVEN, told
 
 BANDS = ("l", "x")
 ComplexArray = NDArray[np.complex64]
@@ -36,10 +36,9 @@ def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
     return preset.model_copy(update={"errors": errors, "footprint": recipe.radar.footprint})
 
 
-def lane_scene(recipe: FuseRecipe, name: str, band: str, quick: bool = False) -> Scene:
+def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
     """Describe a lane as a band sees it; the bands differ in the density of surface scatterers alone."""
     lanes = recipe.lanes
-    density = recipe.radar.scatterers_x if band == "x" or quick else None
     return Scene.model_validate(
         {
             "name": f"{name}-{band}",
@@ -47,7 +46,7 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str, quick: bool = False) ->
             "x_min": -lanes.half_width,
             "x_max": lanes.half_width,
             "length": lanes.length,
-            "surface": {"density": density},
+            "surface": {"density": recipe.radar.scatterers},
             "clutter": {"bushes": lanes.bushes, "posts": lanes.posts, "roadside": lanes.roadside},
             "draws": [{"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths],
             "track": {"start": lanes.start, "step": lanes.step, "wander": lanes.wander},
@@ -98,23 +97,27 @@ def local(table: pd.DataFrame, pose: FloatArray) -> FloatArray:
     return lane_to_scan(ground_points(table), pose)[:, :2]
 
 
-def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, quick: bool, track: Track) -> Frames:
+def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> Frames:
     """Simulate both bands of a lane into run stores, unless they are there, and read them."""
     seed = recipe.lanes.seeds[name]
     runs = {}
     for band in BANDS:
-        store, _, _ = store_lane(folder, lane_scene(recipe, name, band, quick), seed, band_sensor(recipe, band), track)
+        store, _, _ = store_lane(folder, lane_scene(recipe, name, band), seed, band_sensor(recipe, band), track)
         runs[band] = open_run(store)
-    world = draw_world(lane_scene(recipe, name, "l", quick), seed)
-    mines = mines_alone(folder, recipe, name, quick, track) if name != "calibration" else None
+    world = draw_world(lane_scene(recipe, name, "l"), seed)
+    mines = mines_alone(folder, recipe, name, track) if name != "calibration" else None
     return Frames(name, masks_stage(runs, recipe), world.truth(), world.objects_table(), mines)
 
 
-def mines_alone(folder: Path, recipe: FuseRecipe, name: str, quick: bool, track: Track) -> ComplexArray:
-    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines."""
+def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> ComplexArray:
+    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines.
+
+    The echoes of the surface and of what is strewn through the soil, the same in both, are left out.
+    """
     sensor, seed = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)}), recipe.lanes.seeds[name]
-    scene = lane_scene(recipe, name, "l", quick)
+    scene = lane_scene(recipe, name, "l")
     lane = told(scene, seed)
+    lane |= {"surface": {**lane["surface"], "echo": False}, **EVEN}
     twins = [Scene.model_validate(one) for one in (lane, lane | {"targets": []})]
     key = key_of([twin.model_dump(mode="json") for twin in twins], sensor.model_dump(mode="json"), seed)
     path = folder / f"{name}-mines-{key}.bundle"

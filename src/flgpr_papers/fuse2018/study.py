@@ -44,7 +44,7 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     key = result_key(recipe, quick)
     calibration = stored_calibration(
         results / f"calibration-{key}.json",
-        lambda: calibrate(simulate_lane(stores, recipe, "calibration", quick, track), recipe, track),
+        lambda: calibrate(simulate_lane(stores, recipe, "calibration", track), recipe, track),
     )
     lanes = [lane_result(folder, recipe, name, quick, calibration, track) for name in LANES]
     loose = loose_result(folder, recipe, LANES[0], quick, calibration, track)
@@ -65,7 +65,7 @@ def lane_result(
     """Simulate and clean a lane, or take what is there."""
     key = result_key(recipe, quick, calibration)
     path, shown = folder / "results" / f"{name}-{key}.json", folder / "results" / f"example-{key}.bundle"
-    frames = simulate_lane(folder / "lanes", recipe, name, quick, track)
+    frames = simulate_lane(folder / "lanes", recipe, name, track)
 
     def keep(cleaned: Cleaned) -> None:
         if name == LANES[0]:
@@ -82,7 +82,7 @@ def loose_result(
 ) -> LaneResult:
     """Clean some apertures of a lane with the presets' looser navigation."""
     path = folder / "results" / f"{name}-loose-{result_key(recipe, quick, calibration)}.json"
-    frames = simulate_lane(folder / "lanes", recipe, name, quick, track)
+    frames = simulate_lane(folder / "lanes", recipe, name, track)
     if not path.is_file():
         variants = ("original", "iteration", "per frame")
         wrong = loosened(frames, recipe)

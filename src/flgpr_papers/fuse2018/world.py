@@ -22,11 +22,11 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     recipe = recipe.model_copy(
         update={
             "lanes": recipe.lanes.model_copy(update=there),
-            "radar": recipe.radar.model_copy(update={"scatterers_x": 25.0}),  # per m²
+            "radar": recipe.radar.model_copy(update={"scatterers": 25.0}),  # per m²
         }
     )
-    calibration = calibrate(simulate_lane(folder, recipe, "calibration", True, silent), recipe, silent)
-    frames, path = simulate_lane(folder, recipe, "A", True, silent), folder / "A.json"
+    calibration = calibrate(simulate_lane(folder, recipe, "calibration", silent), recipe, silent)
+    frames, path = simulate_lane(folder, recipe, "A", silent), folder / "A.json"
     records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
     write_records(path, frames, records)
     return paper_findings([read_records(path, frames)], recipe)

@@ -7,6 +7,10 @@ from typing import Any
 
 from flgpr.simulate import Scene, draw_world
 
+EVEN: dict[str, dict[str, bool]] = {part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")}
+"""Parts of a scene whose soil has nothing in it but its targets and holes."""
+ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **EVEN}
+"""Parts of a scene whose ground returns nothing but its targets."""
 BARE = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
 """Clutter of a lane on which nothing more is to be drawn."""
 

@@ -67,7 +67,7 @@ class Tables(NamedTuple):
     by_band: dict[str, pd.DataFrame]  #: Table I of every sub-band
     searches: dict[str, list[SearchStep]]  #: Table II
     sets: dict[str, list[SearchStep]]  #: Tables III and IV ("all")
-    blind: dict[str, Match] | None  #: blind lanes by classifier
+    blind: dict[str, Match]  #: blind lanes by classifier
 
 
 def all_findings(
@@ -79,7 +79,7 @@ def all_findings(
     searches = table_two(pool)
     sets = {b: pool.search([f"{n}_{b}" for n in FEATURES], "A", 3) for b in SUBBANDS}
     sets["all"] = pool.search(all_forty(), "A", 5)
-    blind_matches = blind_scores(calibration, blind) if blind else None
+    blind_matches = blind_scores(calibration, blind)
     found = [
         *prescreener_findings(calibration, recipe, draws),
         *feature_findings(pool, by_band["F1"], searches, draws),
@@ -261,7 +261,7 @@ def band_findings(
     return found
 
 
-def curve_findings(calibration: Match, blind: dict[str, Match] | None) -> list[Finding]:
+def curve_findings(calibration: Match, blind: dict[str, Match]) -> list[Finding]:
     """Judge the findings about points of the final curves (the paper's Sec. III and Fig. 14)."""
     found = []
     points = (
@@ -275,7 +275,7 @@ def curve_findings(calibration: Match, blind: dict[str, Match] | None) -> list[F
     (n, targets, _), (m, mines, _) = (detections_at(calibration, one, 0.07) for one in (SIMULANTS, BURIED_PLASTIC))
     gap = {"plastic - simulants at 0.07 per m²": difference_of_shares((m, mines), (n, targets))}
     found.append(parts_larger("Simulants are found much worse than plastic mines", "9 of 16 against 90 %", gap))
-    for name, one in (blind or {}).items():
+    for name, one in blind.items():
         claim = f"Metal mines: 100 % below 0.01 per m² on the blind lanes, classifier {name}"
         note = "The paper does not tell how many there were; as many as here are assumed."
         found.append(_share_finding(claim, one, {"kind": "metal"}, 0.01, 1.0, None, note))

@@ -63,7 +63,7 @@ def page_html(
     }
     subsets = {"buried metal": BURIED_METAL, "buried plastic": BURIED_PLASTIC, "mines": MINES}
     points = point_rows(lists, subsets | {"simulants": SIMULANTS})
-    points += point_rows({f"{name}, blind": one for name, one in (blind_matches or {}).items()}, subsets)
+    points += point_rows({f"{name}, blind": one for name, one in blind_matches.items()}, subsets)
     low, high = pool.interval(confidence, draws)
     pictures = []
     drawn = all_figures(folder, calibration, pool, recipe, radar, blind_matches)
@@ -74,7 +74,6 @@ def page_html(
         quick=quick,
         radar=radar,
         site=SITE,
-        blind=blind,
         lanes=[_lane_row(one) for one in (*calibration, *blind)],
         found=findings,
         chance=by_chance(findings),
@@ -114,7 +113,7 @@ def all_figures(
     pool: Pool,
     recipe: Recipe,
     radar: Sensor,
-    blind: dict[str, Match] | None,
+    blind: dict[str, Match],
 ) -> Iterator[Figure]:
     """Draw the figures 1 to 14, one at a time."""
     examples = read_arrays(folder / "results" / "examples.bundle")
@@ -142,7 +141,7 @@ def all_figures(
     yield figures.classifier_figure({"calibration": {"prescreener": of["HH", "F1"], "C_HH": a}}, subsets)
     panels = {"calibration": {"A": a, "B": b}}
     drawn = {kind: pool.bands(CLASSIFIER_B, "A", one, figures.BAND_FAR, 200) for kind, one in subsets.items()}
-    yield figures.classifier_figure(panels | ({"blind": blind} if blind else {}), subsets, drawn)
+    yield figures.classifier_figure(panels | {"blind": blind}, subsets, drawn)
 
 
 def _lane_row(one: LaneResult) -> Row:
