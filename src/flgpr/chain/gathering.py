@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.model import Detector
 from flgpr.chain.passes import Arrays, bundled, group_of
-from flgpr.chain.recipe import ContrastTable, PrescreenTable, Recipe, RunViewTable
+from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe, RunViewTable
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
@@ -30,6 +30,13 @@ def look_sums(table: RunViewTable, grid: Grid, rows: slice | None = None) -> Run
         return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
     kind = MeanViewSums if table.look == "mean" else RunViewSums
     return kind(grid, table.y_max, rows)
+
+
+def check_confidence(recipe: Recipe, columns: Iterable[str]) -> None:
+    """Refuse a recipe whose confidence is none of the columns that its stages make."""
+    known = [*RANKS, *columns]
+    if recipe.confidence not in known:
+        raise ValueError(f"confidence must be one of {', '.join(known)}, got {recipe.confidence!r}")
 
 
 @dataclass(frozen=True)
@@ -133,7 +140,7 @@ class AlarmFeatures:
     def single(self) -> str:
         """Name of the column that is the confidence where nothing was trained."""
         table = self.recipe.contrast
-        if self.recipe.confidence == "magnitude" or self.recipe.features is None:
+        if self.recipe.confidence != "contrast" or self.recipe.features is None:
             return self.recipe.confidence
         return f"C_{table.polarization}_{table.subband}"
 

@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import MOST_GATHERED, Evidence, EvidenceSums, in_order
-from flgpr.chain.gathering import AlarmFeatures, AlarmSums, look_sums
+from flgpr.chain.gathering import AlarmFeatures, AlarmSums, check_confidence, look_sums
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
@@ -165,6 +165,8 @@ class LaneChain(Chain):
         self.variations = variations_of(recipe)
         super().__init__(self._passes(made, truth), len(self.imager), known)
         self.grid = self.setup.view
+        if not self.untrained:
+            check_confidence(recipe, self._column_names())
         self.section = Section(0, self.grid.ny) if section is None else section
         self._kept = kept_rows(recipe, lane, self.section)
         channels = len(self.setup.imaged) * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
@@ -399,6 +401,15 @@ class LaneChain(Chain):
             own = own.assign(**stage.of_view(view, own[["x", "y"]].to_numpy(dtype=np.float64)))
         return own
 
+    def _column_names(self) -> list[str]:
+        """Name the columns of all feature stages; those of the run-view tell theirs where there is no alarm."""
+        channels, rows = self._labels(), min(2, self.grid.ny)
+        shape = *map(len, channels.values()), rows, self.grid.nx
+        looks = np.zeros(shape[-2:], np.int64)
+        empty = view_array(np.full(shape, np.nan, np.float32), looks, self.grid, channels, slice(rows))
+        stages = self._columns.values()
+        return [name for one in stages for name in (*one.columns, *one.of_view(empty, np.zeros((0, 2))))]
+
     @property
     def training_view(self) -> xr.DataArray:
         """Run-view of the whole lane, for stages that learn from it; needs the pass "view"."""
@@ -484,12 +495,16 @@ class LaneChain(Chain):
     def _as_view(
         self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, plain: bool = False
     ) -> xr.DataArray:
+        return view_array(values, looks, self.grid, self._labels(plain), rows)
+
+    def _labels(self, plain: bool = False) -> dict[str, list[str]]:
+        """Name the channels of the run-view or, plain, those of the images."""
         polarization = [str(label) for label in self.imager.run["polarization"].values]
         subband = list(self.recipe.image.subbands)
         if not plain:
             subband = self.recipe.run_view.channels(subband)
             polarization = polarization if self.recipe.map is None else [self.recipe.map.stage]
-        return view_array(values, looks, self.grid, {"polarization": polarization, "subband": subband}, rows)
+        return {"polarization": polarization, "subband": subband}
 
 
 def table_arrays(table: pd.DataFrame) -> Arrays:

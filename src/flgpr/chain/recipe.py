@@ -250,8 +250,15 @@ class Variant(Table):
     suppress_roadside: bool = False
 
 
+RANKS = ("contrast", "magnitude")  # what every recipe can rank alarms by
+
+
 class Recipe(Table):
-    """All that a detection run depends on beside its data."""
+    """All that a detection run depends on beside its data.
+
+    Where nothing was trained on the alarms, ``confidence`` ranks them: their local contrast, the magnitude, or a column
+    of a features stage.
+    """
 
     name: str
     description: str
@@ -268,7 +275,7 @@ class Recipe(Table):
     features: FeaturesTable | None = None
     columns: tuple[FeaturesNamed, ...] = ()
     detector: DetectorTable | None = None
-    confidence: Literal["contrast", "magnitude"] = "contrast"
+    confidence: str = "contrast"
     suppression: SuppressionTable | None = None
     variants: tuple[Variant, ...] = ()
 
@@ -337,6 +344,8 @@ class Recipe(Table):
         kinds = [f"clutter {one.stage}" for one in self.clutter] + [f"columns {one.stage}" for one in self.columns]
         if len(set(kinds)) != len(kinds):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
+        if self.confidence not in RANKS and not self.columns:
+            raise ValueError(f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}")
         if self.variants and (self.named() or self.image.frames > 1):
             raise ValueError("variants need a recipe without named stages and with image.frames = 1, got both")
         if self.suppression is None and any(variant.suppress_roadside for variant in self.variants):

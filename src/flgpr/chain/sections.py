@@ -10,12 +10,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any
 
 import pandas as pd
 
 from flgpr.chain.recipe import Recipe
-from flgpr.chain.stages import ScreenStage
 from flgpr.model import Lane
 from flgpr.screen import view_threshold
 
@@ -53,11 +52,11 @@ def divide(rows: int, longest: int) -> list[Section]:
 def margin(recipe: Recipe) -> int:
     """Tell how many rows beyond its own a section must know to find its local maxima.
 
-    Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border.
+    Twice the alarm radius, as a maximum may give way to an equal one within the radius, and the border; more if what
+    its stages tell of an alarm depends on more.
     """
-    reach = 2 * recipe.prescreen.radius
-    if recipe.screen is not None:
-        reach = max(reach, cast(type[ScreenStage], recipe.screen.of).margin(recipe.screen.settings))
+    stages = [one for one in (recipe.screen, *recipe.columns) if one is not None]
+    reach = max([2 * recipe.prescreen.radius, *(one.of.margin(one.settings) for one in stages)])
     return math.ceil(reach / recipe.run_view.spacing) + 2
 
 

@@ -20,11 +20,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.fitting import check_channels
-from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, look_sums
+from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, check_confidence, look_sums
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.passes import Arrays
-from flgpr.chain.recipe import Recipe, course_lane
+from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.stages import FeatureStage, Setup
 from flgpr.clutter import CausalBackground
 from flgpr.features import FEATURES
@@ -330,7 +330,8 @@ def _one_thread() -> Iterator[None]:
 
 def _reads(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> AlarmFeatures:
     """Take of a recipe's features what decides on alarms: what the model's detector reads, without one the contrast."""
-    names = model.detector.features if model.detector is not None else ()
+    single = () if recipe.confidence in RANKS else (recipe.confidence,)
+    names = model.detector.features if model.detector is not None else single
     features = recipe.features.model_copy(update={"variants": False}) if recipe.features and names else None
     stages = _stages(description, recipe, lane, model) if names and recipe.columns else {}
     stages = {name: one for name, one in stages.items() if set(one.columns) & set(names)}
@@ -356,7 +357,9 @@ def _stages(description: RunDescription, recipe: Recipe, lane: Lane | None, mode
     imaged = [description.polarization.index(one) for one in table.polarizations or description.polarization]
     setup = Setup(run, {}, where, imager_of(run, table), recipe.near_grid(), recipe.run_view.grid(where), imaged, 1, {})
     made = {name: one.of(one.settings, setup, model.stages.get(name)) for name, one in recipe.named().items()}
-    return {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
+    stages = {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
+    check_confidence(recipe, (name for one in stages.values() for name in one.columns))
+    return stages
 
 
 def check_causal(recipe: Recipe) -> None:

@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 
 GROUP = "flgpr.stages"
 PACKAGED = {
-    "clutter": {"standing": "standing:StandingField", "masks": "masks:MaskedSuppression"},
+    "clutter": {
+        "standing": "standing:StandingField",
+        "masks": "masks:MaskedSuppression",
+        "low-rank": "low_rank:LowRank",
+    },
     "map": {
         "deflection": "forms:DeflectionMap",
         "neyman-pearson": "forms:NeymanPearsonMap",
@@ -36,7 +40,13 @@ PACKAGED = {
         "magnitude": "forms:MagnitudeMap",
     },
     "screen": {"clusters": "clusters:ClusterScreen"},
-    "features": {"templates": "clusters:TemplateFeatures", "tracking": "tracking:Tracking"},
+    "features": {
+        "templates": "clusters:TemplateFeatures",
+        "tracking": "tracking:Tracking",
+        "cfar": "anomaly:Cfar",
+        "rx": "anomaly:Rx",
+        "matched": "anomaly:Matched",
+    },
 }
 Positive = Annotated[float, Field(gt=0)]
 FloatArray = NDArray[np.float64]
@@ -94,6 +104,11 @@ class Stage:
         else a :class:`TrainingView`.
         """
         raise NotImplementedError(f"{cls.__name__} does not learn")
+
+    @classmethod
+    def margin(cls, settings: Any) -> float:  # noqa: ARG003
+        """Tell how far along the lane from an alarm it depends on the run-view, m."""
+        return 0.0
 
     @classmethod
     def memory(cls, settings: Any, sizes: Mapping[str, int], image: Grid) -> float:  # noqa: ARG003
@@ -194,7 +209,10 @@ class FeatureStage(Stage):
         raise NotImplementedError
 
     def of_view(self, view: xr.DataArray, points: FloatArray) -> Mapping[str, FloatArray]:  # noqa: ARG002
-        """Features of the run-view (polarization, subband, y, x) at points (alarm, 2) in the lane frame, m."""
+        """Features of the run-view (polarization, subband, y, x) at points (alarm, 2) in the lane frame, m.
+
+        Asked without points, of a bit of a run-view that says nothing, it tells the names of its columns.
+        """
         return {}
 
 

@@ -21,7 +21,13 @@ class StandingSettings(Table):
     most: Annotated[int, Field(ge=3)] = 64
 
 
-def standing_pass(name: str, scans: int, most: int, read: Callable[[int], ComplexArray]) -> Pass:
+def standing_pass(
+    name: str,
+    scans: int,
+    most: int,
+    read: Callable[[int], ComplexArray],
+    estimate: Callable[[ComplexArray], ComplexArray] = standing_field,
+) -> Pass:
     """Make the pass that estimates the standing field from at most so many scans; ``read`` gives a scan's data."""
     chosen = set(np.unique(np.rint(np.linspace(0, scans - 1, min(scans, most))).astype(int)).tolist())
 
@@ -33,7 +39,7 @@ def standing_pass(name: str, scans: int, most: int, read: Callable[[int], Comple
                 parts.append({"signal": read(index)[None]})
 
         sums = gathered(parts, add)
-        return Accumulator(add, sums.state, sums.merge, lambda: {"field": standing_field(sums.result()["signal"])})
+        return Accumulator(add, sums.state, sums.merge, lambda: {"field": estimate(sums.result()["signal"])})
 
     return Pass(name, "standing field", start, whole=True)
 

@@ -1,0 +1,83 @@
+"""Data freed from a subspace of low rank that stands still on the vehicle."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from flgpr.chain.passes import Pass
+from flgpr.chain.stages import ComplexArray, Table
+from flgpr.chain.stages.standing import StandingField, StandingSettings, standing_pass
+
+_MOST, _MISFIT = 30, 1e-5  # iterations; share of the matrix's norm at which they end
+_NOTHING = 1e-6  # of the largest singular value: what is smaller is no direction of clutter
+
+
+class LowRankSettings(StandingSettings):
+    """Of at most ``most`` scans, spread evenly over the run, a subspace of at most ``rank`` dimensions is learnt."""
+
+    rank: Annotated[int, Field(ge=1)] = 2
+
+
+class LowRank(StandingField):
+    """Subtracts from every scan its projection on the clutter's subspace, of its own for each polarization and pair.
+
+    The data (scan, frequency) are split into a part of low rank and a sparse one by principal component pursuit with
+    λ = 1/√max(n, m) (Candès, Li, Ma & Wright, "Robust principal component analysis?", Journal of the ACM 58(3), 2011,
+    Eq. 1.1) by the inexact augmented Lagrangian (Lin, Chen & Ma, arXiv:1009.5055, 2010). The first right singular
+    vectors of the former span the subspace; gains may drift, of each pair and each vector on their own.
+    """
+
+    Settings: ClassVar[type[Table]] = LowRankSettings
+
+    def passes(self) -> list[Pass]:
+        """Find the subspaces."""
+        scans, most = len(self.setup.imager), self.settings.most
+        return [standing_pass("low-rank", scans, most, lambda index: self.before(index, 1)[0], self._subspaces)]
+
+    def clean(self, index: int, data: ComplexArray) -> NDArray[np.complex64]:  # noqa: ARG002
+        """Subtract the projection."""
+        basis = self.setup.known["low-rank"]["field"]
+        gain = np.einsum("pkf,pkrf->pkr", data, basis.conj())
+        return np.asarray(data - np.einsum("pkr,pkrf->pkf", gain, basis), dtype=np.complex64)
+
+    def _subspaces(self, signal: ComplexArray) -> ComplexArray:
+        """Orthonormal vectors (polarization, pair, rank, frequency), zero where the clutter has fewer dimensions."""
+        rank, (scans, *pairs, tones) = self.settings.rank, signal.shape
+        if not rank < min(scans, tones):
+            raise ValueError(f"low-rank.rank must be less than scans and tones, {scans} and {tones}, got {rank}")
+        basis = np.zeros((*pairs, rank, tones), np.complex64)
+        for p, k in np.ndindex(*pairs):
+            _, size, vectors = np.linalg.svd(low_rank_part(signal[:, p, k]), full_matrices=False)
+            count = int((size[:rank] > _NOTHING * size[0]).sum())
+            basis[p, k, :count] = vectors[:count]
+        return basis
+
+
+def low_rank_part(matrix: NDArray[Any]) -> NDArray[np.complex128]:
+    """Low-rank part of a matrix (n, m), quickest for n ≤ m: only matrices (n, n) are decomposed."""
+    data = matrix.astype(np.complex128)
+    low, size, weight = np.zeros_like(data), np.linalg.norm(data), 1 / np.sqrt(max(data.shape))
+    if not size:
+        return low
+    largest, sparse = np.linalg.norm(data, 2), low
+    dual, slope = data / max(largest, np.abs(data).max() / weight), 1.25 / largest
+    for _ in range(_MOST):
+        target = data - sparse + dual / slope
+        power, vectors = np.linalg.eigh(target @ target.conj().T)
+        low = (vectors * _kept(np.sqrt(np.maximum(power, 0)), 1 / slope)) @ (vectors.conj().T @ target)
+        target = data - low + dual / slope
+        sparse = target * _kept(np.abs(target), weight / slope)
+        rest = data - low - sparse
+        dual, slope = dual + slope * rest, 1.5 * slope
+        if np.linalg.norm(rest) <= _MISFIT * size:
+            break
+    return low
+
+
+def _kept(size: Any, threshold: Any) -> Any:
+    """Share of values of these sizes that is left when they are shrunk by a threshold."""
+    return 1 - threshold / np.maximum(size, threshold)
