@@ -8,19 +8,20 @@ import pytest
 import xarray as xr
 from sklearn.covariance import ledoit_wolf
 
+from flgpr import tasks
 from flgpr.chain.detect import detect
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import Model
-from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.model import load_model
+from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.anomaly import Cfar, CfarSettings, Matched, MatchedSettings, Rx, RxSettings
 from flgpr.chain.stages.low_rank import LowRank, LowRankSettings, low_rank_part
 from flgpr.clutter import standing_field, subtract_standing
-from flgpr.io import describe_for_live
+from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector
 from flgpr.model import Lane
-from small_lane import LANE, TARGETS, small_recipe, small_run
+from small_lane import LANE, LANE_TOML, TARGETS, small_recipe, small_run
 
 X, Y = np.round(np.arange(-2, 2.05, 0.1), 9), np.round(np.arange(0, 10.05, 0.1), 9)
 ONE = [[0.0, 5.0]]  # a place: pixel 50, 20
@@ -282,6 +283,7 @@ def recipe(confidence, *stages):
 
 
 CFAR = 'columns]]\nstage = "cfar"\npolarization = "HH"\nsubband = "F1"\nouter = [1.0, 1.0]'
+MATCHED = 'columns]]\nstage = "matched"\nreach = 0.4'
 TRACKED = 'columns]]\nstage = "tracking"\nlevel = 1.5'
 
 
@@ -314,14 +316,19 @@ def test_sections_rank_alike(run):
     np.testing.assert_allclose(table[["x", "y", "confidence"]], want[["x", "y", "confidence"]], rtol=1e-4)
 
 
-def test_a_learnt_column_ranks_with_what_its_stage_learnt(run):
-    one = recipe("amf", 'columns]]\nstage = "matched"\nreach = 0.4')
+def test_a_learnt_column_ranks_and_no_detector_is_trained_for_it(run, tmp_path):
+    save_run(run, tmp_path / "run.zarr")
+    TRUTH.assign(target_id=["a", "b", "c"], depth=0.0).to_csv(tmp_path / "truth.csv", index=False)
+    (tmp_path / "lane.toml").write_text(LANE_TOML)
+    (tmp_path / "amf.toml").write_text('confidence = "amf"\n' + PLAIN + f"\n[[{MATCHED}\n")
+    one = load_recipe(tmp_path / "amf.toml")
     with pytest.raises(ValueError, match=r"learns .*features\.matched"):
         detect(run, one, LANE)
-    chain = LaneChain(run, one, LANE, truth=TRUTH)
-    chain.go()
-    learnt = Matched.fit(one.columns[0].settings, [TrainingView(chain.training_view, TRUTH, LANE)])[0]
-    found = detect(run, one, LANE, model=Model(None, {"features.matched": learnt}))[0]
+    files = [[tmp_path / name] for name in ("run.zarr", "truth.csv", "lane.toml")]
+    model = tasks.train_runs(*files[:2], tmp_path / "amf.toml", tmp_path / "model", lanes=files[2])
+    assert model.detector is None
+    assert model.notes["features.matched"]["mines_for_signature"] == 3
+    found = detect(run, one, LANE, model=load_model(tmp_path / "model"))[0]
     np.testing.assert_array_equal(found.alarms["confidence"], found.features["amf"])
     assert found.features["ace"].abs().max() <= 1
 

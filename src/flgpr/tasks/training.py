@@ -17,7 +17,7 @@ from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import Model, check_free_model, save_model
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import DetectorTable, Recipe, parse_recipe, recipe_text
+from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Executor
@@ -69,7 +69,8 @@ def train_runs(
         raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
-    judges = parsed.features is not None or bool(parsed.columns)
+    wanted = parsed.confidence in RANKS or parsed.detector is not None or bool(features)  # else a stage's column ranks
+    judges = wanted and (parsed.features is not None or bool(parsed.columns))
     if not judges and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
     tables = [read_table(truth, "truth") for truth in truths]
