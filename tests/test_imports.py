@@ -29,9 +29,10 @@ ALLOWED = {
     "execution": {"model", "io", "chain", "results", "report"},
     "live": {"model", "io", "chain"} | STAGES,
     "tasks": BELOW | {"chain", "results", "report", "design", "execution", "live"},
+    "benchmark": BELOW | {"chain", "results", "report", "execution", "tasks"},
     "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
     "viewer": {"model", "io"},
-    "cli": {"tasks", "chain", "viewer"},
+    "cli": {"tasks", "chain", "viewer", "benchmark"},
     "__main__": {"cli"},
     "__init__": {"chain", "results", "tasks"} | BELOW,
 }

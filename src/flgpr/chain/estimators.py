@@ -53,13 +53,14 @@ class TrainedEstimator:
     estimator: Any
     file: NDArray[np.uint8]  #: bytes of the estimator, as :meth:`arrays` gives them
     notes: dict[str, Any] = field(default_factory=dict)
+    unlike: bool = False  #: whether what is unlike the training examples scores high
 
     def confidence(self, features: pd.DataFrame) -> FloatArray:
         """Score alarms: higher is more like a mine; NaN where a feature is missing."""
         values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
         if whole.any():
-            result[whole] = self._score((values[whole] - self.centre) / self.scale)
+            result[whole] = self._score((values[whole] - self.centre) / self.scale) * (-1 if self.unlike else 1)
         return result
 
     def _score(self, X: FloatArray) -> FloatArray:
@@ -75,7 +76,7 @@ class TrainedEstimator:
 
     def about(self) -> dict[str, Any]:
         """Tell what JSON can hold of it."""
-        return {"estimator": self.name, "features": list(self.features)}
+        return {"estimator": self.name, "features": list(self.features), "unlike": self.unlike}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Give its arrays."""
@@ -97,7 +98,8 @@ class TrainedEstimator:
         if type(estimator) is not find_estimator(about["estimator"]):
             raise ValueError(f"it must hold a {about['estimator']}, got {type(estimator).__name__}")
         names = tuple(str(name) for name in about["features"])
-        return cls(about["estimator"], names, arrays["centre"], arrays["scale"], estimator, arrays["estimator"], notes)
+        told = arrays["centre"], arrays["scale"], estimator, arrays["estimator"], notes, bool(about.get("unlike"))
+        return cls(about["estimator"], names, *told)
 
 
 def _dumped(estimator: Any) -> NDArray[np.uint8]:
@@ -129,8 +131,8 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
     """
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1
-    wanted = mines if table.on == "mines" else np.ones_like(mines)
-    if not mines.any() or (table.on == "all" and mines.all()):
+    wanted = {"all": np.ones_like(mines), "mines": mines, "clutter": ~mines}[table.on]
+    if (table.on != "clutter" and not mines.any()) or (table.on != "mines" and mines.all()):
         raise ValueError(f"training needs hits and false alarms, got {int(mines.sum())} and {int((~mines).sum())}")
     X = values[wanted]
     centre, scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
@@ -141,6 +143,9 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
         estimator = find_estimator(table.estimator)(**table.options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
-    estimator.fit((X - centre) / scale, *(() if table.on == "mines" else (examples.label,)))
+    estimator.fit((X - centre) / scale, *((examples.label,) if table.on == "all" else ()))
     notes = {"hits": int(mines.sum()), "false_alarms": int((~mines).sum()), "lanes": np.unique(examples.lane).tolist()}
-    return TrainedEstimator(table.estimator, tuple(features), centre, scale, estimator, _dumped(estimator), notes)
+    unlike = table.on == "clutter"
+    return TrainedEstimator(
+        table.estimator, tuple(features), centre, scale, estimator, _dumped(estimator), notes, unlike
+    )

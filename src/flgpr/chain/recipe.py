@@ -184,15 +184,15 @@ class DetectorTable(Table):
 
     ``estimator`` is "fisher" (Wang et al. 2007: histogram normaliser, duplication of hits, Fisher discriminant), or one
     that ``ALLOWED`` in :mod:`flgpr.chain.estimators` names, with its ``options``; ``scale`` "standard" brings every
-    feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone. ``features`` are
-    columns; names may end in ``*``.
+    feature to zero mean and unit deviation before. With ``on`` "mines" it is shown the mines alone, with "clutter" all
+    but these, and what is unlike that scores high. ``features`` are columns; names may end in ``*``.
     """
 
     estimator: str = "fisher"
     features: tuple[str, ...] = ()
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
     scale: Literal["standard", "none"] = "standard"
-    on: Literal["all", "mines"] = "all"
+    on: Literal["all", "mines", "clutter"] = "all"
 
     @model_validator(mode="after")
     def _known(self) -> DetectorTable:

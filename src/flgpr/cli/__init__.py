@@ -10,6 +10,7 @@ from typer import Option
 
 import flgpr
 from flgpr.cli import runs
+from flgpr.cli.benchmark import benchmark_app
 from flgpr.cli.calibration import anchor, calibrate_app
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
@@ -28,7 +29,7 @@ app.registered_commands += runs.app.registered_commands
 commands: tuple[Callable[..., None], ...] = (simulate, design, anchor, export, reproduce, live, feed)
 for command in commands:
     app.command()(command)
-for group in (calibrate_app, import_app, recipe_app, plan_app, bench_app):
+for group in (calibrate_app, import_app, recipe_app, plan_app, bench_app, benchmark_app):
     app.add_typer(group)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import secrets
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ class BlindScore:
     #: thresholds: the confidence at which Pd rises would tell which alarm lies on a target
     points: pd.DataFrame
     counts: dict[str, Any]  #: ``n_alarms``, ``n_targets``, ``area`` (m²), ``halo_radius`` (m), ``area_rule``
-    looks: int  #: how often this truth was scored so far, this time included
+    looks: int  #: how often this truth was scored or opened so far, this time included
     lists: int  #: how many different alarm lists that were
 
 
@@ -97,11 +98,29 @@ def seal_truth(
     return file
 
 
-def open_truth(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
+def open_truth(
+    path: str | Path, passphrase: str, log: str | Path | None = None
+) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
     """Decrypt what :func:`seal_truth` wrote: truth table, lanes by name, and the rules ``halo``, ``area`` and ``by``.
 
-    A file that is no sealed truth or was altered, or a wrong passphrase, is a ValueError.
+    The log of :func:`score_blind` counts it as a look. A file that is no sealed truth or was altered, or a wrong
+    passphrase, is a ValueError.
     """
+    content = _decrypted(path, passphrase)
+    _enter(path, log, event="open")
+    return content
+
+
+def _enter(sealed: str | Path, log: str | Path | None, **entry: Any) -> list[dict[str, Any]]:
+    """Enter a look into a sealed truth's log and give all its looks so far."""
+    book, key = Path(f"{sealed}.log.jsonl") if log is None else Path(log), content_hash(Path(sealed))
+    register(book, sealed=key, **entry)
+    return [
+        line for line in read_register(book) if line.get("sealed") == key and line.get("event") in ("score", "open")
+    ]
+
+
+def _decrypted(path: str | Path, passphrase: str) -> tuple[pd.DataFrame, dict[str, Any], dict[str, Any]]:
     from cryptography.fernet import InvalidToken
 
     try:
@@ -130,12 +149,7 @@ def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: 
     named) before anything is shown, so that repeated looks show. Alarms, a file, a passphrase or a log that are not
     valid are a ValueError.
     """
-    truth, lanes, rules = open_truth(sealed, passphrase)
-    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], rules["halo"])
-    book = Path(f"{sealed}.log.jsonl") if log is None else Path(log)
-    key = content_hash(Path(sealed))
-    register(book, event="score", alarms=alarm_hash(matched.alarms), n_alarms=len(matched.alarms), sealed=key)
-    mine = [line for line in read_register(book) if line.get("sealed") == key and line.get("event") == "score"]
+    matched, truth, rules, mine = match_blind(alarms, sealed, passphrase, log)
     groups: list[tuple[str, Any]] = [("all", None)]
     if rules["by"] is not None:
         groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].dropna().unique())]
@@ -144,7 +158,28 @@ def score_blind(alarms: pd.DataFrame, sealed: str | Path, passphrase: str, log: 
     points = pd.concat(tables, ignore_index=True)
     curve = roc_of(matched, area=rules["area"])
     counts = {name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")}
-    return BlindScore(points, counts, len(mine), len({line["alarms"] for line in mine}))
+    return BlindScore(points, counts, len(mine), len({line["alarms"] for line in mine if "alarms" in line}))
+
+
+def match_blind(
+    alarms: pd.DataFrame,
+    sealed: str | Path,
+    passphrase: str,
+    log: str | Path | None = None,
+    some: Sequence[str] = (),
+) -> tuple[Match, pd.DataFrame, dict[str, Any], list[dict[str, Any]]]:
+    """Match an alarm list to a sealed truth, once the look is entered; with the truth, its rules and all looks so far.
+
+    What it gives shows positions, and is for those who sum it up as :func:`score_blind` does. With ``some`` lanes the
+    others and their targets are left out.
+    """
+    truth, lanes, rules = _decrypted(sealed, passphrase)
+    if some:
+        lanes = {name: lanes[name] for name in some}
+        truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
+    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], rules["halo"])
+    entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
+    return matched, truth, rules, _enter(sealed, log, event="score", **entry)
 
 
 def _points(matched: Match, level: Chance, name: str, subset: Any, area: Any) -> pd.DataFrame:

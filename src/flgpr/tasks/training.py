@@ -150,7 +150,7 @@ class _Course:
             for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
         ]
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
+        wanted = matching_columns(list(features) or list(table.features), list(alarms[0][2].columns))
         examples = make_training_set(alarms, label_radius, wanted, self._spent())
         if table.estimator == "fisher":
             self.model = replace(self.model, detector=train(examples, wanted))
@@ -187,7 +187,8 @@ class _Course:
         shutil.rmtree(self._learnt, ignore_errors=True)
 
 
-def _matching(wanted: list[str], columns: list[str]) -> list[str]:
+def matching_columns(wanted: list[str], columns: list[str]) -> list[str]:
+    """Find the columns that names, which may be patterns, stand for; a name that fits none is a ValueError."""
     matching = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
     missing = [pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)]
     if missing or not matching:

@@ -1,0 +1,318 @@
+"""Running detectors on the proving ground: lanes made once, each trained on some, frozen, and tried on others."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import tomllib
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.benchmark.ground import Ground, GroundLane, load_ground
+from flgpr.chain.classifier import make_training_set, train
+from flgpr.chain.estimators import train_estimator
+from flgpr.chain.model import Detector
+from flgpr.chain.progress import silent
+from flgpr.chain.recipe import RANKS, DetectorTable, parse_recipe, recipe_text
+from flgpr.execution.executors import Report
+from flgpr.execution.survey import How
+from flgpr.io import lane_text, open_run, read_manifest, read_table, sha256, write_table, write_whole
+from flgpr.results.result import read_result
+from flgpr.scoring import seal_truth
+from flgpr.simulate import draw_world
+from flgpr.tasks.detection import detect_runs
+from flgpr.tasks.simulation import simulate_to_store
+from flgpr.tasks.training import matching_columns, train_runs
+
+SEALED, PRINTS, ALARMS, COSTS, MARK = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json", "ground.json"
+_BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A detector that enters: a recipe's text, or a folder of alarm lists made elsewhere."""
+
+    name: str
+    title: str
+    text: str = ""
+    alarms: Path | None = None
+
+
+def packaged_entries() -> dict[str, Entry]:
+    """Read the packaged entries: packaged recipes with what this ground's array or the entry asks for changed."""
+    told = tomllib.loads((resources.files("flgpr.benchmark") / "entries.toml").read_text("utf-8"))
+    found = {}
+    for name, row in told.items():
+        text = recipe_text(row["recipe"])
+        for old, new in row.get("replace", []):
+            if text.count(old) != 1:
+                raise ValueError(f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}")
+            text = text.replace(old, new)
+        top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
+        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
+    return found
+
+
+def find_entry(what: str | Path) -> Entry:
+    """Find a packaged entry by its name, a recipe (packaged or TOML), or a folder with alarm lists of one's own."""
+    entries = packaged_entries()
+    if str(what) in entries:
+        return entries[str(what)]
+    path = Path(what)
+    if path.is_dir():
+        if not list(path.glob("*.csv")):
+            raise ValueError(f"a folder that enters must hold alarm lists, SPLIT.csv, got none in {path}")
+        return Entry(path.name, f"alarms of {path.name}", alarms=path)
+    text = recipe_text(what)
+    return Entry(path.stem, parse_recipe(text, str(what)).description, text)
+
+
+def read_ground(folder: Path) -> Ground:
+    """Read the ground that a benchmark's folder is of."""
+    if not (folder / MARK).is_file():
+        raise ValueError(f"folders must be those of `flgpr benchmark run`, got {folder}")
+    quick = bool(json.loads((folder / MARK).read_text("utf-8"))["quick"])
+    return load_ground(quick, folder / "ground.toml")
+
+
+def passphrase(ground: Ground) -> str:
+    """Passphrase of the sealed truth: public, for it guards against accidents, not against who means to look."""
+    return f"the truth of {ground.title}"
+
+
+def make_lanes(ground: Ground, home: Path, how: How) -> None:
+    """Simulate the lanes that are not there yet; the truth of test lanes is sealed, that of the others lies beside."""
+    seal_tested(ground, home)
+    left = [lane.name for lane in ground.lanes.values() if not (home / f"{lane.name}-lane.toml").is_file()]
+    with how.executor() as executor:
+        jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
+        for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
+            pass
+    rows = [fingerprint(home, name) for name in ground.lanes]
+    write_whole(home / PRINTS, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
+
+
+def seal_tested(ground: Ground, home: Path) -> None:
+    """Seal the truth of all test lanes, if that was not done yet."""
+    home.mkdir(parents=True, exist_ok=True)
+    if not (home / SEALED).is_file():
+        tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
+        tables = [_truth(lane) for lane in tested]
+        borders = {lane.name: lane.scene.lane for lane in tested}
+        seal_truth(
+            pd.concat(tables, ignore_index=True), borders, home / SEALED, passphrase(ground), halo=ground.table.halo
+        )
+
+
+def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
+    """Simulate one lane; what tells where the targets of a test lane lie does not stay."""
+    lane, folder = load_ground(quick, ground).lanes[name], Path(home)
+    simulate_to_store(lane.scene, lane.sensor, lane.seed, folder / f"{name}.zarr")
+    (folder / f"{name}-lane.toml").unlink()
+    for beside in _BESIDE:
+        if lane.part == "test" or beside != "truth.csv":
+            (folder / f"{name}-{beside}").unlink()
+    write_whole(folder / f"{name}-lane.toml", lane_text(lane.scene.lane))  # the last: it says that the lane is there
+    return {"lane": name}
+
+
+def _truth(lane: GroundLane) -> pd.DataFrame:
+    truth = draw_world(lane.scene, lane.seed).truth()
+    return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
+
+
+def fingerprint(home: Path, name: str) -> dict[str, Any]:
+    """Tell a lane's digest, and the rms of its echoes by polarization, by which machines of other bits are compared."""
+    store = home / f"{name}.zarr"
+    run = open_run(store)
+    level = np.sqrt(np.nanmean(np.abs(run["signal"].values) ** 2, axis=(0, 2, 3), dtype=float))
+    labels = [str(label) for label in run["polarization"].values]
+    return {"lane": name, "sha256": read_manifest(store)["sha256"], **dict(zip(labels, level, strict=True))}
+
+
+class Course:
+    """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
+
+    def __init__(self, ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+        self.ground, self.entry, self.home, self.folder, self.how = ground, entry, home, folder, how
+        self.recipe = parse_recipe(entry.text, entry.name)
+        self.costs: dict[str, dict[str, float]] = {}
+
+    def run(self) -> None:
+        """Write the alarms of every split."""
+        for split, row in self.ground.table.splits.items():
+            parts = []
+            for fold in row.folds:
+                known = self.ground.matching(fold.train, fold.without)
+                parts += list(self._alarms(known, self.ground.matching(fold.test)))
+            home = self.folder / split
+            home.mkdir(parents=True, exist_ok=True)
+            write_table(pd.concat(parts, ignore_index=True), home / ALARMS)
+
+    def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> Iterator[pd.DataFrame]:
+        """Train on lanes and give the alarms of others, with their lane."""
+        # Lanes are imaged once for all entries that differ only in what judges the features or ranks by them.
+        column = self.recipe.confidence if self.recipe.confidence not in RANKS else None
+        text = self.entry.text if column is None else re.sub(r"(?m)^confidence = .*\n", "", self.entry.text)
+        learns, table, judge, model = bool(self.recipe.learning()), self.recipe.detector, None, None
+        if not learns:
+            text = re.sub(r"(?ms)^\[detector.*?(?=^\[(?!detector)|\Z)", "", text)
+        made_of = [text.strip(), [lane.name for lane in known] if learns else []]
+        shared = self.home / "found" / sha256(json.dumps(made_of).encode())[:12]
+        shared.mkdir(parents=True, exist_ok=True)
+        write_whole(shared / "recipe.toml", text)
+        if learns:
+            model = shared / "model"
+            self._train(shared / "recipe.toml", known, model)
+        elif table is not None:
+            judge = self._judge(table, known, dict(self._detect(shared, known)))
+        for name, result in self._detect(shared, tested, model):
+            found_here = result.detections[0]
+            alarms = found_here.alarms.assign(lane=name)
+            if column is not None:
+                alarms = alarms.assign(confidence=found_here.features[column])
+            if judge is not None:
+                alarms = alarms.assign(confidence=judge.confidence(found_here.features))
+            yield alarms.dropna(subset=["confidence"])
+
+    def _train(self, recipe: Path, known: Sequence[GroundLane], model: Path) -> None:
+        """Train the stages of a recipe that learn, and its detector, unless that was done."""
+        costs = model.with_name("training.json")
+        if not model.is_dir():
+            runs, truths, areas = (
+                [self.home / f"{lane.name}{end}" for lane in known] for end in (".zarr", "-truth.csv", "-lane.toml")
+            )
+            begun = time.perf_counter()
+            train_runs(
+                runs, truths, recipe, model, lanes=areas, label_radius=self.ground.table.halo, track=self.how.track,
+                workers=self.how.workers, scheduler=self.how.scheduler,
+            )  # fmt: skip
+            write_whole(costs, json.dumps({"seconds": time.perf_counter() - begun}) + "\n")
+        self._cost(f"training {model.parent.name}", json.loads(costs.read_text("utf-8")))
+
+    def _judge(self, table: DetectorTable, known: Sequence[GroundLane], seen: dict[str, Any]) -> Detector:
+        """Train a detector on the features of lanes."""
+        begun = time.perf_counter()
+        lanes = [
+            (lane.name, seen[lane.name].detections[0].alarms, seen[lane.name].detections[0].features,
+             read_table(self.home / f"{lane.name}-truth.csv", "truth"), lane.scene.lane)
+            for lane in known
+        ]  # fmt: skip
+        wanted = matching_columns(list(table.features), list(lanes[0][2].columns))
+        examples = make_training_set(lanes, self.ground.table.halo, wanted)
+        judge = train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+        self._cost(f"training on {len(known)} lanes", {"seconds": time.perf_counter() - begun})
+        return judge
+
+    def _detect(
+        self, output: Path, lanes: Sequence[GroundLane], model: Path | None = None
+    ) -> Iterator[tuple[str, Any]]:
+        """Detect by the recipe in a folder, on lanes that it was not tried on yet, and give all results."""
+        costs = output / COSTS
+        spent: dict[str, dict[str, float]] = json.loads(costs.read_text("utf-8")) if costs.is_file() else {}
+
+        def note(report: Report) -> None:
+            own = spent.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
+            own["processor_seconds"] += report["processor_seconds"]
+            own["peak_bytes"] = max(own["peak_bytes"], report["peak_bytes"])
+
+        how = How(self.how.workers, self.how.scheduler, self.how.max_memory, self.how.track, note)
+        runs, borders = ([self.home / f"{one.name}{end}" for one in lanes] for end in (".zarr", "-lane.toml"))
+        try:
+            detect_runs(runs, output / "recipe.toml", output, lanes=borders, model=model, report=False, how=how)
+        finally:
+            write_whole(costs, json.dumps(spent, indent=1) + "\n")
+        for lane in lanes:
+            self._cost(lane.name, spent.get(lane.name, {}))
+            yield lane.name, read_result(output / lane.name)
+
+    def _cost(self, what: str, cost: dict[str, float]) -> None:
+        self.costs.setdefault(what, {}).update(cost)
+        write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
+
+
+def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
+    """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
+    _tell(ground, entry, folder)
+    if entry.alarms is None:
+        Course(ground, entry, home, folder, how).run()
+        return
+    for split in ground.table.splits:
+        given = entry.alarms / f"{split}.csv"
+        if given.is_file():
+            table = read_table(given, "alarms")
+            wanted = {lane.name for lane in ground.tested(split)}
+            if "lane" not in table.columns or not set(table["lane"]) <= wanted:
+                raise ValueError(
+                    f"{given} must name in the column lane the lanes of {split}: {', '.join(sorted(wanted))}"
+                )
+            (folder / split).mkdir(exist_ok=True)
+            write_table(table, folder / split / ALARMS)
+
+
+def _tell(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
+    """Write what an entry is, and why it did not finish if so."""
+    folder.mkdir(parents=True, exist_ok=True)
+    about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
+    write_whole(folder / "entry.json", json.dumps(about, indent=1) + "\n")
+
+
+def run_benchmark(
+    entries: Sequence[str | Path],
+    output: str | Path,
+    quick: bool = False,
+    how: How | None = None,
+    ground: str | Path | None = None,
+) -> Path:
+    """Run detectors on the proving ground: make its lanes, train, freeze, detect; what was stopped goes on.
+
+    Parameters
+    ----------
+    entries : sequence of str or path
+        Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all packaged entries.
+    output : str or path
+        Folder that takes the lanes, ``lanes``, and a folder per entry.
+    quick : bool
+        The quick form, which shows that everything runs.
+    how : How, optional
+        Who does the work.
+    ground : str or path, optional
+        TOML file of a proving ground of one's own, as the packaged one is described.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    ValueError
+        If an entry is not there, not valid or does not fit the lanes, or the folder is of another form of the ground.
+    """
+    how = how or How(track=silent)
+    chosen, folder = load_ground(quick, None if ground is None else Path(ground)), Path(output)
+    found = [find_entry(one) for one in entries] or list(packaged_entries().values())
+    for entry in found:
+        if entry.alarms is None:
+            parse_recipe(entry.text, entry.name)
+    if (folder / MARK).is_file() and read_ground(folder) != chosen:
+        raise ValueError(f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "ground.toml", chosen.text)
+    write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
+    make_lanes(chosen, folder / "lanes", how)
+    for entry in how.track(found, "entries", len(found)):
+        try:
+            run_entry(chosen, entry, folder / "lanes", folder / "entries" / entry.name, how)
+        except ValueError as error:  # the others shall not wait for one that cannot be trained
+            warnings.warn(f"{entry.name} did not finish: {error}", stacklevel=2)
+            _tell(chosen, entry, folder / "entries" / entry.name, str(error))
+    return folder

@@ -1,0 +1,305 @@
+"""Scoring what entered and setting it side by side: every Pd with its interval, its counts and what chance gives."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from flgpr.benchmark.ground import Ground, load_ground
+from flgpr.benchmark.running import ALARMS, COSTS, PRINTS, SEALED, packaged_entries, passphrase, read_ground
+from flgpr.io import read_table, sha256, write_whole
+from flgpr.io.files import existing
+from flgpr.report import render
+from flgpr.scoring import alarm_hash, chance, compare, match, operating_row, pd_mean, roc_of
+from flgpr.scoring.blind import match_blind
+from flgpr.scoring.matching import Match
+
+MINES = "mines"
+_COUNTS = ("n_detected", "n_targets", "n_false")
+
+
+def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Score all entries of benchmark folders that were not scored yet, each time a look at the truth that is logged.
+
+    Parameters
+    ----------
+    folders : sequence of str or path
+        What :func:`flgpr.benchmark.running.run_benchmark` wrote, of one form of the ground.
+
+    Returns
+    -------
+    scores : DataFrame
+        A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²: ``pd`` with
+        ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the FAR of comparison also mines
+        that the entry alone finds (``only``), the reference alone (``reference_only``), and ``p`` of the paired test.
+    costs : DataFrame
+        A row per entry: processor seconds per km in detection, seconds of training, the largest process in bytes.
+
+    Raises
+    ------
+    ValueError
+        If a folder is no benchmark's, or they are of different grounds.
+    """
+    homes = [Path(folder) for folder in folders]
+    ground = _ground_of(homes)
+    reference = {split: _alarms_of(homes, ground, split) for split in ground.table.splits}
+    rows: list[dict[str, Any]] = []
+    costs = []
+    for home, entry in _entries(homes):
+        for split in ground.table.splits:
+            path = entry / split / ALARMS
+            if path.is_file():
+                rows += _kept_score(ground, home, entry, split, reference[split])
+        costs.append(_cost(ground, entry))
+    scores = pd.DataFrame(rows)
+    if scores.empty:
+        raise ValueError(f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}")
+    return scores, pd.DataFrame(costs)
+
+
+def _ground_of(homes: Sequence[Path]) -> Ground:
+    grounds = [read_ground(home) for home in homes]
+    if any(one != grounds[0] for one in grounds):
+        raise ValueError(f"folders must all be of one ground, got {', '.join(one.title for one in grounds)}")
+    return grounds[0]
+
+
+def _entries(homes: Sequence[Path]) -> Iterator[tuple[Path, Path]]:
+    for home in homes:
+        for mark in sorted((home / "entries").glob("*/entry.json")):
+            yield home, mark.parent
+
+
+def _alarms_of(homes: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
+    """Alarms of the reference in a split, from the first folder that has them."""
+    paths = (home / "entries" / ground.table.reference / split / ALARMS for home in homes)
+    return next((read_table(path, "alarms") for path in paths if path.is_file()), None)
+
+
+def _kept_score(
+    ground: Ground, home: Path, entry: Path, split: str, reference: pd.DataFrame | None
+) -> list[dict[str, Any]]:
+    """Score an entry's alarms of a split, or read the score of just these alarms beside just this reference."""
+    alarms = read_table(entry / split / ALARMS, "alarms")
+    other = None if reference is None or entry.name == ground.table.reference else reference
+    sealed = home / "lanes" / SEALED
+    made_of = [ground.table.model_dump(mode="json"), alarm_hash(alarms), other is not None and alarm_hash(other)]
+    key = sha256(json.dumps([made_of, sha256(sealed.read_bytes())]).encode())[:12]
+    kept = entry / split / f"score-{key}.json"
+    if not kept.is_file():
+        names = [lane.name for lane in ground.tested(split)]
+        looked = match_blind(alarms, sealed, passphrase(ground), some=names)[0]
+        beside = None if other is None else match_blind(other, sealed, passphrase(ground), some=names)[0]
+        rows = list(_rows(ground, split, looked, beside))
+        write_whole(kept, json.dumps(rows) + "\n")
+    about = {"entry": entry.name, "split": split}
+    return [about | row for row in json.loads(kept.read_text("utf-8"))]
+
+
+def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:
+    """Give the score of all mines, of every kind of target, and of the mines of every site."""
+    wanted = ground.table.splits[split].kinds
+    kind = matched.truth["kind"].astype(str)
+    mines = (kind.isin(wanted) if wanted else kind != "simulant").to_numpy()
+    site = matched.truth["lane"].map({lane.name: lane.site for lane in ground.tested(split)}).to_numpy()
+    level = chance(matched)
+    groups = {MINES: mines} | {str(one): (kind == one).to_numpy() for one in sorted(kind.unique())}
+    for name, rows in groups.items():
+        yield from _points(ground, name, matched, level, rows, reference if name == MINES else None)
+    for name in ground.table.sites:
+        own = [lane.name for lane in ground.tested(split) if lane.site == name]
+        if own and (mines & (site == name)).any():
+            part = _part_of(matched, own)
+            rows = (
+                part.truth["kind"].astype(str).isin(wanted) if wanted else part.truth["kind"] != "simulant"
+            ).to_numpy()
+            yield from _points(ground, name, part, chance(part), rows, None)
+
+
+def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
+    """Match of some of the lanes alone."""
+    alarms, truth = (
+        table[table["lane"].isin(lanes)].reset_index(drop=True) for table in (matched.alarms, matched.truth)
+    )
+    return match(alarms, truth, {name: matched.lanes[name] for name in lanes}, matched.halo)
+
+
+def _points(
+    ground: Ground, group: str, matched: Match, level: Any, rows: Any, reference: Match | None
+) -> Iterator[dict[str, Any]]:
+    curve = level.beside(roc_of(matched, rows), rows)
+    fars = ground.table.fars
+    for allowed, (_, row) in zip(fars, curve.iloc[operating_row(curve, np.array(fars))].iterrows(), strict=True):
+        told = {name: float(row[name]) for name in ("pd", "pd_low", "pd_high", "chance", "far")}
+        told |= {name: int(row[name]) for name in _COUNTS} | {"area": float(curve.attrs["area"])}
+        if allowed == ground.table.far:
+            told["pd_mean"] = float(pd_mean(curve, max(fars)))
+            if reference is not None:
+                paired = compare(matched, reference, rows, far=allowed, far_max=max(fars), draws=200)
+                told |= {"only": paired.only_a, "reference_only": paired.only_b, "p": paired.p_detections}
+        yield {"group": group, "far_allowed": allowed, **told}
+
+
+def _cost(ground: Ground, entry: Path) -> dict[str, Any]:
+    path = entry / COSTS
+    costs: Mapping[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+    lanes = {name: cost for name, cost in costs.items() if name in ground.lanes and cost}
+    length = sum(ground.lanes[name].scene.length for name in lanes) / 1000
+    seconds = sum(cost["processor_seconds"] for cost in lanes.values())
+    return {
+        "entry": entry.name,
+        "seconds_per_km": seconds / length if length else float("nan"),
+        "training_seconds": sum(cost["seconds"] for name, cost in costs.items() if name.startswith("training")),
+        "peak_bytes": max((cost["peak_bytes"] for cost in lanes.values()), default=float("nan")),
+    }
+
+
+def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
+    """Write the table of all mines at the FAR of comparison, in words and figures."""
+    lines = [f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, chance"]
+    chosen = scores[(scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)]
+    for split, row in ground.table.splits.items():
+        lines += ["", f"{split}: {row.title}"]
+        ranked = chosen[chosen["split"] == split].sort_values("pd", ascending=False, kind="stable")
+        for one in ranked.to_dict("records"):
+            told = f"  {one['entry']:20} {pd_in_words(one)}"
+            lines.append(told + paired_in_words(one, ground.table.reference))
+    lines += ["", f"{'cost':22} processor s/km  training s  largest process MiB"]
+    for one in costs.to_dict("records"):
+        figures = f"{one['seconds_per_km']:14.0f} {one['training_seconds']:11.0f} {one['peak_bytes'] / 2**20:20.0f}"
+        lines.append(f"  {one['entry']:20} {figures}")
+    return "\n".join(lines)
+
+
+def pd_in_words(one: Mapping[Any, Any]) -> str:
+    """Say a Pd with its interval, counts and chance."""
+    return (
+        f"{one['pd']:.2f} ({one['pd_low']:.2f} to {one['pd_high']:.2f}), {one['n_detected']:.0f} of "
+        f"{one['n_targets']:.0f}, {one['n_false']:.0f} false, chance {one['chance']:.2f}"
+    )
+
+
+def paired_in_words(one: Mapping[Any, Any], reference: str) -> str:
+    """Say how it stands against the reference, mine by mine; nothing of the reference itself."""
+    p = one.get("p")
+    if p is None or not np.isfinite(p):
+        return ""
+    return f"; +{one['only']:.0f} -{one['reference_only']:.0f} against {reference}, p = {p:.2g}"
+
+
+def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
+    """Score what is not scored yet, write ``scores.csv``, ``costs.csv`` and ``index.html``, and give the table as text.
+
+    The first file is the same, to the digit, for the same alarms; the second is what this machine took.
+    """
+    homes, to = [Path(folder) for folder in folders], Path(output)
+    scores, costs = score_entries(homes)
+    ground = _ground_of(homes)
+    to.mkdir(parents=True, exist_ok=True)
+    write_whole(to / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
+    write_whole(to / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
+    about = {entry.name: json.loads((entry / "entry.json").read_text("utf-8")) for _, entry in _entries(homes)}
+    titles = {
+        name: one["title"] + (f"; did not finish: {one['fault']}" if one["fault"] else "")
+        for name, one in about.items()
+    }
+    write_whole(to / "index.html", _page(ground, scores, costs, titles))
+    faults = [f"{name} did not finish: {one['fault']}" for name, one in about.items() if one["fault"]]
+    return "\n".join([table_text(ground, scores, costs), *faults])
+
+
+def _page(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]) -> str:
+    return render(
+        "benchmark.html",
+        ground=ground,
+        splits=[
+            (split, row.title, split_figure(ground, scores, split), list(_page_rows(ground, scores, split)))
+            for split, row in ground.table.splits.items()
+            if (scores["split"] == split).any()
+        ],
+        heads=["entry", *(f"Pd at {far:g} per m²" for far in ground.table.fars), f"against {ground.table.reference}"],
+        titles=titles,
+        costs=[
+            (
+                one["entry"],
+                *(f"{one[name]:.0f}" for name in ("seconds_per_km", "training_seconds")),
+                f"{one['peak_bytes'] / 2**20:.0f}",
+            )
+            for one in costs.to_dict("records")
+        ],
+    )
+
+
+def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
+    mine = scores[(scores["split"] == split) & (scores["group"] == MINES)]
+    for entry, rows in mine.groupby("entry", sort=False):
+        at = {row["far_allowed"]: row for row in rows.to_dict("records")}
+        paired = paired_in_words(at[ground.table.far], ground.table.reference).removeprefix("; ")
+        yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired or "reference")
+
+
+def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
+    """Draw Pd of every entry with its interval and chance, of all mines and of every site and kind."""
+    own = scores[(scores["split"] == split) & (scores["far_allowed"] == ground.table.far)]
+    entries = list(own[own["group"] == MINES].sort_values("pd", kind="stable")["entry"])
+    groups = list(dict.fromkeys(own["group"]))
+    figure = Figure(figsize=(2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1, len(groups), sharey=True))
+    for axis, group in zip(axes, groups, strict=True):
+        rows = own[own["group"] == group].set_index("entry").reindex(entries)
+        places = np.arange(len(entries))
+        value = rows["pd"].to_numpy()
+        axis.hlines(places, rows["pd_low"], rows["pd_high"], color="C0", lw=2)
+        axis.plot(value, places, "o", color="C0", ms=5)
+        axis.plot(rows["chance"], places, "|", color="C3", ms=11, mew=2)
+        targets = rows["n_targets"].max()
+        axis.set(xlim=(-0.03, 1.03), title=f"{group} ({targets:.0f})", xlabel="Pd")
+        axis.set_yticks(places, entries)
+        axis.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def listing(quick: bool = False, lanes: str | Path | None = None) -> list[str]:
+    """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
+
+    Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes than those
+    whose fingerprints come with the package.
+    """
+    ground = load_ground(quick)
+    lines = [f"{ground.title}, seen by {ground.table.sensor}", "", "entries:"]
+    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries().items()]
+    lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in ground.table.splits.items()), "", "lanes:"]
+    told = same_lanes(ground, Path(lanes)) if lanes is not None else {}
+    for name, lane in ground.lanes.items():
+        count = sum(draw.count for draw in lane.scene.draws)
+        line = f"  {name:20} {lane.part:9} {lane.scene.length:5g} m {count:3} targets"
+        lines.append(f"{line}  {told[name]}" if told else line)
+    return lines
+
+
+def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
+    """Compare lanes with the packaged fingerprints: "same bits", "alike", "other", "not there", "not known"."""
+    ours = resources.files("flgpr.benchmark") / "fingerprints.csv"
+    known = pd.read_csv(io.StringIO(ours.read_text("utf-8"))).set_index("lane")
+    found = pd.read_csv(existing(home / PRINTS, "fingerprints of lanes")).set_index("lane")
+
+    def compared(name: str) -> str:
+        key = f"{ground.title} {name}"
+        if name not in found.index or key not in known.index:
+            return "not there" if key in known.index else "not known"
+        one, other = found.loc[name], known.loc[key]
+        if one["sha256"] == other["sha256"]:
+            return "same bits"
+        levels = [column for column in known.columns if column != "sha256"]
+        near = np.allclose(one[levels].astype(float), other[levels].astype(float), rtol=1e-4, atol=0)
+        return "alike" if near else "other"
+
+    return {name: compared(name) for name in ground.lanes}

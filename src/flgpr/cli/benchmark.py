@@ -1,0 +1,66 @@
+"""Commands of the proving ground."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from flgpr.cli.common import Quiet, Scheduler, plain_errors, progress
+
+benchmark_app = typer.Typer(
+    name="benchmark", help="The proving ground: detectors side by side on the same sealed lanes.", no_args_is_help=True
+)
+Quick = Annotated[bool, Option("--quick", help="The quick form, which only shows that all of it runs.")]
+
+
+@benchmark_app.command("run")
+def run_command(
+    entries: Annotated[
+        list[str] | None,
+        Argument(help="Packaged entries, recipes, or folders of alarm lists SPLIT.csv; none takes all packaged ones."),
+    ] = None,
+    output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path("proving-ground"),
+    quick: Quick = False,
+    ground: Annotated[Path | None, Option(help="TOML of a proving ground of your own.")] = None,
+    workers: Annotated[int | None, Option(min=1, help="Processes that share the work.")] = None,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make the lanes, train on those of training, freeze, detect on those of test, score; goes on where it stopped."""
+    from flgpr import benchmark, tasks
+
+    with plain_errors():
+        with progress(quiet) as track:
+            benchmark.run_benchmark(entries or [], output, quick, tasks.How(workers, scheduler, track=track), ground)
+        text = benchmark.write_table([output], output)
+    if not quiet:
+        typer.echo(text)
+        typer.echo(f"page: {(output / 'index.html').resolve()}")
+
+
+@benchmark_app.command("table")
+def table_command(
+    folders: Annotated[list[Path], Argument(help="Folders of `flgpr benchmark run`, of one ground.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="Folder of the table; default the first.")] = None,
+) -> None:
+    """Set entries side by side; alarms that were not scored yet are, and the look at the truth is logged."""
+    from flgpr import benchmark
+
+    with plain_errors():
+        typer.echo(benchmark.write_table(folders, output or folders[0]))
+
+
+@benchmark_app.command("list")
+def list_command(
+    quick: Quick = False,
+    lanes: Annotated[Path | None, Option(help="Folder of lanes to compare with those of the authors.")] = None,
+) -> None:
+    """Name the packaged entries, the lanes and the splits; with a folder of lanes, tell whether they are the same."""
+    from flgpr import benchmark
+
+    with plain_errors():
+        for line in benchmark.listing(quick, lanes):
+            typer.echo(line)

@@ -1,0 +1,107 @@
+"""The proving ground's description: lanes, splits, entries."""
+
+import numpy as np
+import pytest
+
+from flgpr.benchmark import find_entry, listing, load_ground, packaged_entries
+from flgpr.chain.recipe import parse_recipe
+from flgpr.simulate import draw_world
+
+GROUNDS = {quick: load_ground(quick) for quick in (False, True)}
+
+
+def bodies(lane):
+    return {draw.body for draw in lane.scene.draws if draw.count}
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_no_split_trains_on_what_it_tests(quick):
+    ground = GROUNDS[quick]
+    for row in ground.table.splits.values():
+        for fold in row.folds:
+            known, tested = ground.matching(fold.train, fold.without), ground.matching(fold.test)
+            assert known
+            assert tested
+            assert {lane.part for lane in known} == {"train"}
+            assert {lane.part for lane in tested} == {"test"}
+
+
+def test_lanes_have_seeds_of_their_own_and_are_the_same_each_time():
+    for ground in GROUNDS.values():
+        again = load_ground(ground.quick)
+        assert again == ground
+        assert [lane.seed for lane in again.lanes.values()] == [lane.seed for lane in ground.lanes.values()]
+    seeds = [lane.seed for ground in GROUNDS.values() for lane in ground.lanes.values()]
+    assert len(set(seeds)) == len(seeds)
+
+
+def test_what_a_split_says_is_new_was_never_seen():
+    ground = GROUNDS[False]
+    splits = ground.table.splits
+    for fold in splits["new-site"].folds:
+        (site,) = {lane.site for lane in ground.matching(fold.test)}
+        assert site not in {lane.site for lane in ground.matching(fold.train, fold.without)}
+    assert {lane.site for lane in ground.tested("new-site")} == set(ground.table.sites)
+    (fold,) = splits["new-kind"].folds
+    seen = {draw.kind for lane in ground.matching(fold.train) for draw in lane.scene.draws}
+    assert not seen & set(splits["new-kind"].kinds)
+    trained = [lane for lane in ground.lanes.values() if lane.part == "train"]
+    assert {lane.sensor.height for lane in trained} == {5.0}
+    assert {lane.sensor.height for lane in ground.tested("new-height")} == {3.5}
+    assert {lane.scene.surface.texture_shape for lane in ground.tested("variant")} == {1.5}
+    assert 1.5 not in {lane.scene.surface.texture_shape for lane in trained}
+    errors = {lane.sensor.errors.antenna_gain_db for lane in ground.tested("variant")}
+    assert errors == {2 * trained[0].sensor.errors.antenna_gain_db}
+    known = set.union(*(bodies(lane) for lane in trained))
+    tested = set.union(*(bodies(lane) for lane in ground.tested("standard")))
+    assert tested - known == {"vs-2.2", "pma-1"}
+
+
+def test_the_full_form_tells_ten_points_of_pd_apart():
+    """By McNemar's test with power 0.8 at 5 %, where a quarter of the mines are found by one of the two alone."""
+    ground = GROUNDS[False]
+    truth = [draw_world(lane.scene, lane.seed).truth() for lane in ground.tested("standard")]
+    mines = sum(int((table["kind"] != "simulant").sum()) for table in truth)
+    apart, differing = 0.1, 0.25
+    needed = ((1.96 * differing**0.5 + 0.84 * (differing - apart**2) ** 0.5) / apart) ** 2
+    assert mines >= needed > 100
+    bare = sum(lane.scene.lane.area for lane in ground.tested("standard") if not lane.scene.draws)
+    assert 0.001 * bare >= 5  # so many false alarms at the least FAR
+
+
+def test_every_packaged_entry_is_a_recipe_that_fits_the_array():
+    frequency = GROUNDS[True].lanes["arid-test-1"].sensor.tones.axis()
+    entries = packaged_entries()
+    assert GROUNDS[False].table.reference in entries
+    for name, entry in entries.items():
+        recipe = parse_recipe(entry.text, name)
+        edges = np.array(list(recipe.image.subbands.values()))
+        assert edges.min() >= frequency[0], name
+        assert edges.max() <= frequency[-1] + 1, name
+
+
+def test_entries_are_found_by_name_recipe_or_folder(tmp_path):
+    assert find_entry("wang2007").title.startswith("C_HH")
+    own = tmp_path / "mine.toml"
+    own.write_text(packaged_entries()["wang2007"].text)
+    assert find_entry(own).name == "mine"
+    with pytest.raises(ValueError, match="must hold alarm lists"):
+        find_entry(tmp_path / "..")
+    with pytest.raises((ValueError, FileNotFoundError), match="nothing-like-it"):
+        find_entry("nothing-like-it")
+
+
+def test_a_ground_that_is_not_valid_is_refused():
+    text = GROUNDS[False].text
+    with pytest.raises(ValueError, match="reference"):
+        load_ground(False, text.replace("reference =", "referee ="))
+    with pytest.raises(ValueError, match="part"):
+        load_ground(False, text.replace('part = "validate"', 'part = "guess"'))
+    with pytest.raises(ValueError, match="sort"):
+        load_ground(False, text.replace('["pma-1", 0.01, 2]', '["pma-3", 0.01, 2]')).lanes
+
+
+def test_the_list_names_entries_splits_and_lanes():
+    lines = "\n".join(listing(quick=True))
+    for word in ("random-forest", "new-site", "temperate-plastic-1", "train"):
+        assert word in lines

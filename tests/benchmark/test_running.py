@@ -1,0 +1,246 @@
+"""A proving ground in small: made, run, scored, and its truth looked at only where that is counted."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from flgpr import tasks
+from flgpr.benchmark import load_ground, run_benchmark, score_entries, write_table
+from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, make_lane, passphrase
+from flgpr.benchmark.table import pd_in_words, same_lanes
+from flgpr.cli import app
+from flgpr.io import read_manifest, read_table
+from flgpr.scoring import open_truth, read_register
+from flgpr.simulate import draw_world
+from systems.lanes import SENSOR, small_recipe
+
+GROUND = """
+name = "small"
+version = 3
+sensor = "{sensor}"
+halo = 1.0
+fars = [0.02, 0.1]
+far = 0.1
+reference = "one"
+[scene.surface]
+density = 4.0
+[scene.track]
+start = -6.0
+step = [1.4, 1.6]
+[sites]
+arid = "arid-sand"
+gravel = "gravel"
+[sorts]
+metal = {{ kind = "metal" }}
+pmn = {{ kind = "ap", body = "pmn" }}
+[lanes.known]
+part = "train"
+length = 24.0
+targets = [["metal", -0.15, 5]]
+[lanes.test]
+part = "test"
+length = 24.0
+targets = [["metal", -0.15, 4], ["pmn", 0.01, 1]]
+[splits.standard]
+title = "all"
+folds = [{{ train = ["*-known-*"], test = ["*-test-*"] }}]
+[splits.new-site]
+title = "another site"
+folds = [
+    {{ train = ["gravel-known-*"], test = ["arid-test-*"] }},
+    {{ train = ["arid-known-*"], test = ["gravel-test-*"] }},
+]
+"""
+DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["C_HH_F1", "M_VV_F1"]\n'
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory) -> Path:
+    """A folder with the ground, two recipes and what running both gave."""
+    folder = tmp_path_factory.mktemp("field")
+    (folder / "sensor.toml").write_text(SENSOR)
+    (folder / "ground.toml").write_text(GROUND.format(sensor=folder / "sensor.toml"))
+    (folder / "one.toml").write_text(small_recipe("wang2007"))
+    (folder / "two.toml").write_text(small_recipe("wang2007") + DETECTOR)
+    run_benchmark([folder / "one.toml", folder / "two.toml"], folder / "out", ground=folder / "ground.toml")
+    return folder
+
+
+def looks(out):
+    return [line["event"] for line in read_register(f"{out / 'lanes' / SEALED}.log.jsonl")]
+
+
+def truth_of(ground, split="standard"):
+    tables = []
+    for lane in ground.tested(split):
+        truth = draw_world(lane.scene, lane.seed).truth()
+        tables.append(truth.assign(lane=lane.name))
+    return pd.concat(tables, ignore_index=True)
+
+
+def test_nothing_in_the_folder_tells_where_the_targets_of_test_lanes_lie(field):
+    ground = load_ground(False, field / "ground.toml")
+    files = {path.name for path in (field / "out" / "lanes").iterdir()}
+    for name, lane in ground.lanes.items():
+        assert {f"{name}.zarr", f"{name}-lane.toml"} <= files
+        assert (f"{name}-truth.csv" in files) == (lane.part == "train")
+        assert not {f"{name}-objects.csv", f"{name}-truth.geojson"} & files
+    places = [f"{x:.2f}" for x in truth_of(ground)["y"]]
+    sealed = (field / "out" / "lanes" / SEALED).read_text("utf-8")
+    assert not [place for place in places if place in sealed]
+
+
+def test_every_opening_of_the_truth_is_counted(field):
+    out, ground = field / "out", load_ground(False, field / "ground.toml")
+    write_table([out], out)
+    before = looks(out)
+    truth, _, rules = open_truth(out / "lanes" / SEALED, passphrase(ground))
+    assert rules["halo"] == 1.0
+    np.testing.assert_allclose(truth["y"], truth_of(ground)["y"])
+    assert looks(out) == [*before, "open"]
+    write_table([out], out)  # nothing new: no look is needed
+    assert looks(out) == [*before, "open"]
+    with pytest.raises(ValueError, match="passphrase"):
+        open_truth(out / "lanes" / SEALED, "some other words")
+
+
+def test_a_second_run_gives_the_same_table_to_the_digit(field, tmp_path):
+    entries = [field / "one.toml", field / "two.toml"]
+    write_table([field / "out"], field / "out")
+    again = run_benchmark(entries, tmp_path / "again", how=tasks.How(workers=2), ground=field / "ground.toml")
+    write_table([again], again)
+    for name in ("scores.csv", f"lanes/{PRINTS}"):
+        assert (again / name).read_bytes() == (field / "out" / name).read_bytes()
+    page = (again / "index.html").read_text("utf-8")
+    assert "another site" in page
+    assert "http" not in page.replace("data:image", "")
+
+
+def test_the_table_is_the_score_of_the_alarms(field):
+    scores, costs = score_entries([field / "out"])
+    ground = load_ground(False, field / "ground.toml")
+    truth = truth_of(ground)
+    assert set(scores["entry"]) == {"one", "two"}
+    assert set(scores["group"]) == {"mines", "metal", "ap", "arid", "gravel"}
+    alarms = read_table(field / "out" / "entries" / "two" / "standard" / ALARMS, "alarms")
+    row = scores[(scores["entry"] == "two") & (scores["split"] == "standard") & (scores["far_allowed"] == 0.1)]
+    mines, arid = (row[row["group"] == group].iloc[0] for group in ("mines", "arid"))
+    near = alarms.merge(truth, on="lane", suffixes=("", "_t"))
+    near = near[np.hypot(near["x"] - near["x_t"], near["y"] - near["y_t"]) <= 1.0]
+    best = (
+        near.groupby(["lane", "target_id"])["confidence"]
+        .max()
+        .reindex(pd.MultiIndex.from_frame(truth[["lane", "target_id"]]))
+    )
+    assert mines["n_targets"] == len(truth) == 10
+    assert arid["n_targets"] == 5
+    assert mines["n_detected"] <= best.notna().sum()
+    assert 0 <= mines["pd_low"] <= mines["pd"] <= mines["pd_high"] <= 1
+    assert mines["n_false"] <= 0.1 * mines["area"]
+    assert {"only", "reference_only", "p"} <= set(mines.dropna().index)
+    reference = scores[(scores["entry"] == "one") & (scores["group"] == "mines") & (scores["far_allowed"] == 0.1)]
+    assert reference["p"].isna().all()
+    assert "of 10" in pd_in_words(mines)
+    assert (costs["seconds_per_km"] > 0).all()
+
+
+def test_what_differs_in_its_detector_alone_shares_its_images(field):
+    assert len(list((field / "out" / "lanes" / "found").iterdir())) == 1
+    one, two = (
+        read_table(field / "out" / "entries" / name / "standard" / ALARMS, "alarms").sort_values(["lane", "x", "y"])
+        for name in ("one", "two")
+    )
+    np.testing.assert_array_equal(one[["x", "y"]], two[["x", "y"]])
+    assert not np.allclose(one["confidence"], two["confidence"])
+
+
+def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
+    out, lanes = field / "out", ["arid-known-1", "gravel-known-1"]
+    runs, truths, areas = (
+        [out / "lanes" / f"{name}{end}" for name in lanes] for end in (".zarr", "-truth.csv", "-lane.toml")
+    )
+    tasks.train_runs(runs, truths, field / "two.toml", tmp_path / "model", lanes=areas)
+    home = out / "lanes"
+    result = tasks.detect_run(
+        home / "arid-test-1.zarr", field / "two.toml", tmp_path / "result", home / "arid-test-1-lane.toml",
+        model=tmp_path / "model", report=False,
+    )  # fmt: skip
+    ours = read_table(out / "entries" / "two" / "standard" / ALARMS, "alarms")
+    ours = ours[ours["lane"] == "arid-test-1"].sort_values("confidence", ascending=False)
+    np.testing.assert_allclose(ours[["x", "y", "confidence"]], result.detections[0].alarms[["x", "y", "confidence"]])
+
+
+def test_alarms_made_elsewhere_enter(field, tmp_path):
+    out, ground = field / "out", load_ground(False, field / "ground.toml")
+    truth = truth_of(ground)
+    given = tmp_path / "oracle"
+    given.mkdir()
+    truth[["x", "y", "lane"]].assign(confidence=1.0).to_csv(given / "standard.csv", index=False)
+    run_benchmark([given], out, ground=field / "ground.toml")
+    scores, _ = score_entries([out])
+    mines = scores[(scores["entry"] == "oracle") & (scores["group"] == "mines")]
+    assert set(mines["split"]) == {"standard"}
+    assert (mines["pd"] == 1).all()
+    assert (mines["n_false"] == 0).all()
+    truth[["x", "y"]].assign(confidence=1.0, lane="somewhere").to_csv(given / "standard.csv", index=False)
+    with pytest.raises(ValueError, match="lanes of standard"):
+        run_benchmark([given], out, ground=field / "ground.toml")
+
+
+def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
+    with pytest.raises(ValueError, match="flgpr benchmark run"):
+        score_entries([tmp_path])
+    other = tmp_path / "other.toml"
+    other.write_text((field / "ground.toml").read_text().replace("version = 3", "version = 4"))
+    with pytest.raises(ValueError, match="another ground"):
+        run_benchmark([field / "one.toml"], field / "out", ground=other)
+    bent = tmp_path / "bent.toml"
+    bent.write_text("name = 3")
+    with pytest.raises(ValueError, match="recipe"):
+        run_benchmark([bent], tmp_path / "none", ground=field / "ground.toml")
+    assert not (tmp_path / "none").exists()
+
+
+def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_path, monkeypatch):
+    from flgpr.benchmark import table
+
+    ground = load_ground(False, field / "ground.toml")
+    prints = pd.read_csv(field / "out" / "lanes" / PRINTS)
+    names = list(prints["lane"])
+    assert names == list(ground.lanes)
+    packaged = prints.assign(lane=[f"{ground.title} {name}" for name in names])
+    packaged.loc[1, "sha256"] = "0" * 64
+    packaged.loc[1, "HH"] *= 1 + 5e-5
+    packaged.loc[2, "sha256"] = "0" * 64
+    packaged.loc[2, "VV"] *= 1.001
+    packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
+    monkeypatch.setattr(table.resources, "files", lambda _: tmp_path)
+    told = same_lanes(ground, field / "out" / "lanes")
+    assert list(told.values()) == ["same bits", "alike", "other", "not known"]
+
+
+def test_a_lane_made_anew_has_the_same_bits(field, tmp_path):
+    ground = load_ground(False, field / "ground.toml")
+    (tmp_path / "lanes").mkdir()
+    make_lane(False, ground.text, "gravel-test-1", str(tmp_path / "lanes"))
+    assert {path.name for path in (tmp_path / "lanes").iterdir()} == {"gravel-test-1.zarr", "gravel-test-1-lane.toml"}
+    stores = (folder / "lanes" / "gravel-test-1.zarr" for folder in (tmp_path, field / "out"))
+    assert len({read_manifest(store)["sha256"] for store in stores}) == 1
+
+
+def test_the_commands_run_and_tell(field):
+    out = field / "out"
+    result = CliRunner().invoke(app, ["benchmark", "table", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "standard: all" in result.output
+    assert "against one, p =" in result.output
+    run = ["benchmark", "run", str(field / "one.toml"), "-o", str(out), "--ground", str(field / "ground.toml")]
+    result = CliRunner().invoke(app, [*run, "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert result.output == ""
+    result = CliRunner().invoke(app, ["benchmark", "run", "no-such-entry", "-o", str(out)])
+    assert result.exit_code == 2
+    assert "no-such-entry" in result.output
