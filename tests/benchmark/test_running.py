@@ -188,6 +188,19 @@ def test_alarms_made_elsewhere_enter(field, tmp_path):
     truth[["x", "y"]].assign(confidence=1.0, lane="somewhere").to_csv(given / "standard.csv", index=False)
     with pytest.raises(ValueError, match="lanes of standard"):
         run_benchmark([given], out, ground=field / "ground.toml")
+    (given / "standard.csv").rename(given / "average.csv")
+    with pytest.raises(ValueError, match="named after splits"):
+        run_benchmark([given], out, ground=field / "ground.toml")
+
+
+def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_path):
+    lost = tmp_path / "lost.toml"
+    lost.write_text(small_recipe("wang2007") + DETECTOR.replace("logistic", "svm") + "options = { kernel = 'none' }\n")
+    with pytest.warns(UserWarning, match="lost did not finish"):
+        run_benchmark([lost, field / "one.toml"], field / "out", ground=field / "ground.toml")
+    text = write_table([field / "out"], tmp_path / "table")
+    assert "lost did not finish" in text
+    assert "  one " in text
 
 
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):

@@ -245,17 +245,25 @@ def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) 
     if entry.alarms is None:
         Course(ground, entry, home, folder, how).run()
         return
-    for split in ground.table.splits:
-        given = entry.alarms / f"{split}.csv"
-        if given.is_file():
-            table = read_table(given, "alarms")
-            wanted = {lane.name for lane in ground.tested(split)}
-            if "lane" not in table.columns or not set(table["lane"]) <= wanted:
-                raise ValueError(
-                    f"{given} must name in the column lane the lanes of {split}: {', '.join(sorted(wanted))}"
-                )
-            (folder / split).mkdir(exist_ok=True)
-            write_table(table, folder / split / ALARMS)
+    for split, table in submitted(ground, entry.alarms).items():
+        (folder / split).mkdir(exist_ok=True)
+        write_table(table, folder / split / ALARMS)
+
+
+def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
+    """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``."""
+    tables = {path.stem: read_table(path, "alarms") for path in sorted(home.glob("*.csv"))}
+    for split, table in tables.items():
+        if split not in ground.table.splits:
+            raise ValueError(
+                f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, got {split}.csv"
+            )
+        wanted = {lane.name for lane in ground.tested(split)}
+        if "lane" not in table.columns or not set(table["lane"]) <= wanted:
+            raise ValueError(
+                f"{split}.csv must name the lanes of {split} in the column lane: {', '.join(sorted(wanted))}"
+            )
+    return tables
 
 
 def _tell(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
@@ -303,6 +311,8 @@ def run_benchmark(
     for entry in found:
         if entry.alarms is None:
             parse_recipe(entry.text, entry.name)
+        else:
+            submitted(chosen, entry.alarms)
     if (folder / MARK).is_file() and read_ground(folder) != chosen:
         raise ValueError(f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}")
     folder.mkdir(parents=True, exist_ok=True)
