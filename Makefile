@@ -8,10 +8,14 @@ CASES ?= 10000
 QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
 
-.PHONY: demo quick test lint docs robustness clean
+.PHONY: demo benchmark quick test lint docs robustness clean
 
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
+
+# Detectors side by side on the quick form of the proving ground: some five minutes.
+benchmark: $(VENV)/.seal
+	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 
 quick: lint
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile $(addprefix tests/,$(QUICK))
@@ -38,6 +42,10 @@ $(VENV)/bin/python:
 
 $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.seal: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[seal]'
 	touch $@
 
 $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt

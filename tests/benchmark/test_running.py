@@ -15,8 +15,10 @@ from flgpr.cli import app
 from flgpr.io import read_manifest, read_table
 from flgpr.scoring import open_truth, read_register
 from flgpr.simulate import draw_world
+from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
 
+installed = test_plugin.installed
 GROUND = """
 name = "small"
 version = 3
@@ -257,3 +259,12 @@ def test_the_commands_run_and_tell(field):
     result = CliRunner().invoke(app, ["benchmark", "run", "no-such-entry", "-o", str(out)])
     assert result.exit_code == 2
     assert "no-such-entry" in result.output
+
+
+def test_a_recipe_of_another_distribution_enters(field, installed):
+    (field / "sharp.toml").write_text(small_recipe("wang2007") + test_plugin.STAGE + test_plugin.DETECTOR)
+    run_benchmark([field / "sharp.toml"], field / "out", ground=field / "ground.toml")
+    scores, _ = score_entries([field / "out"])
+    own = scores[(scores["entry"] == "sharp") & (scores["group"] == "mines")]
+    assert set(own["split"]) == {"standard", "new-site"}
+    assert (own["n_targets"] == 10).all()

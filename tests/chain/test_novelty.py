@@ -1,0 +1,46 @@
+"""Detectors that are shown only what is no mine: what is unlike it scores high, in memory and from a file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.chain.classifier import TrainingSet
+from flgpr.chain.estimators import TrainedEstimator, train_estimator
+from flgpr.chain.model import Model, load_model, save_model
+from flgpr.chain.recipe import DetectorTable
+
+COLUMNS = ["a", "b"]
+
+
+@pytest.fixture
+def examples():
+    rng = np.random.default_rng(3)
+    features = pd.DataFrame(np.concatenate([rng.normal(0, 1, (200, 2)), rng.normal(4, 1, (20, 2))]), columns=COLUMNS)
+    label = np.repeat([0, 1], [200, 20])
+    return TrainingSet(features, label, np.ones(220, int), np.repeat("lane", 220))
+
+
+@pytest.mark.parametrize("name", ["isolation-forest", "one-class-svm"])
+def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
+    table = DetectorTable(estimator=name, features=COLUMNS, on="clutter")
+    made = train_estimator(examples, table, COLUMNS)
+    score = made.confidence(examples.features)
+    assert np.median(score[examples.label == 1]) > np.quantile(score[examples.label == 0], 0.9)
+    other = examples.features.copy()
+    other.loc[examples.label == 1] = 50.0
+    again = train_estimator(replace(examples, features=other), table, COLUMNS)
+    np.testing.assert_array_equal(again.confidence(examples.features), score)  # the mines did not enter
+    save_model(Model(detector=made), tmp_path / "model", {})
+    kept = load_model(tmp_path / "model").detector
+    assert isinstance(kept, TrainedEstimator)
+    np.testing.assert_array_equal(kept.confidence(examples.features), score)
+
+
+def test_a_lane_without_clutter_cannot_train_it(examples):
+    mines = examples.label == 1
+    only = TrainingSet(examples.features[mines], examples.label[mines], examples.weight[mines], examples.lane[mines])
+    table = DetectorTable(estimator="isolation-forest", features=COLUMNS, on="clutter")
+    with pytest.raises(ValueError, match="needs hits and false alarms, got 20 and 0"):
+        train_estimator(only, table, COLUMNS)
