@@ -19,8 +19,9 @@ from flgpr_papers.cosgrove2004.detect import (
 )
 from flgpr_papers.cosgrove2004.examples import point_response, signature_cuts
 from flgpr_papers.cosgrove2004.findings import case_curve, contrast_table, findings, interval, pd_table
-from flgpr_papers.cosgrove2004.images import lane_looks, study_sensor, tone_weight
+from flgpr_papers.cosgrove2004.images import _direction, _scene, lane_looks, study_sensor, tone_weight
 from flgpr_papers.cosgrove2004.recipe import study_recipe
+from flgpr_papers.kit.lanes import changed
 from reference.cosgrove2004 import equations_7_to_12
 
 
@@ -52,6 +53,14 @@ def test_packaged_study_has_the_papers_sizes():
     assert (recipe.cut.length, recipe.image.spacing[1], recipe.detector.ddof) == (28, 0.02, 1)
     assert study_sensor(recipe).pairs()[0].shape == (72, 3)
     assert recipe.study.seeds >= 12
+
+
+def test_what_stands_beside_the_lane_brings_no_ground_of_its_own(recipe):
+    """Echoes are added: with nothing beside the lane the two worlds must be one, soil and holes counted once."""
+    scene = _scene(recipe, recipe.sites["sand"], 3000, 0.1)[0]
+    images = _direction(recipe, changed(scene, clutter={"bushes": 0.0, "posts": 0.0}), 3000, False)
+    for (beside, *_), (alone, *_) in zip(images["roadside"], images["open"], strict=True):
+        np.testing.assert_array_equal(beside.values, alone.values)
 
 
 def test_ramp_on_calibrated_data_leaves_amplitudes_that_grow_with_frequency(recipe):

@@ -39,6 +39,13 @@ def made_up(monkeypatch):
     return order
 
 
+def test_parts_of_the_studies_are_made_beforehand():
+    assert overview.parts_of("wang2007", True) == ["b1", "c1", "c2", "c3"]
+    assert overview.parts_of("wang2007", False)[0] == "b1"
+    assert overview.parts_of("cosgrove2004", True) == ["1", "2"]
+    assert overview.parts_of("fuse2018", True) == [None]
+
+
 def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
     page = overview.reproduce("all", tmp_path / "all", quick=True)
     assert made_up == [("wang2007", True), ("fuse2018", True), ("flsar2004", True), ("cosgrove2004", True)]

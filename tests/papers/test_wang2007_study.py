@@ -1,6 +1,7 @@
 """The reproduction's scorer, tables, verdicts and page, on made-up detections; the simulated lanes by their counts."""
 
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import all_of
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.wang2007 import lanes
+from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
     SUBBANDS,
@@ -214,6 +215,22 @@ def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():
     assert not packaged.features.variants
     plain = own.model_copy(update={"features": own.features.model_copy(update={"variants": False})})
     assert plain == packaged
+
+
+def test_a_blind_lane_in_one_sub_band_gives_what_it_gives_in_all(tmp_path):
+    one = study.make_part(tmp_path, "b1", True)
+    shutil.rmtree(tmp_path / "results")
+    scene, seed = lanes.quick_scenes()[1]["b1"]
+    every = study.lane_result(tmp_path, scene, seed, lanes.sensor(), packaged_text("wang2007"), silent, wide=False)
+    assert set(one.features) < set(every.features)
+    assert len(one.alarms) == len(every.alarms) > 20
+    ours, theirs = (
+        result.features[list(one.features)].assign(x=result.alarms["x"], y=result.alarms["y"]).sort_values(["x", "y"])
+        for result in (one, every)
+    )
+    np.testing.assert_array_equal(ours[["x", "y", "scans"]], theirs[["x", "y", "scans"]])
+    for column in ("C_HH_F1", "M_VV_F1", "P_alpha_F1"):  # both images are right to the imaging tolerance
+        np.testing.assert_allclose(ours[column], theirs[column], rtol=5e-3)
 
 
 def test_the_lanes_hold_what_the_paper_says():

@@ -158,9 +158,10 @@ def thresholds_over(
         _peaks(np.nan_to_num(np.asarray(image.values, dtype=np.float64)), image, places, reach)
         for image, places in lanes
     ]
+    found = [(values, at[values.ravel()[at] > 0]) for values, at in found]  # what no scan saw tells nothing
     peaks = np.concatenate([values.ravel()[at] for values, at in found])
     if not peaks.size:
-        raise ValueError("places must hold at least one mine inside the image, got none")
+        raise ValueError("places must hold at least one mine that the image sees, got none")
     amplitude = 0.5 * float(np.quantile(peaks, 1 - pass_share))
     sizes, spreads, ratio = [], [], []
     for (values, at), (image, _) in zip(found, lanes, strict=True):

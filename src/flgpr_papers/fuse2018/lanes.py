@@ -38,7 +38,8 @@ def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
 
 def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
     """Describe a lane as a band sees it; the bands differ in the density of surface scatterers alone."""
-    lanes = recipe.lanes
+    lanes, radar = recipe.lanes, recipe.radar
+    density = radar.scatterers or (radar.scatterers_x if band == "x" else None)
     return Scene.model_validate(
         {
             "name": f"{name}-{band}",
@@ -46,7 +47,7 @@ def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:
             "x_min": -lanes.half_width,
             "x_max": lanes.half_width,
             "length": lanes.length,
-            "surface": {"density": recipe.radar.scatterers},
+            "surface": {"density": density},
             "clutter": {"bushes": lanes.bushes, "posts": lanes.posts, "roadside": lanes.roadside},
             "draws": [{"kind": "metal", "depth": depth, "count": lanes.mines} for depth in lanes.depths],
             "track": {"start": lanes.start, "step": lanes.step, "wander": lanes.wander},

@@ -17,11 +17,12 @@ Span = tuple[float, float]
 
 
 class Radar(Table):
-    """Errors of the navigation (m, rad), simulated ground (m), surface scatterers per m²."""
+    """Errors of the navigation (m, rad), simulated ground (m), surface scatterers per m², in X alone and in both."""
 
     position: NotNegative
     heading: NotNegative
     footprint: tuple[float, float, float, float]
+    scatterers_x: Positive
     scatterers: Positive | None = None
 
 
