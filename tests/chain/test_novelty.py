@@ -1,5 +1,6 @@
 """Detectors that are shown only what is no mine: what is unlike it scores high, in memory and from a file."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.classifier import TrainingSet
-from flgpr.chain.estimators import TrainedEstimator, train_estimator
+from flgpr.chain.estimators import TrainedEstimator, find_estimator, train_estimator
 from flgpr.chain.model import Model, load_model, save_model
 from flgpr.chain.recipe import DetectorTable
 
@@ -22,7 +23,10 @@ def examples():
     return TrainingSet(features, label, np.ones(220, int), np.repeat("lane", 220))
 
 
-@pytest.mark.parametrize(("name", "options"), [("isolation-forest", {"random_state": 0}), ("one-class-svm", {})])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("isolation-forest", {"random_state": 0}), ("one-class-svm", {}), ("ecod", {}), ("copod", {}), ("knn", {})],
+)
 def test_mines_score_high_though_none_was_shown(examples, name, options, tmp_path):
     table = DetectorTable(estimator=name, features=COLUMNS, on="clutter", options=options)
     made = train_estimator(examples, table, COLUMNS)
@@ -44,3 +48,9 @@ def test_a_lane_without_clutter_cannot_train_it(examples):
     table = DetectorTable(estimator="isolation-forest", features=COLUMNS, on="clutter")
     with pytest.raises(ValueError, match="needs hits and false alarms, got 20 and 0"):
         train_estimator(only, table, COLUMNS)
+
+
+def test_without_pyod_its_estimators_say_what_they_need(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyod.models.ecod", None)
+    with pytest.raises(ModuleNotFoundError, match=r"ecod needs PyOD: pip install 'flgpr\[benchmark\]'"):
+        find_estimator("ecod")

@@ -28,15 +28,31 @@ ALLOWED = {
     "random-forest": "sklearn.ensemble.RandomForestClassifier",
     "gradient-boosting": "sklearn.ensemble.HistGradientBoostingClassifier",
     "isolation-forest": "sklearn.ensemble.IsolationForest",
+    "ecod": "pyod.models.ecod.ECOD",
+    "copod": "pyod.models.copod.COPOD",
+    "knn": "pyod.models.knn.KNN",
 }
 """Estimators by the name that recipes use; what else a file holds is refused when it is read."""
-_TRUSTED = ("flgpr.detect.", "sklearn.", "numpy.", "builtins.", "scipy.sparse.", "collections.OrderedDict")
+_TRUSTED = (
+    "flgpr.detect.",
+    "sklearn.",
+    "pyod.models.",
+    "numpy.",
+    "builtins.",
+    "scipy.sparse.",
+    "collections.OrderedDict",
+)
 
 
 def find_estimator(name: str) -> Any:
-    """Give the class of an allowed estimator."""
+    """Give the class of an allowed estimator; without the library PyOD, where it is of that, a ModuleNotFoundError."""
     module, _, kind = ALLOWED[name].rpartition(".")
-    return getattr(import_module(module), kind)
+    try:
+        return getattr(import_module(module), kind)
+    except ModuleNotFoundError as error:
+        if not module.startswith("pyod"):
+            raise
+        raise ModuleNotFoundError(f"estimator {name} needs PyOD: pip install 'flgpr[benchmark]'") from error
 
 
 @dataclass(frozen=True)
@@ -60,7 +76,9 @@ class TrainedEstimator:
         values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
         if whole.any():
-            result[whole] = self._score((values[whole] - self.centre) / self.scale) * (-1 if self.unlike else 1)
+            outward = ALLOWED[self.name].startswith("pyod.")  # whose scores grow with what is unlike
+            sign = 1 if self.unlike == outward else -1
+            result[whole] = sign * self._score((values[whole] - self.centre) / self.scale)
         return result
 
     def _score(self, X: FloatArray) -> FloatArray:
