@@ -72,6 +72,7 @@ def test_the_full_form_tells_ten_points_of_pd_apart():
 def test_every_packaged_entry_is_a_recipe_that_fits_the_array():
     frequency = GROUNDS[True].lanes["arid-test-1"].sensor.tones.axis()
     entries = packaged_entries()
+    assert list(entries) == list(packaged_entries(quick=True))
     assert GROUNDS[False].table.reference in entries
     for name, entry in entries.items():
         recipe = parse_recipe(entry.text, name)
@@ -103,5 +104,5 @@ def test_a_ground_that_is_not_valid_is_refused():
 
 def test_the_list_names_entries_splits_and_lanes():
     lines = "\n".join(listing(quick=True))
-    for word in ("random-forest", "new-site", "temperate-plastic-1", "train"):
+    for word in ("random-forest", "standard", "temperate-mixed-1", "train"):
         assert word in lines

@@ -151,8 +151,8 @@ class Ground:
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
     """Read the packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
 
-    The quick form has the sites of its table ``quick`` and the lanes and splits that it names, with its entries laid
-    over theirs.
+    The quick form has the sites of the table ``quick`` and the lanes and splits that it names, some of them its own,
+    with its entries laid over theirs.
     """
     place = resources.files("flgpr.benchmark") / f"{GROUND}.toml" if source is None else source
     text = place if isinstance(place, str) else place.read_text("utf-8")
@@ -160,7 +160,7 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
     over = data.pop("quick", {})
     if quick:
         for part in ("lanes", "splits"):
-            data[part] = {name: data[part][name] | entries for name, entries in over.pop(part, {}).items()}
+            data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}
         data["sites"] = over.pop("sites", data["sites"])
         data = _laid_over(data, over)
     try:
