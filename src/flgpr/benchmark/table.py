@@ -171,7 +171,7 @@ def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str
         ranked = chosen[chosen["split"] == split].sort_values("pd", ascending=False, kind="stable")
         for one in ranked.to_dict("records"):
             told = f"  {one['entry']:20} {pd_in_words(one)}"
-            lines.append(told + paired_in_words(one, ground.table.reference))
+            lines.append(told + paired_in_words(one, f"; against {ground.table.reference} "))
     lines += ["", f"{'cost':22} processor s/km  training s  largest process MiB"]
     for one in costs.to_dict("records"):
         figures = f"{one['seconds_per_km']:14.0f} {one['training_seconds']:11.0f} {one['peak_bytes'] / 2**20:20.0f}"
@@ -187,12 +187,12 @@ def pd_in_words(one: Mapping[Any, Any]) -> str:
     )
 
 
-def paired_in_words(one: Mapping[Any, Any], reference: str) -> str:
+def paired_in_words(one: Mapping[Any, Any], before: str = "") -> str:
     """Say how it stands against the reference, mine by mine; nothing of the reference itself."""
     p = one.get("p")
     if p is None or not np.isfinite(p):
         return ""
-    return f"; +{one['only']:.0f} -{one['reference_only']:.0f} against {reference}, p = {p:.2g}"
+    return f"{before}+{one['only']:.0f} -{one['reference_only']:.0f}, p = {p:.2g}"
 
 
 def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
@@ -240,10 +240,12 @@ def _page(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Map
 
 def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
     mine = scores[(scores["split"] == split) & (scores["group"] == MINES)]
+    order = mine[mine["far_allowed"] == ground.table.far].sort_values("pd", ascending=False, kind="stable")["entry"]
+    mine = mine.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
     for entry, rows in mine.groupby("entry", sort=False):
         at = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        paired = paired_in_words(at[ground.table.far], ground.table.reference).removeprefix("; ")
-        yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired or "reference")
+        paired = paired_in_words(at[ground.table.far]) or "reference"
+        yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired)
 
 
 def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
