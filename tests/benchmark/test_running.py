@@ -1,5 +1,6 @@
 """A proving ground in small: made, run, scored, and its truth looked at only where that is counted."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +204,21 @@ def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_pat
     text = write_table([field / "out"], tmp_path / "table")
     assert "lost did not finish" in text
     assert "  one " in text
+
+
+def test_a_stage_that_spends_all_its_mines_enters(field):
+    """Where every mine made the signature none is left to train a detector with, and none is wanted."""
+    stage = '\n[[columns]]\nstage = "matched"\n'
+    (field / "matched.toml").write_text('confidence = "amf"\n' + small_recipe("wang2007") + stage)
+    run_benchmark([field / "matched.toml"], field / "out", ground=field / "ground.toml")
+    about = json.loads((field / "out" / "entries" / "matched" / "entry.json").read_text("utf-8"))
+    assert about["fault"] == ""
+    alarms = read_table(field / "out" / "entries" / "matched" / "standard" / ALARMS, "alarms")
+    found = [pd.read_csv(path) for path in (field / "out" / "lanes" / "found").glob("*/arid-test-1/features.csv")]
+    ranks = [np.sort(table["amf"]) for table in found if "amf" in table.columns]  # trained on both lanes, and on one
+    ours = np.sort(alarms[alarms["lane"] == "arid-test-1"]["confidence"])
+    assert len(ranks) == 2
+    assert any(len(one) == len(ours) and np.allclose(one, ours, rtol=1e-5) for one in ranks)
 
 
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):

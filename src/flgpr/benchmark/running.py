@@ -43,6 +43,7 @@ class Entry:
     name: str
     title: str
     text: str = ""
+    rank: str = ""  #: column that ranks in place of the recipe's confidence, so that entries share what they learn
     alarms: Path | None = None
 
 
@@ -60,7 +61,7 @@ def packaged_entries(quick: bool = False) -> dict[str, Entry]:
                 raise ValueError(f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}")
             text = text.replace(old, new)
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
-        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
+        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}", row.get("rank", ""))
     return found
 
 
@@ -167,10 +168,11 @@ class Course:
     def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> Iterator[pd.DataFrame]:
         """Train on lanes and give the alarms of others, with their lane."""
         # Lanes are imaged once for all entries that differ only in what judges the features or ranks by them.
-        column = self.recipe.confidence if self.recipe.confidence not in RANKS else None
-        text = self.entry.text if column is None else re.sub(r"(?m)^confidence = .*\n", "", self.entry.text)
+        own = self.recipe.confidence
+        column, text = self.entry.rank or (own if own not in RANKS else None), self.entry.text
         learns, table, judge, model = bool(self.recipe.learning()), self.recipe.detector, None, None
         if not learns:
+            text = text if own in RANKS else re.sub(r"(?m)^confidence = .*\n", "", text)
             text = re.sub(r"(?ms)^\[detector.*?(?=^\[(?!detector)|\Z)", "", text)
         made_of = [text.strip(), [lane.name for lane in known] if learns else []]
         shared = self.home / "found" / sha256(json.dumps(made_of).encode())[:12]
