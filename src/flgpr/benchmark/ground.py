@@ -13,8 +13,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
+from flgpr.chain.stages import Positive, Table
 from flgpr.model import Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene
@@ -23,11 +24,7 @@ GROUND = "proving-ground-1"
 """The packaged description."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class LaneRow(_Table):
+class LaneRow(Table):
     """Lanes of one design: what they are for, how many at which sites, what lies in them, what differs from the rest.
 
     ``targets`` are sort, depth of the top (m) and number; ``surface`` and ``errors`` change entries of the scene's
@@ -37,14 +34,14 @@ class LaneRow(_Table):
     part: Literal["train", "validate", "test"]
     sites: tuple[str, ...] = ()
     copies: Annotated[int, Field(ge=1)] = 1
-    length: Annotated[float, Field(gt=0)]
+    length: Positive
     targets: tuple[tuple[str, float, int], ...]
-    surface: dict[str, float] = {}
-    sensor: dict[str, float] = {}
-    errors: dict[str, float] = {}
+    surface: dict[str, float] = Field(default_factory=dict)
+    sensor: dict[str, float] = Field(default_factory=dict)
+    errors: dict[str, float] = Field(default_factory=dict)
 
 
-class Fold(_Table):
+class Fold(Table):
     """Patterns of the names of lanes to train on, less those ``without``, and of lanes to test on."""
 
     train: tuple[str, ...]
@@ -52,7 +49,7 @@ class Fold(_Table):
     test: tuple[str, ...]
 
 
-class SplitRow(_Table):
+class SplitRow(Table):
     """Folds whose alarms are scored as one list, on targets of some kinds or of all."""
 
     title: str
@@ -60,7 +57,7 @@ class SplitRow(_Table):
     kinds: tuple[str, ...] = ()
 
 
-class Description(_Table):
+class Description(Table):
     """The description, as its file has it; in what it means its comments say more."""
 
     name: str
@@ -118,16 +115,6 @@ class Ground:
     def tested(self, split: str) -> list[GroundLane]:
         """List the lanes that a split is scored on."""
         return [lane for fold in self.table.splits[split].folds for lane in self.matching(fold.test)]
-
-    def needed(self) -> list[GroundLane]:
-        """List the lanes that some split trains or tests on."""
-        folds = [fold for split in self.table.splits.values() for fold in split.folds]
-        names = {
-            lane.name
-            for fold in folds
-            for lane in (*self.matching(fold.train, fold.without), *self.matching(fold.test))
-        }
-        return [lane for name, lane in self.lanes.items() if name in names]
 
     def _make_lanes(self) -> Iterator[GroundLane]:
         table, preset = self.table, load_sensor(self.table.sensor)

@@ -17,20 +17,17 @@ import numpy as np
 import pandas as pd
 
 from flgpr.benchmark.ground import Ground, GroundLane, load_ground
-from flgpr.chain.classifier import make_training_set, train
-from flgpr.chain.estimators import train_estimator
 from flgpr.chain.model import Detector
-from flgpr.chain.progress import silent
 from flgpr.chain.recipe import RANKS, DetectorTable, parse_recipe, recipe_text
 from flgpr.execution.executors import Report
-from flgpr.execution.survey import How
+from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import lane_text, open_run, read_manifest, read_table, sha256, write_table, write_whole
 from flgpr.results.result import read_result
 from flgpr.scoring import seal_truth
 from flgpr.simulate import draw_world
 from flgpr.tasks.detection import detect_runs
 from flgpr.tasks.simulation import simulate_to_store
-from flgpr.tasks.training import matching_columns, train_runs
+from flgpr.tasks.training import train_judge, train_runs
 
 SEALED, PRINTS, ALARMS, COSTS, MARK = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json", "ground.json"
 _BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson")
@@ -215,9 +212,7 @@ class Course:
              read_table(self.home / f"{lane.name}-truth.csv", "truth"), lane.scene.lane)
             for lane in known
         ]  # fmt: skip
-        wanted = matching_columns(list(table.features), list(lanes[0][2].columns))
-        examples = make_training_set(lanes, self.ground.table.halo, wanted)
-        judge = train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+        judge = train_judge(table, lanes, self.ground.table.halo)
         self._cost(f"training on {len(known)} lanes", {"seconds": time.perf_counter() - begun})
         return judge
 
@@ -286,7 +281,7 @@ def run_benchmark(
     entries: Sequence[str | Path],
     output: str | Path,
     quick: bool = False,
-    how: How | None = None,
+    how: How = PLAINLY,
     ground: str | Path | None = None,
 ) -> Path:
     """Run detectors on the proving ground: make its lanes, train, freeze, detect; what was stopped goes on.
@@ -314,7 +309,6 @@ def run_benchmark(
     ValueError
         If an entry is not there, not valid or does not fit the lanes, or the folder is of another form of the ground.
     """
-    how = how or How(track=silent)
     chosen, folder = load_ground(quick, None if ground is None else Path(ground)), Path(output)
     found = [find_entry(one, quick) for one in entries] or list(packaged_entries(quick).values())
     for entry in found:

@@ -277,7 +277,7 @@ def listing(quick: bool = False, lanes: str | Path | None = None) -> list[str]:
     """
     ground = load_ground(quick)
     lines = [f"{ground.title}, seen by {ground.table.sensor}", "", "entries:"]
-    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries().items()]
+    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(quick).items()]
     lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in ground.table.splits.items()), "", "lanes:"]
     told = same_lanes(ground, Path(lanes)) if lanes is not None else {}
     for name, lane in ground.lanes.items():

@@ -15,7 +15,7 @@ from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import Model, check_free_model, save_model
+from flgpr.chain.model import Detector, Model, check_free_model, save_model
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
@@ -150,12 +150,8 @@ class _Course:
             for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
         ]
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        wanted = matching_columns(list(features) or list(table.features), list(alarms[0][2].columns))
-        examples = make_training_set(alarms, label_radius, wanted, self._spent())
-        if table.estimator == "fisher":
-            self.model = replace(self.model, detector=train(examples, wanted))
-        else:
-            self.model = replace(self.model, detector=train_estimator(examples, table, wanted))
+        table = table.model_copy(update={"features": tuple(features) or table.features})
+        self.model = replace(self.model, detector=train_judge(table, alarms, label_radius, self._spent()))
 
     def _spent(self) -> list[pd.DataFrame]:
         parts = [
@@ -187,8 +183,19 @@ class _Course:
         shutil.rmtree(self._learnt, ignore_errors=True)
 
 
-def matching_columns(wanted: list[str], columns: list[str]) -> list[str]:
-    """Find the columns that names, which may be patterns, stand for; a name that fits none is a ValueError."""
+def train_judge(
+    table: DetectorTable,
+    lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]],
+    label_radius: float,
+    spent: Sequence[pd.DataFrame] = (),
+) -> Detector:
+    """Train what a recipe's detector table names on lanes as :func:`flgpr.chain.classifier.make_training_set` takes."""
+    wanted = _matching(list(table.features), list(lanes[0][2].columns))
+    examples = make_training_set(lanes, label_radius, wanted, spent)
+    return train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+
+
+def _matching(wanted: list[str], columns: list[str]) -> list[str]:
     matching = [name for pattern in wanted for name in columns if fnmatchcase(name, pattern)]
     missing = [pattern for pattern in wanted if not any(fnmatchcase(name, pattern) for name in columns)]
     if missing or not matching:
