@@ -151,13 +151,28 @@ def test_the_table_is_the_score_of_the_alarms(field):
 
 
 def test_what_differs_in_its_detector_alone_shares_its_images(field):
-    assert len(list((field / "out" / "lanes" / "found").iterdir())) == 1
+    kept = [json.loads(path.read_text("utf-8")) for path in (field / "out" / "kept").glob("*.json")]
+    passes = pd.DataFrame(kept).groupby(["lane", "stage"]).size()
+    # Test lanes for both; the training of both folds and of the whole for the one that has a detector.
+    assert {name: int(count) for name, count in passes.groupby("stage").sum().items()} == {
+        "signature": 4, "gain": 4, "view": 4, "features": 4,
+    }  # fmt: skip
     one, two = (
         read_table(field / "out" / "entries" / name / "standard" / ALARMS, "alarms").sort_values(["lane", "x", "y"])
         for name in ("one", "two")
     )
     np.testing.assert_array_equal(one[["x", "y"]], two[["x", "y"]])
     assert not np.allclose(one["confidence"], two["confidence"])
+
+
+def test_entries_cost_what_they_would_alone(field):
+    costs = [
+        json.loads((field / "out" / "entries" / name / "costs.json").read_text("utf-8")) for name in ("one", "two")
+    ]
+    assert {name for name in costs[1] if not name.startswith("training")} == set(costs[0])
+    assert sum(name.startswith("training") for name in costs[1]) == 3
+    for name, one in costs[0].items():
+        assert costs[1][name]["processor_seconds"] == pytest.approx(one["processor_seconds"], rel=0.3)
 
 
 def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
@@ -213,12 +228,18 @@ def test_a_stage_that_spends_all_its_mines_enters(field):
     run_benchmark([field / "matched.toml"], field / "out", ground=field / "ground.toml")
     about = json.loads((field / "out" / "entries" / "matched" / "entry.json").read_text("utf-8"))
     assert about["fault"] == ""
+    out = field / "out" / "lanes"
+    runs, truths, areas = (
+        [out / f"{name}-known-1{end}" for name in ("arid", "gravel")] for end in (".zarr", "-truth.csv", "-lane.toml")
+    )
+    tasks.train_runs(runs, truths, field / "matched.toml", field / "amf", lanes=areas)
+    result = tasks.detect_run(
+        out / "arid-test-1.zarr", field / "matched.toml", field / "by-amf", out / "arid-test-1-lane.toml",
+        model=field / "amf", report=False,
+    )  # fmt: skip
     alarms = read_table(field / "out" / "entries" / "matched" / "standard" / ALARMS, "alarms")
-    found = [pd.read_csv(path) for path in (field / "out" / "lanes" / "found").glob("*/arid-test-1/features.csv")]
-    ranks = [np.sort(table["amf"]) for table in found if "amf" in table.columns]  # trained on both lanes, and on one
-    ours = np.sort(alarms[alarms["lane"] == "arid-test-1"]["confidence"])
-    assert len(ranks) == 2
-    assert any(len(one) == len(ours) and np.allclose(one, ours, rtol=1e-5) for one in ranks)
+    ours = alarms[alarms["lane"] == "arid-test-1"].sort_values("confidence", ascending=False)
+    np.testing.assert_allclose(ours["confidence"], result.detections[0].features["amf"], rtol=1e-5)
 
 
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):

@@ -303,7 +303,7 @@ def test_sections_rank_alike(run):
     whole = LaneChain(run, one, LANE, explains=False)
     whole.go()
     alarms = whole.ranked_alarms()[0]
-    known, rows = whole.known["view"], whole.grid.ny
+    known, rows = whole.known["alarms"], whole.grid.ny
     maxima = pd.DataFrame({name: known[f"maximum|{name}"] for name in ("x", "y", "magnitude")})
     threshold = lane_threshold(one, LANE, maxima, int(known["seen"]))
     parts = []

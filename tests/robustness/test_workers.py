@@ -72,7 +72,7 @@ def test_a_killed_worker_process_costs_only_its_piece(lane, tmp_path):
     result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=2, report=False, note=note)
     assert content(result.folder) == lane.content
     assert len(victims) == 1
-    assert len(done) == len(set(done)) == 4 * (lane.blocks + 1) + 1
+    assert len(done) == len(set(done)) == 4 * (lane.blocks + 1) + 2
 
 
 def test_workers_end_when_their_driver_is_killed(lane, tmp_path):
@@ -201,7 +201,7 @@ def test_a_training_that_was_stopped_goes_on_and_does_not_depend_on_who_works(la
     columns = ("C_HH_F1", "M_VV_F1")
     where = [lane.run, lane.run], [truth, truth], lane.recipe
     options = {"lanes": [lane.area, lane.area]}
-    tasks.train_runs(*where, tmp_path / "plain", columns, **options, workers=2)
+    tasks.train_runs(*where, tmp_path / "plain", columns, **options, how=tasks.How(2))
 
     calls = []
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
-import time
+import shutil
 import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,22 @@ import numpy as np
 import pandas as pd
 
 from flgpr.benchmark.ground import Ground, GroundLane, load_ground
-from flgpr.chain.model import Detector
-from flgpr.chain.recipe import RANKS, DetectorTable, parse_recipe, recipe_text
+from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.execution.executors import Report
+from flgpr.execution.lane_work import code_versions
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import lane_text, open_run, read_manifest, read_table, sha256, write_table, write_whole
+from flgpr.io import open_run, read_manifest, read_table, sha256, write_table, write_whole
 from flgpr.results.result import read_result
 from flgpr.scoring import seal_truth
 from flgpr.simulate import draw_world
 from flgpr.tasks.detection import detect_runs
 from flgpr.tasks.simulation import simulate_to_store
-from flgpr.tasks.training import train_judge, train_runs
+from flgpr.tasks.training import train_runs
 
-SEALED, PRINTS, ALARMS, COSTS, MARK = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json", "ground.json"
-_BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson")
+SEALED, PRINTS, ALARMS, COSTS = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json"
+MARK, ABOUT = "ground.json", "entry.json"
+Costs = dict[str, dict[str, float]]
+"""Processor seconds and peak bytes by lane, and of every training."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,6 @@ class Entry:
     name: str
     title: str
     text: str = ""
-    rank: str = ""  #: column that ranks in place of the recipe's confidence, so that entries share what they learn
     alarms: Path | None = None
 
 
@@ -58,7 +59,7 @@ def packaged_entries(quick: bool = False) -> dict[str, Entry]:
                 raise ValueError(f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}")
             text = text.replace(old, new)
         top = f"confidence = {json.dumps(row['confidence'])}\n" if "confidence" in row else ""
-        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}", row.get("rank", ""))
+        found[name] = Entry(name, row["title"], f"{top}{text}\n{row.get('add', '')}")
     return found
 
 
@@ -92,7 +93,7 @@ def passphrase(ground: Ground) -> str:
 def make_lanes(ground: Ground, home: Path, how: How) -> None:
     """Simulate the lanes that are not there yet; the truth of test lanes is sealed, that of the others lies beside."""
     seal_tested(ground, home)
-    left = [lane.name for lane in ground.lanes.values() if not (home / f"{lane.name}-lane.toml").is_file()]
+    left = [lane.name for lane in ground.lanes.values() if not (home / f"{lane.name}.zarr").is_dir()]
     with how.executor() as executor:
         jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
         for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
@@ -118,14 +119,11 @@ def seal_tested(ground: Ground, home: Path) -> None:
 
 
 def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
-    """Simulate one lane; what tells where the targets of a test lane lie does not stay."""
+    """Simulate one lane, with its truth beside it unless that is sealed."""
     lane, folder = load_ground(quick, ground).lanes[name], Path(home)
-    simulate_to_store(lane.scene, lane.sensor, lane.seed, folder / f"{name}.zarr")
-    (folder / f"{name}-lane.toml").unlink()
-    for beside in _BESIDE:
-        if lane.part == "test" or beside != "truth.csv":
-            (folder / f"{name}-{beside}").unlink()
-    write_whole(folder / f"{name}-lane.toml", lane_text(lane.scene.lane))  # the last: it says that the lane is there
+    if lane.part != "test":
+        write_table(draw_world(lane.scene, lane.seed).truth(), folder / f"{name}-truth.csv")
+    simulate_to_store(lane.scene, lane.sensor, lane.seed, folder / f"{name}.zarr", blind=True)
     return {"lane": name}
 
 
@@ -147,104 +145,77 @@ class Course:
     """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
 
     def __init__(self, ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
-        self.ground, self.entry, self.home, self.folder, self.how = ground, entry, home, folder, how
-        self.recipe = parse_recipe(entry.text, entry.name)
-        self.costs: dict[str, dict[str, float]] = {}
+        self.ground, self.home, self.folder, self.how = ground, home, folder, how
+        self.recipe, self.file = parse_recipe(entry.text, entry.name), folder / "recipe.toml"
+        write_whole(self.file, entry.text)
+        costs = folder / COSTS
+        self.costs: Costs = json.loads(costs.read_text("utf-8")) if costs.is_file() else {}
 
     def run(self) -> None:
-        """Write the alarms of every split."""
+        """Write the alarms of every split, fold by fold; those that are there are left alone."""
         for split, row in self.ground.table.splits.items():
-            parts = []
-            for fold in row.folds:
-                known = self.ground.matching(fold.train, fold.without)
-                parts += list(self._alarms(known, self.ground.matching(fold.test)))
-            home = self.folder / split
-            home.mkdir(parents=True, exist_ok=True)
-            write_table(pd.concat(parts, ignore_index=True), home / ALARMS)
+            (self.folder / split).mkdir(exist_ok=True)
+            folds = [self.folder / split / f"fold-{number}.csv" for number in range(1, len(row.folds) + 1)]
+            for fold, path in zip(row.folds, folds, strict=True):
+                if not path.is_file():
+                    known = self.ground.matching(fold.train, fold.without)
+                    write_table(self._alarms(known, self.ground.matching(fold.test)), path)
+            parts = [read_table(path, "alarms") for path in folds]
+            write_table(pd.concat(parts, ignore_index=True), self.folder / split / ALARMS)
+            write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
 
-    def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> Iterator[pd.DataFrame]:
-        """Train on lanes and give the alarms of others, with their lane."""
-        # Lanes are imaged once for all entries that differ only in what judges the features or ranks by them.
-        own = self.recipe.confidence
-        column, text = self.entry.rank or (own if own not in RANKS else None), self.entry.text
-        learns, table, judge, model = bool(self.recipe.learning()), self.recipe.detector, None, None
-        if not learns:
-            text = text if own in RANKS else re.sub(r"(?m)^confidence = .*\n", "", text)
-            text = re.sub(r"(?ms)^\[detector.*?(?=^\[(?!detector)|\Z)", "", text)
-        made_of = [text.strip(), [lane.name for lane in known] if learns else []]
-        shared = self.home / "found" / sha256(json.dumps(made_of).encode())[:12]
-        shared.mkdir(parents=True, exist_ok=True)
-        write_whole(shared / "recipe.toml", text)
-        if learns:
-            model = shared / "model"
-            self._train(shared / "recipe.toml", known, model)
-        elif table is not None:
-            judge = self._judge(table, known, dict(self._detect(shared, known)))
-        for name, result in self._detect(shared, tested, model):
-            found_here = result.detections[0]
-            alarms = found_here.alarms.assign(lane=name)
-            if column is not None:
-                alarms = alarms.assign(confidence=found_here.features[column])
-            if judge is not None:
-                alarms = alarms.assign(confidence=judge.confidence(found_here.features))
-            yield alarms.dropna(subset=["confidence"])
+    def _alarms(self, known: Sequence[GroundLane], tested: Sequence[GroundLane]) -> pd.DataFrame:
+        """Train on lanes, detect on others and give the alarms of these, with their lane."""
+        model = self._trained(known) if self.recipe.learning() or self.recipe.detector is not None else None
+        results = self.folder / "results"
+        with self._spending(results) as (how, spent):
+            runs, borders = self._files(tested)
+            detect_runs(runs, self.file, results, borders, model, report=False, how=how)
+        self.costs |= spent
+        found = [read_result(results / lane.name).detections[0].alarms.assign(lane=lane.name) for lane in tested]
+        shutil.rmtree(results)
+        return pd.concat(found, ignore_index=True)
 
-    def _train(self, recipe: Path, known: Sequence[GroundLane], model: Path) -> None:
-        """Train the stages of a recipe that learn, and its detector, unless that was done."""
-        costs = model.with_name("training.json")
+    def _trained(self, known: Sequence[GroundLane]) -> Path:
+        """Train on lanes, unless that was done, and give the model."""
+        name = sha256(json.dumps([lane.name for lane in known]).encode())[:12]
+        model = self.folder / "models" / name
         if not model.is_dir():
-            runs, truths, areas = (
-                [self.home / f"{lane.name}{end}" for lane in known] for end in (".zarr", "-truth.csv", "-lane.toml")
-            )
-            begun = time.perf_counter()
-            train_runs(
-                runs, truths, recipe, model, lanes=areas, label_radius=self.ground.table.halo, track=self.how.track,
-                workers=self.how.workers, scheduler=self.how.scheduler,
-            )  # fmt: skip
-            write_whole(costs, json.dumps({"seconds": time.perf_counter() - begun}) + "\n")
-        self._cost(f"training {model.parent.name}", json.loads(costs.read_text("utf-8")))
+            with self._spending(model.with_name(f"{name}-costs")) as (how, spent):
+                runs, borders, truths = self._files(known, "-truth.csv")
+                train_runs(runs, truths, self.file, model, lanes=borders, label_radius=self.ground.table.halo, how=how)
+            self.costs[f"training {name}"] = {
+                "processor_seconds": sum(one["processor_seconds"] for one in spent.values()),
+                "peak_bytes": max(one["peak_bytes"] for one in spent.values()),
+            }
+        return model
 
-    def _judge(self, table: DetectorTable, known: Sequence[GroundLane], seen: dict[str, Any]) -> Detector:
-        """Train a detector on the features of lanes."""
-        begun = time.perf_counter()
-        lanes = [
-            (lane.name, seen[lane.name].detections[0].alarms, seen[lane.name].detections[0].features,
-             read_table(self.home / f"{lane.name}-truth.csv", "truth"), lane.scene.lane)
-            for lane in known
-        ]  # fmt: skip
-        judge = train_judge(table, lanes, self.ground.table.halo)
-        self._cost(f"training on {len(known)} lanes", {"seconds": time.perf_counter() - begun})
-        return judge
+    def _files(self, lanes: Sequence[GroundLane], *more: str) -> list[list[Path]]:
+        """List the runs and the borders of lanes, and files of other endings."""
+        return [[self.home / f"{lane.name}{end}" for lane in lanes] for end in (".zarr", "-lane.toml", *more)]
 
-    def _detect(
-        self, output: Path, lanes: Sequence[GroundLane], model: Path | None = None
-    ) -> Iterator[tuple[str, Any]]:
-        """Detect by the recipe in a folder, on lanes that it was not tried on yet, and give all results."""
-        costs = output / COSTS
-        spent: dict[str, dict[str, float]] = json.loads(costs.read_text("utf-8")) if costs.is_file() else {}
+    @contextmanager
+    def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
+        """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
+        path = folder / COSTS
+        spent: Costs = json.loads(path.read_text("utf-8")) if path.is_file() else {}
 
         def note(report: Report) -> None:
             own = spent.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
             own["processor_seconds"] += report["processor_seconds"]
             own["peak_bytes"] = max(own["peak_bytes"], report["peak_bytes"])
 
-        how = How(self.how.workers, self.how.scheduler, self.how.max_memory, self.how.track, note)
-        runs, borders = ([self.home / f"{one.name}{end}" for one in lanes] for end in (".zarr", "-lane.toml"))
         try:
-            detect_runs(runs, output / "recipe.toml", output, lanes=borders, model=model, report=False, how=how)
+            yield replace(self.how, note=note), spent
         finally:
-            write_whole(costs, json.dumps(spent, indent=1) + "\n")
-        for lane in lanes:
-            self._cost(lane.name, spent.get(lane.name, {}))
-            yield lane.name, read_result(output / lane.name)
-
-    def _cost(self, what: str, cost: dict[str, float]) -> None:
-        self.costs.setdefault(what, {}).update(cost)
-        write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
+            folder.mkdir(parents=True, exist_ok=True)
+            write_whole(path, json.dumps(spent, indent=1) + "\n")
 
 
 def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
     """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
+    if (folder / ABOUT).is_file() and json.loads((folder / ABOUT).read_text("utf-8"))["made_of"] != made_of(entry):
+        shutil.rmtree(folder)  # what another recipe or program found
     _tell(ground, entry, folder)
     if entry.alarms is None:
         Course(ground, entry, home, folder, how).run()
@@ -270,11 +241,17 @@ def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
     return tables
 
 
+def made_of(entry: Entry) -> str:
+    """Tell recipe and program apart from others."""
+    return sha256(json.dumps([entry.text, code_versions()]).encode())
+
+
 def _tell(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
     about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
-    write_whole(folder / "entry.json", json.dumps(about, indent=1) + "\n")
+    about["made_of"] = made_of(entry)
+    write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
 
 
 def run_benchmark(
@@ -302,7 +279,7 @@ def run_benchmark(
     Returns
     -------
     Path
-        The folder.
+        The folder. What it has in ``kept``, images that entries share, may be deleted.
 
     Raises
     ------
@@ -322,10 +299,11 @@ def run_benchmark(
     write_whole(folder / "ground.toml", chosen.text)
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
     make_lanes(chosen, folder / "lanes", how)
+    how = replace(how, kept=folder / "kept")
     for entry in how.track(found, "entries", len(found)):
         try:
             run_entry(chosen, entry, folder / "lanes", folder / "entries" / entry.name, how)
-        except ValueError as error:  # the others shall not wait for one that cannot be trained
+        except (ValueError, ModuleNotFoundError) as error:  # the others shall not wait for one that cannot be trained
             warnings.warn(f"{entry.name} did not finish: {error}", stacklevel=2)
             _tell(chosen, entry, folder / "entries" / entry.name, str(error))
     return folder

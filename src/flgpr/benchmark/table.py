@@ -41,7 +41,7 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the FAR of comparison also mines
         that the entry alone finds (``only``), the reference alone (``reference_only``), and ``p`` of the paired test.
     costs : DataFrame
-        A row per entry: processor seconds per km in detection, seconds of training, the largest process in bytes.
+        A row per entry: processor seconds per km in detection and of all trainings, the largest process in bytes.
 
     Raises
     ------
@@ -157,7 +157,9 @@ def _cost(ground: Ground, entry: Path) -> dict[str, Any]:
     return {
         "entry": entry.name,
         "seconds_per_km": seconds / length if length else float("nan"),
-        "training_seconds": sum(cost["seconds"] for name, cost in costs.items() if name.startswith("training")),
+        "training_seconds": sum(
+            cost["processor_seconds"] for name, cost in costs.items() if name.startswith("training")
+        ),
         "peak_bytes": max((cost["peak_bytes"] for cost in lanes.values()), default=float("nan")),
     }
 

@@ -29,10 +29,18 @@ from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
 from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
+from flgpr.io import sha256
 from flgpr.model import ALARM_COLUMNS, Lane, empty_table
 from flgpr.screen import RunViewSums, local_maxima, select, view_array
 
 MAIN = "main"
+KINDS = {
+    "signature": "self-signature", "gain": "gain background", "view": "run-view", "alarms": "alarms",
+    "features": "features",
+}  # fmt: skip
+"""Passes of every way through, and what they are called."""
+IMAGING = {"image", "background", "run_view", "contrast", "clutter", "map", "suppression", "variants"}
+"""Tables of a recipe that images, their backgrounds and run-views hang on."""
 FloatArray = NDArray[np.float64]
 
 
@@ -187,20 +195,42 @@ class LaneChain(Chain):
         if suppresses:
             passes.append(Pass("roadside", "bright roadside", lambda _: self.roadside.find(self._image), whole=True))
         for variation in self.variations:
-            kinds = (self._signature, self._gain, self._view, self._features)
-            titles = ("self-signature", "gain background", "run-view", "features")
-            for kind, title in zip(kinds, titles, strict=True):
+            kinds = (self._signature, self._gain, self._view, self._alarms, self._features)
+            for kind, title in zip(kinds, KINDS.values(), strict=True):
                 name = variation.of(kind.__name__.removeprefix("_"))
                 label = title if variation.name == MAIN else f"{variation.name}: {title}"
-                passes.append(Pass(name, label, partial(kind, variation), kind in (self._signature, self._gain)))
+                whole, still = kind in (self._signature, self._gain), kind == self._alarms
+                passes.append(Pass(name, label, partial(kind, variation), whole, still=still))
                 if name == "gain" and self.mapper is not None and made.get(learner) is self.mapper:
                     examples = partial(self._map_examples, self.mapper, targets)
                     return [*passes, Pass(f"learn.{learner}", f"examples for {learner}", examples)]
                 if name == "view" and learner:
                     return passes
-                if name == "view" and suppresses:
+                if name == "alarms" and suppresses:
                     passes.append(Pass("share", "share of the roadside", self._share))
         return passes
+
+    def basis(self, name: str) -> dict[str, Any] | None:
+        """Tell what a pass's result hangs on beside run, lane and program; None where only this chain can tell.
+
+        Self-signature, gain, run-view and features of alarms hang on a part of the recipe alone: other recipes may have
+        the same part. What a stage has learnt is nobody else's.
+        """
+        kind = name.partition(".")[0]
+        clutter = any(one.of.learns for one in self.recipe.clutter)
+        mapped = self.recipe.map is not None and self.recipe.map.of.learns and kind not in ("signature", "gain")
+        read = [one for one in self.recipe.columns if getattr(one.of, "of_image", None) is not FeatureStage.of_image]
+        if kind not in KINDS or kind == "alarms" or clutter or mapped or any(one.of.learns for one in read):
+            return None
+        told: dict[str, Any] = {"pass": name, "recipe": self.recipe.model_dump(mode="json", include=IMAGING)}
+        if kind in ("view", "features"):
+            told.update(explains=self._explains, kept=[self._kept.start, self._kept.stop])
+        if kind == "features":
+            alarms = self.raised(next(one for one in self.variations if one.of("features") == name))
+            told["features"] = self.recipe.model_dump(mode="json", include={"features"})
+            told["columns"] = [one.model_dump(mode="json") for one in read]
+            told["alarms"] = sha256(alarms[["x", "y"]].to_numpy(np.float64).tobytes())
+        return told
 
     @cached_property
     def reaching(self) -> list[int]:
@@ -225,8 +255,8 @@ class LaneChain(Chain):
         return self._cleaned[variation.name]
 
     def raised(self, variation: Variation | None = None) -> pd.DataFrame:
-        """Give the prescreener's alarms of a variation, by default the recipe's own; needs its pass "view"."""
-        known = self.known[(variation or self.variations[0]).of("view")]
+        """Give the prescreener's alarms of a variation, by default the recipe's own; needs its pass "alarms"."""
+        known = self.known[(variation or self.variations[0]).of("alarms")]
         table, threshold = array_table(group_of(known, "maximum")), self.section.threshold
         if threshold is None:
             threshold = lane_threshold(self.recipe, self.lane, table, int(known["seen"]))
@@ -354,7 +384,7 @@ class LaneChain(Chain):
 
     def _view(self, variation: Variation, block: range | None) -> Accumulator:
         sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._rows(block)), self._cleaned_by(variation)
-        before = self._view_sums(block) if self._explains and variation.name == MAIN and not self.untrained else None
+        before = self._view_sums(block) if self._explains and variation.name == MAIN else None
 
         def add(index: int) -> None:
             image = cleaned.scan(index)
@@ -379,14 +409,25 @@ class LaneChain(Chain):
         def result() -> Arrays:
             values, looks = sums.result()
             values = values.reshape(len(values), -1, *values.shape[-2:])  # ranges stand beside the sub-bands
-            screen, view = self.recipe.prescreen, self._as_view(values, looks, self._kept)
-            chosen = select(view, screen.polarization, screen.subband)
-            seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
-            raised = {} if self.untrained else bundled({"maximum": table_arrays(self._raise(view, chosen))})
-            earlier = {} if before is None else bundled({"before": self._cropped(*before.result())})
-            return {**self._cropped(values, looks), "seen": np.array(seen), **raised, **earlier}
+            earlier: Arrays = {}
+            if before is not None:
+                earlier["view"], earlier["looks"] = before.result()
+            view: Arrays = {"view": values, "looks": looks}
+            return view | bundled({"before": earlier})
 
         return Accumulator(add, lambda _: state(), merge, result)
+
+    def _alarms(self, variation: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
+        """Gather no scans: its result is what may become alarms, and how many pixels of the channel were seen."""
+
+        def result() -> Arrays:
+            known, screen = self.known[variation.of("view")], self.recipe.prescreen
+            view = self._as_view(known["view"], known["looks"], self._kept)
+            chosen = select(view, screen.polarization, screen.subband)
+            seen = np.count_nonzero(np.isfinite(chosen.values[self._own]))
+            return bundled({"maximum": table_arrays(self._raise(view, chosen))}) | {"seen": np.array(seen)}
+
+        return added({}, lambda _: None, result)
 
     def _raise(self, view: xr.DataArray, chosen: xr.DataArray) -> pd.DataFrame:
         """Give what may become alarms in the section's own rows, with the features that the run-view has of it."""
@@ -481,16 +522,16 @@ class LaneChain(Chain):
         """The section's own rows among those that are kept."""
         return slice(self.section.start - self._kept.start, self.section.stop - self._kept.start)
 
-    def _cropped(self, values: NDArray[np.float32], looks: NDArray[np.int64]) -> Arrays:
-        return {"view": values[..., self._own, :], "looks": looks[self._own]}
-
     def _own_view(self, name: str) -> xr.DataArray:
-        return self._as_view(self.known[name]["view"], self.known[name]["looks"], self.section.rows)
+        return self._of_section(self.known[name])
 
     def _before(self) -> xr.DataArray:
         """Second largest magnitude of the images before they were cleaned, for the viewer."""
-        arrays = group_of(self.known["view"], "before")
-        return self._as_view(arrays["view"], arrays["looks"], self.section.rows, plain=True)
+        return self._of_section(group_of(self.known["view"], "before"), plain=True)
+
+    def _of_section(self, known: Mapping[str, NDArray[Any]], plain: bool = False) -> xr.DataArray:
+        """Give the section's own rows of a run-view."""
+        return self._as_view(known["view"][..., self._own, :], known["looks"][self._own], self.section.rows, plain)
 
     def _as_view(
         self, values: NDArray[np.float32], looks: NDArray[np.int64], rows: slice, plain: bool = False

@@ -46,6 +46,7 @@ class Pass:
     whole: bool = False  #: whether it goes through all scans where only a section of the lane is asked for
     #: whether what is gathered of each block is not folded but stays known by the block's :func:`part_name`
     stored: bool = False
+    still: bool = False  #: whether it looks at what is known alone, at no scan
 
 
 # Goes through a block for an accumulator, which may begin with what was kept of it.
@@ -78,6 +79,8 @@ class Chain:
 
     def numbers(self, name: str) -> list[int]:
         """Tell which blocks a pass goes through."""
+        if self.passes[name].still:
+            return []
         return list(range(len(self.blocks))) if self.passes[name].whole else self.reaching
 
     @cached_property

@@ -143,11 +143,10 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """Train a recipe on runs with truth. A training that was stopped is gone on with."""
-    who: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
     with plain_errors(), progress(quiet) as track:
-        who["max_memory"] = tasks.parse_size(max_memory)
-        who["others"] = _others(beside, len(runs))
-        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, track=track, **who)
+        how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
+        others = _others(beside, len(runs))
+        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, others=others, how=how)
     tell_written(quiet, output)
 
 

@@ -79,6 +79,21 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
                 bad.append(name)
         return bad
 
+    def take(self, other: Checkpoint, name: str, as_name: str) -> bool:
+        """Take a group of another folder over, under a name of its own, if it is there and whole."""
+        try:
+            Bundle(other.path(name)).check()
+        except (OSError, BundleError):
+            return False
+        beside = self.path(as_name).with_suffix(f"{SUFFIX}{PARTIAL}")
+        beside.unlink(missing_ok=True)
+        try:
+            beside.hardlink_to(other.path(name))  # nobody writes into a file that is there
+        except OSError:
+            shutil.copyfile(other.path(name), beside)
+        beside.replace(self.path(as_name))
+        return True
+
     def path(self, name: str) -> Path:
         """File of a group."""
         return self.folder / f"{name}{SUFFIX}"

@@ -27,7 +27,7 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
-from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, open_chain
+from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, kept_pass, open_chain
 from flgpr.io import inside, lane_text, read_limited, read_table, seal, sha256, unseal, write_table
 from flgpr.io.files import replace_folder, write_whole
 from flgpr.model import Lane
@@ -102,13 +102,36 @@ class _Drive:
 
     def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
         for stage, (title, every) in plan.items():
-            if stage not in work:
-                missing = [number for number in every if part_name(stage, number) not in work]
-                parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
-                for report in self.track(parts, name + title, len(missing)):
-                    self.note(report)
-                for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
-                    self.note(report)
+            if stage in work or self._taken(job, work, stage):
+                continue
+            missing = [number for number in every if part_name(stage, number) not in work]
+            parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
+            spent = []
+            for report in self.track(parts, name + title, len(missing)) if missing else ():
+                self.note(report)
+                spent.append(report)
+            for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
+                self.note(report)
+                spent.append(report)
+            self._keep(job, work, stage, spent)
+
+    def _taken(self, job: LaneJob, work: Checkpoint, stage: str) -> bool:
+        """Take a pass from what jobs of the same images share, and report what it cost the first of them."""
+        shared = kept_pass(job, stage)
+        if shared is None or not work.take(Checkpoint(Path(job.kept)), shared, stage):
+            return False
+        self.note(json.loads(read_limited(Path(job.kept) / f"{shared}.json")) | {"lane": Path(job.output).name})
+        return True
+
+    def _keep(self, job: LaneJob, work: Checkpoint, stage: str, spent: Sequence[Report]) -> None:
+        """Leave a pass to jobs of the same images."""
+        shared = kept_pass(job, stage)
+        if shared is not None:
+            Path(job.kept).mkdir(parents=True, exist_ok=True)
+            sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
+            largest = max(one["peak_bytes"] for one in spent)
+            write_whole(Path(job.kept) / f"{shared}.json", json.dumps(spent[-1] | sums | {"peak_bytes": largest}))
+            Checkpoint(Path(job.kept)).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
         for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
@@ -135,7 +158,7 @@ def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., 
         if "threshold" not in shared:
             for name, part in parts.items():
                 with begin(part.work, part.identity()) as work:
-                    drive.passes(part, work, plan(lambda p: p.name == "view", part.section), f"{name}: ")
+                    drive.passes(part, work, plan(lambda p: p.name in ("view", "alarms"), part.section), f"{name}: ")
             shared["threshold"] = {"threshold": np.array(_threshold(job, list(parts.values())))}
         threshold = float(shared["threshold"]["threshold"])
         for (name, part), section in zip(parts.items(), sections, strict=True):
@@ -159,9 +182,9 @@ def _prepare(gathering: Path, names: Sequence[str]) -> None:
 
 
 def _threshold(job: LaneJob, parts: Sequence[LaneJob]) -> float:
-    views = [Checkpoint(part.work)["view"] for part in parts]
-    maxima = pd.concat([array_table(group_of(view, "maximum")) for view in views], ignore_index=True)
-    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(view["seen"]) for view in views))
+    raised = [Checkpoint(part.work)["alarms"] for part in parts]
+    maxima = pd.concat([array_table(group_of(one, "maximum")) for one in raised], ignore_index=True)
+    return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in raised))
 
 
 def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.execution.checkpoint import Checkpoint, Kept
 from flgpr.execution.executors import Report
-from flgpr.io import MAX_MEMORY, Bundle, open_run, read_limited, read_manifest, read_table, sha256
+from flgpr.io import MAX_MEMORY, Bundle, canonical_json, open_run, read_limited, read_manifest, read_table, sha256
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
@@ -56,6 +56,8 @@ class LaneJob:
     others: tuple[tuple[str, str, str], ...] = ()  #: name, store and digest of every run taken together with it
     truth: tuple[str, str] = ("", "")  #: file and digest of a training lane's targets
     explains: bool = True
+    #: folder of passes that jobs of the same images share, see :meth:`flgpr.chain.lane_chain.LaneChain.basis`
+    kept: str = ""
 
     @property
     def work(self) -> Path:
@@ -91,6 +93,7 @@ def make_job(
     max_memory: int = MAX_MEMORY,
     others: Mapping[str, str | Path] | None = None,
     truth: str | Path | None = None,
+    kept: str | Path | None = None,
 ) -> LaneJob:
     """Describe a detection; a run or model that is not valid is refused."""
     return LaneJob(
@@ -107,6 +110,7 @@ def make_job(
         max_memory,
         others=tuple((n, str(Path(p).resolve()), read_manifest(p)["sha256"]) for n, p in (others or {}).items()),
         truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(Path(truth).read_bytes())),
+        kept="" if kept is None else str(Path(kept).resolve()),
     )
 
 
@@ -133,6 +137,15 @@ def processor() -> str:
     return f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}"
 
 
+def kept_pass(job: LaneJob, stage: str) -> str | None:
+    """Name under which jobs of the same images share the result of a pass; None if they do not."""
+    if not job.kept:
+        return None
+    told = _open(job)[0].basis(stage)
+    about = {name: job.identity()[name] for name in ("run", "lane", "code", "cpu", "block", "others")}
+    return None if told is None else sha256(canonical_json([about, told]))[:32]
+
+
 def do_part(job: LaneJob, stage: str, number: int) -> Report:
     """Do one block of a stage and leave it in the work folder; a process without it, or of other versions, refuses."""
     begun = _now()
@@ -143,7 +156,7 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
             kept = Kept(work, name)
             work[name] = chain.part(stage, number, kept)
             kept.drop()
-        return _report(job, stage, number, begun, work.size(name))
+        return report(Path(job.output).name, stage, number, begun, work.size(name))
 
 
 def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
@@ -156,7 +169,7 @@ def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
             work[stage] = {} if stored else chain.fold(stage, _parts(work, stage, numbers))
         if not stored:
             work.drop_parts(stage)
-        return _report(job, stage, -1, begun, work.size(stage))
+        return report(Path(job.output).name, stage, -1, begun, work.size(stage))
 
 
 def do_finish(job: LaneJob) -> Report:
@@ -173,7 +186,7 @@ def do_finish(job: LaneJob) -> Report:
         if job.report:
             add_files(folder, {"report.html": report_html(read_result(folder))})
         _opened.cache_clear()  # lets the run-views go
-        return _report(job, "finish", -1, begun, 0) | {"alarms": len(detections[0].alarms)}
+        return report(Path(job.output).name, "finish", -1, begun, 0) | {"alarms": len(detections[0].alarms)}
 
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
@@ -223,10 +236,11 @@ def _now() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()
 
 
-def _report(job: LaneJob, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
+def report(lane: str, stage: str, number: int, begun: tuple[float, float], size: int) -> Report:
+    """Report a piece of work that began when the clocks of wall and processor told ``begun``, and its bytes."""
     wall, processor_time = _now()
     return {
-        "lane": Path(job.output).name,
+        "lane": lane,
         "stage": stage,
         "block": number,
         "seconds": wall - begun[0],

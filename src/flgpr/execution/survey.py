@@ -33,6 +33,8 @@ class How:
     max_memory: int = MAX_MEMORY  #: that each process may take, bytes
     track: Track = silent  #: shows progress
     note: Note = unnoted  #: takes a report of every piece of work that was done
+    #: folder in which backgrounds, run-views and features stay for other recipes that have the same; it may be deleted
+    kept: PathLike | None = None
 
     def executor(self) -> Executor:
         """Choose who does the work."""
@@ -77,7 +79,9 @@ def detect_survey(
         beside = None if others is None else others[number]
         dataset = open_run(run, how.max_memory)
         area = area_of(dataset, recipe, lane)
-        jobs.append(make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside))
+        jobs.append(
+            make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside, kept=how.kept)
+        )
         check_free(survey / name)
         plan_sections(sizes_of(dataset), recipe, area, how.max_memory, section)  # refuses beforehand
     survey.mkdir(parents=True, exist_ok=True)

@@ -79,7 +79,7 @@ def detect_long(
     text = _text_of(recipe, run, model, how.max_memory)
     parsed = parse_recipe(text, str(recipe))
     area = area_of(open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None)
-    job = make_job(run, text, area, output, report, model, how.max_memory, others)
+    job = make_job(run, text, area, output, report, model, how.max_memory, others, kept=how.kept)
     with how.executor() as executor:
         return detect_lane(job, executor, how.track, how.note, section)
 

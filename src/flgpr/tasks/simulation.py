@@ -28,12 +28,13 @@ def simulate_to_store(
     track: Track = silent,
     resume: bool = True,
     truth: str | Path | None = None,
+    blind: bool = False,
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store, and give the paths of all that was written.
 
     Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
-    ``NAME-lane.toml``. A stopped call goes on when made again with the same arguments, to the same bits; without
-    ``resume`` it begins again. What another lane's call left is a RunStoreError.
+    ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same arguments, to the
+    same bits; without ``resume`` it begins again. What another lane's call left is a RunStoreError.
     """
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
@@ -42,7 +43,7 @@ def simulate_to_store(
     inputs = {"flgpr": __version__, "sensor_sha256": _hash(sensor), "errors": errors}
     polarization = list(sensor.polarization)
     with RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs) as writer:
-        written = [store, *_write_beside(store, simulator, truth)]
+        written = [store, *([] if blind else _write_truth(store, simulator, truth)), _write_borders(store, simulator)]
         poses, done, total = simulator.reported_pose(), len(writer), len(simulator)
         label = f"simulating, {done} scans were there" if done else "simulating"
         for scan in track(range(done, total), label, total - done):
@@ -50,15 +51,20 @@ def simulate_to_store(
     return written
 
 
-def _write_beside(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
+def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
     written = []
     for name, table in (("truth", simulator.truth), ("objects", simulator.objects)):
         path = Path(truth) if name == "truth" and truth else store.with_name(f"{store.stem}-{name}.csv")
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)
-    write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(simulator.scene.lane))
-    return [*written, store.with_name(f"{store.stem}-lane.toml")]
+    return written
+
+
+def _write_borders(store: Path, simulator: Simulator) -> Path:
+    path = store.with_name(f"{store.stem}-lane.toml")
+    write_whole(path, lane_text(simulator.scene.lane))
+    return path
 
 
 def _hash(part: Scene | Sensor) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,15 +18,14 @@ from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import Detector, Model, check_free_model, save_model
-from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
-from flgpr.execution.lane_work import LaneJob, make_job
-from flgpr.execution.survey import How
-from flgpr.io import MAX_MEMORY, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.execution.lane_work import LaneJob, make_job, report
+from flgpr.execution.survey import PLAINLY, How
+from flgpr.io import open_run, read_lane, read_manifest, read_table, sha256
 from flgpr.model import Lane
 
 PathLike = str | Path
@@ -38,11 +39,8 @@ def train_runs(
     features: Sequence[str] = (),
     lanes: Sequence[PathLike] | None = None,
     label_radius: float = 1.0,
-    track: Track = silent,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    max_memory: int = MAX_MEMORY,
     others: Sequence[Mapping[str, PathLike]] | None = None,
+    how: How = PLAINLY,
 ) -> Model:
     """Train a recipe on stored runs and write its model.
 
@@ -62,8 +60,8 @@ def train_runs(
         Per run, TOML of its lane in place of the recipe's, and the runs taken together with it.
     label_radius : float
         Alarms this near to a target are its hits, m.
-    track, workers, scheduler, max_memory
-        As for :func:`flgpr.tasks.detection.detect_run`.
+    how : How, optional
+        Who does the work.
     """
     if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
         raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
@@ -78,10 +76,9 @@ def train_runs(
     areas = []
     for number, run in enumerate(runs):
         given = read_lane(lanes[number]) if lanes is not None else None
-        areas.append(area_of(open_run(run, max_memory), parsed, given))
+        areas.append(area_of(open_run(run, how.max_memory), parsed, given))
     beside = others or [{}] * len(runs)
     lanes_of = [_Lane(*one) for one in zip(runs, truths, tables, areas, beside, strict=True)]
-    how = How(workers, scheduler, max_memory, track)
     with how.executor() as executor:
         course = _Course(parsed, text, lanes_of, Path(output), executor, how)
         course.learn_stages()
@@ -118,6 +115,12 @@ class _Course:
         self._step = 0
 
     @property
+    def _kept(self) -> PathLike | None:
+        """Folder of images that the steps share, if there are several."""
+        several = bool(self.recipe.learning())
+        return self._how.kept or (self.output.with_name(f"{self.output.name}.images") if several else None)
+
+    @property
     def _learnt(self) -> Path:
         """Folder of what the stages have learnt so far."""
         return self.output.with_name(f"{self.output.name}.training")
@@ -135,10 +138,11 @@ class _Course:
                 examples: list[Any] = self._views
             else:
                 examples = [dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)]
-            try:
-                arrays, notes = of.fit(settings, examples)
-            except ValueError as error:
-                raise ValueError(f"{name} cannot be trained: {error}") from None
+            with self._counted(name):
+                try:
+                    arrays, notes = of.fit(settings, examples)
+                except ValueError as error:
+                    raise ValueError(f"{name} cannot be trained: {error}") from None
             self.model = replace(
                 self.model, stages=self.model.stages | {name: arrays}, notes=self.model.notes | {name: notes}
             )
@@ -151,7 +155,15 @@ class _Course:
         ]
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         table = table.model_copy(update={"features": tuple(features) or table.features})
-        self.model = replace(self.model, detector=train_judge(table, alarms, label_radius, self._spent()))
+        with self._counted("detector"):
+            self.model = replace(self.model, detector=train_judge(table, alarms, label_radius, self._spent()))
+
+    @contextmanager
+    def _counted(self, name: str) -> Iterator[None]:
+        """Report what learning itself takes."""
+        begun = time.perf_counter(), time.process_time()
+        yield
+        self._how.note(report(self.output.name, name, -1, begun, 0))
 
     def _spent(self) -> list[pd.DataFrame]:
         parts = [
@@ -170,10 +182,11 @@ class _Course:
             beside = self.output.with_name(f"{self.output.name}-{number}-{self._step}")
             job = make_job(
                 lane.run, self.text, lane.area, beside, False, model, self._how.max_memory, lane.others,
-                lane.truth if truth else None,
+                lane.truth if truth else None, self._kept,
             )  # fmt: skip
             self._jobs.append(job)
-            with passes_of_lane(job, self._executor, self._how.track, name=f"{Path(lane.run).stem}: ") as chain:
+            name = f"{Path(lane.run).stem}: "
+            with passes_of_lane(job, self._executor, self._how.track, self._how.note, name) as chain:
                 yield chain, lane
 
     def clear(self) -> None:
@@ -181,6 +194,8 @@ class _Course:
         for job in self._jobs:
             finish(job.work)
         shutil.rmtree(self._learnt, ignore_errors=True)
+        if self._kept is not None and self._how.kept is None:
+            shutil.rmtree(self._kept, ignore_errors=True)
 
 
 def train_judge(

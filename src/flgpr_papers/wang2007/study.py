@@ -88,7 +88,7 @@ def lane_result(
     if not (there and _is_done(home, store, text)):
         run = open_run(store)
         chain = LaneChain(run, recipe, lane, explains=False)
-        chain.go(track, ("signature", "gain", "view", "features"))
+        chain.go(track, ("signature", "gain", "view", "alarms", "features"))
         cleaned, found = chain.cleaned, chain.detection()
         extras.parent.mkdir(parents=True, exist_ok=True)
         if examples:

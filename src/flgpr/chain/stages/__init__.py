@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
 from flgpr.model.faults import describe_fault
 
@@ -221,8 +221,8 @@ class Named(BaseModel):
 
     model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
     stage: str
-    settings: Table
-    of: type[Stage]
+    settings: SerializeAsAny[Table]
+    of: type[Stage] = Field(exclude=True)
 
 
 def _named(kind: str) -> Callable[[Any], Any]:
