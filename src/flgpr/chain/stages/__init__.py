@@ -46,6 +46,7 @@ PACKAGED = {
         "cfar": "anomaly:Cfar",
         "rx": "anomaly:Rx",
         "matched": "anomaly:Matched",
+        "network": "network:ChipNetwork",
     },
 }
 Positive = Annotated[float, Field(gt=0)]
