@@ -62,7 +62,7 @@ def test_scores_do_not_depend_on_which_alarms_are_asked_for_together():
     rng = np.random.default_rng(1)
     learnt = {"mean": np.zeros((2, 1, 1)), "deviation": np.ones((2, 1, 1))}
     for number in range(2):
-        learnt |= {f"network-{number}.{name}": one for name, one in made_up(seed=number).items()}
+        learnt |= {f"{number}-{name}": one for name, one in made_up(seed=number).items()}
     stage = network(learnt)
     places = np.column_stack([rng.uniform(-3, 3, 300), rng.uniform(0, 40, 300)])  # at the border, too
     every = stage.of_view(view_of(5), places)["cnn"]

@@ -90,14 +90,16 @@ class ChipNetwork(FeatureStage):
         learnt: Arrays = {"mean": mean, "deviation": deviation}
         for number in range(settings.networks):
             trained = train_network(mines, clutter, settings, settings.seed + number)
-            learnt |= {f"network-{number}.{name}": array for name, array in trained.items()}
+            learnt |= {f"{number}-{name}": array for name, array in trained.items()}
         return learnt, {"chips_of_mines": len(mines), "chips_of_clutter": len(clutter)}
 
 
 def weights_of(learnt: Mapping[str, NDArray[Any]]) -> list[Arrays]:
     """Take the arrays of every network out of what was learnt."""
-    names = sorted({name.partition(".")[0] for name in learnt if name.startswith("network-")})
-    return [{key.partition(".")[2]: learnt[key] for key in learnt if key.startswith(f"{name}.")} for name in names]
+    numbers = sorted({name.partition("-")[0] for name in learnt if "-" in name}, key=int)
+    return [
+        {key.partition("-")[2]: learnt[key] for key in learnt if key.startswith(f"{number}-")} for number in numbers
+    ]
 
 
 def forward(x: Chips, weights: Mapping[str, NDArray[Any]]) -> FloatArray:
