@@ -1,6 +1,7 @@
 """A proving ground in small: made, run, scored, and its truth looked at only where that is counted."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.benchmark import load_ground, run_benchmark, score_entries, write_table
+from flgpr.benchmark import load_ground, oracle, run_benchmark, run_oracle, score_entries, write_table
 from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, make_lane, passphrase
 from flgpr.benchmark.table import pd_in_words, same_lanes
 from flgpr.cli import app
@@ -47,6 +48,10 @@ targets = [["metal", -0.15, 5]]
 part = "test"
 length = 24.0
 targets = [["metal", -0.15, 4], ["pmn", 0.01, 1]]
+[lanes.bare]
+part = "test"
+length = 24.0
+targets = []
 [splits.standard]
 title = "all"
 folds = [{{ train = ["*-known-*"], test = ["*-test-*"] }}]
@@ -240,6 +245,41 @@ def test_a_stage_that_spends_all_its_mines_enters(field):
     alarms = read_table(field / "out" / "entries" / "matched" / "standard" / ALARMS, "alarms")
     ours = alarms[alarms["lane"] == "arid-test-1"].sort_values("confidence", ascending=False)
     np.testing.assert_allclose(ours["confidence"], result.detections[0].features["amf"], rtol=1e-5)
+
+
+def test_the_oracle_bounds_what_is_found(field, tmp_path):
+    shutil.copytree(field / "out", tmp_path / "out")
+    out, ground = tmp_path / "out", load_ground(False, field / "ground.toml")
+    looked = len(looks(out))
+    found = run_oracle(out, field / "one.toml")
+    assert len(looks(out)) == looked + 1
+    assert not {"x", "y", "depth"} & set(found.columns)
+    assert (found["looks"] > 0).all()
+    assert sorted(found["target_id"]) == sorted(truth_of(ground)["lane"] + "-" + truth_of(ground)["target_id"])
+    metal = found[found["kind"] == "metal"]
+    assert (metal["far_phase"] <= metal["far"] + 0.05).mean() > 0.8  # who knows the phase, too, finds no fewer
+    scores, _ = score_entries([out])
+    at = scores[(scores["split"] == "standard") & (scores["far_allowed"] == 0.1)].set_index(["entry", "group"])
+    assert at.loc[("oracle", "mines"), "n_targets"] == 10
+    assert at.loc[("oracle", "metal"), "pd"] == (metal["far"] <= 0.1).mean()
+    assert at.loc[("oracle-phase", "metal"), "pd"] >= at.loc[("one", "metal"), "pd"]
+    assert "oracle-phase" in write_table([out], tmp_path / "table")
+
+
+def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
+    lane = load_ground(False, field / "ground.toml").lanes["arid-bare-1"]
+    clutter = oracle.Clutter(oracle._chain(str(field / "out"), lane, field / "one.toml"), lane.scene.lane)
+    rng, looks = np.random.default_rng(0), clutter.looks
+    with_echo, without = [], []
+    for place in rng.choice(np.unique(looks.place), 12, replace=False):
+        at = looks.place == place
+        own = rng.normal(size=(at.sum(), looks.chip.shape[1], 2)).view(np.complex128)[..., 0]
+        power = [(echo.conj() @ clutter.inverse(y) @ echo).real for y, echo in zip(looks.ahead[at], own, strict=True)]
+        own *= 5 / np.sqrt(np.sum(power))  # deflection 5
+        with_echo.append(clutter.rates(looks.ahead[at], looks.chip[at] + own, own)["far_phase"])
+        without.append(clutter.rates(looks.ahead[at], looks.chip[at], own)["far_phase"])
+    assert np.median(without) > 0.1
+    assert np.median(with_echo) < 0.02
 
 
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import j1, jv
 
-from flgpr.simulate import Scene, Simulator, draw_world
+from flgpr.simulate import Scene, Simulator, draw_world, told
 from flgpr.simulate.echoes import Ground
 from flgpr.simulate.holes import Hole, cap_flash, hole_factor, wall_flash
 from simulate.conftest import BARE, STILL
@@ -126,3 +126,21 @@ def test_an_empty_hole_echoes_as_its_contrast(quiet):
     soil = np.sqrt(strong._ground.real[0])
     contrast = [(1 + f * (soil - 1)) ** 2 - soil**2 for f in (0.7, 0.9)]
     assert ratio == pytest.approx(contrast[0] / contrast[1], rel=0.02)
+
+
+def test_a_scene_told_thing_by_thing_is_the_same_scene(quiet):
+    scene = Scene(
+        soil=MOIST,
+        surface={"density": 4.0},
+        track=STILL,
+        length=20.0,
+        draws=[{"kind": "metal", "depth": 0.05, "count": 6}],
+        holes={"over": 1.0, "empty": 0.05, "rough_db": 6.0},
+        clutter={"rocks": 0.1, "patches": 0.05},
+    )
+    one = Scene.model_validate(told(scene, 5))
+    assert draw_world(one, 5).patches == draw_world(scene, 5).patches
+    assert draw_world(one, 5).holes == draw_world(scene, 5).holes
+    ours, theirs = (Simulator(some, quiet, 5).scan(0) for some in (one, scene))
+    np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
+    assert not draw_world(Scene.model_validate(told(scene, 5) | {"targets": []}), 5).truth().size

@@ -1,4 +1,5 @@
 from flgpr.benchmark.ground import Ground, load_ground
+from flgpr.benchmark.oracle import run_oracle
 from flgpr.benchmark.running import find_entry, packaged_entries, run_benchmark
 from flgpr.benchmark.table import listing, score_entries, write_table
 
@@ -9,6 +10,7 @@ __all__ = [
     "load_ground",
     "packaged_entries",
     "run_benchmark",
+    "run_oracle",
     "score_entries",
     "write_table",
 ]

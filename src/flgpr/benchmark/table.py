@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -14,15 +16,21 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from flgpr.benchmark.ground import Ground, load_ground
+from flgpr.benchmark.oracle import ORACLE
 from flgpr.benchmark.running import ALARMS, COSTS, PRINTS, SEALED, packaged_entries, passphrase, read_ground
 from flgpr.io import read_table, sha256, write_whole
 from flgpr.io.files import existing
 from flgpr.report import render
-from flgpr.scoring import alarm_hash, chance, compare, match, operating_row, pd_mean, roc_of
+from flgpr.scoring import alarm_hash, chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
 from flgpr.scoring.blind import match_blind
 from flgpr.scoring.matching import Match
 
 MINES = "mines"
+ORACLES = {
+    "oracle": ("far", "knows every mine's echo but for a phase in each look, and the clutter's covariance"),
+    "oracle-phase": ("far_phase", "knows the phases, too"),
+}
+"""What :func:`flgpr.benchmark.oracle.run_oracle` gives, as rows of the table: column, title."""
 _COUNTS = ("n_detected", "n_targets", "n_false")
 
 
@@ -59,6 +67,9 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
             if path.is_file():
                 rows += _kept_score(ground, home, entry, split, reference[split])
         costs.append(_cost(ground, entry))
+    for home in homes:
+        if (home / ORACLE).is_file():
+            rows += _oracle_rows(ground, pd.read_csv(home / ORACLE))
     scores = pd.DataFrame(rows)
     if scores.empty:
         raise ValueError(f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}")
@@ -97,18 +108,23 @@ def _kept_score(
     if not kept.is_file():
         names = [lane.name for lane in ground.tested(split)]
         looked = match_blind(alarms, sealed, passphrase(ground), some=names)[0]
-        beside = None if other is None else match_blind(other, sealed, passphrase(ground), some=names)[0]
+        # The reference's own score was logged when it was scored; here it is only paired.
+        beside = None if other is None else _again(other, looked)
         rows = list(_rows(ground, split, looked, beside))
         write_whole(kept, json.dumps(rows) + "\n")
     about = {"entry": entry.name, "split": split}
     return [about | row for row in json.loads(kept.read_text("utf-8"))]
 
 
+def _again(alarms: pd.DataFrame, looked: Match) -> Match:
+    """Match other alarms with truth that was opened already."""
+    return match(alarms, looked.truth, looked.lanes, looked.halo)
+
+
 def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:
     """Give the score of all mines, of every kind of target, and of the mines of every site."""
-    wanted = ground.table.splits[split].kinds
     kind = matched.truth["kind"].astype(str)
-    mines = (kind.isin(wanted) if wanted else kind != "simulant").to_numpy()
+    mines = _mines(ground, split, kind).to_numpy()
     site = matched.truth["lane"].map({lane.name: lane.site for lane in ground.tested(split)}).to_numpy()
     level = chance(matched)
     groups = {MINES: mines} | {str(one): (kind == one).to_numpy() for one in sorted(kind.unique())}
@@ -118,10 +134,34 @@ def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -
         own = [lane.name for lane in ground.tested(split) if lane.site == name]
         if own and (mines & (site == name)).any():
             part = _part_of(matched, own)
-            rows = (
-                part.truth["kind"].astype(str).isin(wanted) if wanted else part.truth["kind"] != "simulant"
-            ).to_numpy()
+            rows = _mines(ground, split, part.truth["kind"].astype(str)).to_numpy()
             yield from _points(ground, name, part, chance(part), rows, None)
+
+
+def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Give the score of both oracles in the splits whose targets they know; chance is that of strewn alarms."""
+    for name, split in itertools.product(ORACLES, ground.table.splits):
+        tested = {lane.name for lane in ground.tested(split) if lane.scene.draws}
+        own = found[found["lane"].isin(tested)]
+        if set(own["lane"]) != tested:
+            continue
+        mines = _mines(ground, split, own["kind"])
+        groups = {MINES: mines} | {str(one): own["kind"] == one for one in sorted(own["kind"].unique())}
+        groups |= {site: mines & (own["site"] == site) for site in ground.table.sites}
+        for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
+            count, total = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum()), int(rows.sum())
+            low, high = clopper_pearson(count, total)
+            told = {"pd": count / total, "pd_low": low, "pd_high": high, "n_detected": count, "n_targets": total}
+            told |= {"chance": -math.expm1(-allowed * math.pi * ground.table.halo**2), "far": allowed}
+            area = float(own.drop_duplicates("site")["area"].sum())
+            about = {"entry": name, "split": split, "group": group, "far_allowed": allowed}
+            yield about | told | {"n_false": int(allowed * area), "area": area}
+
+
+def _mines(ground: Ground, split: str, kind: Any) -> Any:
+    """Tell which targets, by their kinds, are the mines that a split is scored on."""
+    wanted = ground.table.splits[split].kinds
+    return kind.isin(wanted) if wanted else kind != "simulant"
 
 
 def _part_of(matched: Match, lanes: Sequence[str]) -> Match:
@@ -213,6 +253,7 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
         name: one["title"] + (f"; did not finish: {one['fault']}" if one["fault"] else "")
         for name, one in about.items()
     }
+    titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     write_whole(to / "index.html", _page(ground, scores, costs, titles))
     faults = [f"{name} did not finish: {one['fault']}" for name, one in about.items() if one["fault"]]
     return "\n".join([table_text(ground, scores, costs), *faults])

@@ -41,6 +41,25 @@ def run_command(
         typer.echo(f"page: {(output / 'index.html').resolve()}")
 
 
+@benchmark_app.command("oracle")
+def oracle_command(
+    folder: Annotated[Path, Argument(help="Folder of `flgpr benchmark run`.")],
+    recipe: Annotated[str, Option(help="Recipe whose images it looks at.")] = "wang2007",
+    workers: Annotated[int | None, Option(min=1, help="Processes that share the work.")] = None,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
+) -> None:
+    """Tell what a detector would find that knows every mine's echo; opens the truth, which is logged."""
+    from flgpr import benchmark, tasks
+
+    with plain_errors():
+        with progress(quiet) as track:
+            benchmark.run_oracle(folder, recipe, tasks.How(workers, scheduler, track=track))
+        text = benchmark.write_table([folder], folder)
+    if not quiet:
+        typer.echo(text)
+
+
 @benchmark_app.command("table")
 def table_command(
     folders: Annotated[list[Path], Argument(help="Folders of `flgpr benchmark run`, of one ground.")],

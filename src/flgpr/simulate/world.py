@@ -14,6 +14,12 @@ from flgpr.simulate.draw import stream
 from flgpr.simulate.holes import Hole, draw_holes, hole_patches
 from flgpr.simulate.scene import Patch, Scene, Target, Thing
 
+EVEN: dict[str, dict[str, bool]] = {part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")}
+"""Parts of a scene whose soil has nothing in it but its targets and holes."""
+ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **EVEN}
+"""Parts of a scene whose ground returns nothing but its targets."""
+BARE = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
+"""Clutter of a lane on which nothing more is to be drawn."""
 _MARGIN = 35.0  # m of ground before and behind the lane that the radar may see
 
 
@@ -123,3 +129,11 @@ def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
         Patch(x=rng.uniform(-side, side), y=rng.uniform(*ends), radius=rng.uniform(0.4, 1.5), gain_db=rng.uniform(2, 6))
         for _ in range(count)
     ]
+
+
+def told(scene: Scene, seed: int) -> dict[str, Any]:
+    """Tell a scene with the targets, objects and patches that the seed put there; nothing is left to be drawn."""
+    world, data = draw_world(scene, seed), scene.model_dump(exclude_unset=True, exclude={"draws"})
+    patches = world.patches[: len(world.patches) - len(hole_patches(scene, world.holes))]  # those of holes come again
+    things = {"targets": world.targets, "objects": world.objects, "patches": patches}
+    return data | {part: [one.model_dump() for one in some] for part, some in things.items()} | {"clutter": BARE}

@@ -12,10 +12,9 @@ from flgpr.design.array import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.kernels.windows import ramp
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, make_run
-from flgpr.simulate import Scene, Simulator
+from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr_papers.cosgrove2004.images import BAND, study_sensor, tone_weight
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
-from flgpr_papers.kit.lanes import ALONE, BARE
 
 FloatArray = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from flgpr.imaging import ScanImager
 from flgpr.kernels.windows import ramp
 from flgpr.model import Sensor, Tones, lane_to_scan, load_sensor, make_run
 from flgpr.scoring import refraction_shift
-from flgpr.simulate import Scene, Simulator
+from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.simulator import system_response
 from flgpr_papers.cosgrove2004.recipe import Site, StudyRecipe
-from flgpr_papers.kit.lanes import ALONE, BARE, changed, turned
+from flgpr_papers.kit.lanes import changed, turned
 
 FloatArray = NDArray[np.float64]
 BAND = "band"

@@ -19,10 +19,9 @@ from flgpr.chain.progress import Track
 from flgpr.chain.stages.masks import MaskedSuppression
 from flgpr.io import open_run
 from flgpr.model import Sensor, ground_points, lane_to_scan, load_sensor
-from flgpr.simulate import Scene, Simulator, draw_world
+from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
 from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.lanes import EVEN, told
 
 BANDS = ("l", "x")
 ComplexArray = NDArray[np.complex64]

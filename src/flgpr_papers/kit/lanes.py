@@ -5,21 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from flgpr.simulate import Scene, draw_world
-
-EVEN: dict[str, dict[str, bool]] = {part: {"on": False} for part in ("stones", "roots", "lenses", "heterogeneity")}
-"""Parts of a scene whose soil has nothing in it but its targets and holes."""
-ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **EVEN}
-"""Parts of a scene whose ground returns nothing but its targets."""
-BARE = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
-"""Clutter of a lane on which nothing more is to be drawn."""
-
-
-def told(scene: Scene, seed: int) -> dict[str, Any]:
-    """Tell a scene with the targets, objects and patches that the seed put there; nothing is left to be drawn."""
-    world, data = draw_world(scene, seed), scene.model_dump(exclude_unset=True, exclude={"draws"})
-    data |= {part: [one.model_dump() for one in getattr(world, part)] for part in ("targets", "objects", "patches")}
-    return data | {"clutter": BARE}
+from flgpr.simulate import Scene, told
 
 
 def turned(scene: Scene, seed: int) -> Scene:
