@@ -1,13 +1,17 @@
 """The proving ground's description: lanes, splits, entries."""
 
+from importlib import resources
+
 import numpy as np
 import pytest
 
 from flgpr.benchmark import find_entry, listing, load_ground, packaged_entries
 from flgpr.chain.recipe import parse_recipe
+from flgpr.io import open_run
 from flgpr.simulate import draw_world
 
 GROUNDS = {quick: load_ground(quick) for quick in (False, True)}
+FULLWAVE = load_ground(source="full-wave-1")
 
 
 def bodies(lane):
@@ -69,11 +73,13 @@ def test_the_full_form_tells_ten_points_of_pd_apart():
     assert 0.001 * bare >= 5  # so many false alarms at the least FAR
 
 
-def test_every_packaged_entry_is_a_recipe_that_fits_the_array():
-    frequency = GROUNDS[True].lanes["arid-test-1"].sensor.tones.axis()
-    entries = packaged_entries()
-    assert list(entries) == list(packaged_entries(quick=True))
-    assert GROUNDS[False].table.reference in entries
+@pytest.mark.parametrize("ground", [*GROUNDS.values(), FULLWAVE], ids=lambda ground: ground.title)
+def test_every_packaged_entry_is_a_recipe_that_fits_the_array(ground):
+    frequency = next(iter(ground.lanes.values())).sensor.tones.axis()
+    entries = packaged_entries(ground)
+    assert ground.table.reference in entries
+    assert len(entries) > 10
+    assert set(entries) <= set(packaged_entries(GROUNDS[False]))
     for name, entry in entries.items():
         recipe = parse_recipe(entry.text, name)
         edges = np.array(list(recipe.image.subbands.values()))
@@ -82,14 +88,15 @@ def test_every_packaged_entry_is_a_recipe_that_fits_the_array():
 
 
 def test_entries_are_found_by_name_recipe_or_folder(tmp_path):
-    assert find_entry("wang2007").title.startswith("C_HH")
+    ground = GROUNDS[False]
+    assert find_entry("wang2007", ground).title.startswith("C_HH")
     own = tmp_path / "mine.toml"
-    own.write_text(packaged_entries()["wang2007"].text)
-    assert find_entry(own).name == "mine"
+    own.write_text(packaged_entries(ground)["wang2007"].text)
+    assert find_entry(own, ground).name == "mine"
     with pytest.raises(ValueError, match="must hold alarm lists"):
-        find_entry(tmp_path / "..")
+        find_entry(tmp_path / "..", ground)
     with pytest.raises((ValueError, FileNotFoundError), match="nothing-like-it"):
-        find_entry("nothing-like-it")
+        find_entry("nothing-like-it", ground)
 
 
 def test_a_ground_that_is_not_valid_is_refused():
@@ -106,3 +113,32 @@ def test_the_list_names_entries_splits_and_lanes():
     lines = "\n".join(listing(quick=True))
     for word in ("random-forest", "standard", "temperate-mixed-1", "train"):
         assert word in lines
+
+
+def test_the_full_wave_track_tries_on_the_packaged_lane_as_its_array_saw_it():
+    (lane,) = FULLWAVE.tested("full-wave")
+    run, sensor = open_run(lane.stored[0]), FULLWAVE.lanes["arid-known-1"].sensor
+    tx, rx = sensor.pairs()
+    np.testing.assert_allclose(run["tx_position"].values, tx)
+    np.testing.assert_allclose(run["rx_position"].values, rx)
+    np.testing.assert_allclose(run["frequency"].values, sensor.tones.axis())
+    assert tuple(run["polarization"].values) == sensor.polarization
+    known = FULLWAVE.lanes["arid-known-1"]
+    before = np.array(known.scene.track.positions) - known.lane.y_min
+    np.testing.assert_allclose(run["pose"].values[:, 1] - lane.lane.y_min, before)
+    assert sorted(lane.truth()["kind"]) == ["metal", "metal", "plastic"]
+    assert set(known.scene.soil.model_dump().items()) >= set(run.attrs["soil"].items())
+    with pytest.raises(ValueError, match="quick"):
+        load_ground(True, "full-wave-1")
+
+
+def test_a_stored_lane_needs_its_truth_and_borders(tmp_path):
+    text = (resources.files("flgpr.benchmark") / "full-wave-1.toml").read_text("utf-8")
+    (tmp_path / "ground.toml").write_text(text.replace('truth = "sample"\n', ""))
+    with pytest.raises(ValueError, match="run, truth and borders must be given together"):
+        load_ground(source=tmp_path / "ground.toml")
+    (tmp_path / "ground.toml").write_text(text.replace('run = "sample"', 'run = "nowhere.zarr"'))
+    ground = load_ground(source=tmp_path / "ground.toml")
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.zarr"):
+        ground.lanes["arid-lane-1"].make(tmp_path / "lane.zarr")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ground.toml"]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from flgpr.benchmark import load_ground, oracle, run_benchmark, run_oracle, scor
 from flgpr.benchmark.running import ALARMS, PRINTS, SEALED, make_lane, passphrase
 from flgpr.benchmark.table import pd_in_words, same_lanes
 from flgpr.cli import app
-from flgpr.io import read_manifest, read_table
+from flgpr.io import read_manifest, read_table, sample_lane
 from flgpr.scoring import open_truth, read_register
 from flgpr.simulate import draw_world
 from systems import test_plugin
@@ -199,12 +200,12 @@ def test_training_on_shared_images_is_that_of_train_and_detect(field, tmp_path):
 def test_alarms_made_elsewhere_enter(field, tmp_path):
     out, ground = field / "out", load_ground(False, field / "ground.toml")
     truth = truth_of(ground)
-    given = tmp_path / "oracle"
+    given = tmp_path / "perfect"
     given.mkdir()
     truth[["x", "y", "lane"]].assign(confidence=1.0).to_csv(given / "standard.csv", index=False)
     run_benchmark([given], out, ground=field / "ground.toml")
     scores, _ = score_entries([out])
-    mines = scores[(scores["entry"] == "oracle") & (scores["group"] == "mines")]
+    mines = scores[(scores["entry"] == "perfect") & (scores["group"] == "mines")]
     assert set(mines["split"]) == {"standard"}
     assert (mines["pd"] == 1).all()
     assert (mines["n_false"] == 0).all()
@@ -214,6 +215,9 @@ def test_alarms_made_elsewhere_enter(field, tmp_path):
     (given / "standard.csv").rename(given / "average.csv")
     with pytest.raises(ValueError, match="named after splits"):
         run_benchmark([given], out, ground=field / "ground.toml")
+    given.rename(tmp_path / "oracle")
+    with pytest.raises(ValueError, match="must not be called oracle"):
+        run_benchmark([tmp_path / "oracle"], out, ground=field / "ground.toml")
 
 
 def test_an_entry_that_cannot_be_trained_does_not_stop_the_others(field, tmp_path):
@@ -282,6 +286,18 @@ def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):
     assert np.median(with_echo) < 0.02
 
 
+def test_lanes_that_are_stored_enter_with_those_that_are_simulated(tmp_path):
+    text = (resources.files("flgpr.benchmark") / "full-wave-1.toml").read_text("utf-8")
+    (tmp_path / "ground.toml").write_text(text.replace("copies = 24", "copies = 2"))
+    out = run_benchmark(["wang2007", "wang2007-b"], tmp_path / "out", ground=tmp_path / "ground.toml")
+    assert "arid-lane-1-truth.csv" not in {path.name for path in (out / "lanes").iterdir()}
+    scores, _ = score_entries([out])
+    mines = scores[(scores["group"] == "mines") & (scores["far_allowed"] == 0.4)].set_index("entry")
+    assert list(mines["n_targets"]) == [3, 3]
+    assert mines.loc["wang2007", "n_detected"] >= 1
+    assert read_manifest(out / "lanes" / "arid-lane-1.zarr") == read_manifest(sample_lane() / "run.zarr")
+
+
 def test_folders_that_do_not_belong_together_are_refused(field, tmp_path):
     with pytest.raises(ValueError, match="flgpr benchmark run"):
         score_entries([tmp_path])
@@ -311,7 +327,7 @@ def test_fingerprints_tell_the_same_bits_from_alike_and_other_lanes(field, tmp_p
     packaged.drop(index=3).to_csv(tmp_path / "fingerprints.csv", index=False)
     monkeypatch.setattr(table.resources, "files", lambda _: tmp_path)
     told = same_lanes(ground, field / "out" / "lanes")
-    assert list(told.values()) == ["same bits", "alike", "other", "not known"]
+    assert list(told.values()) == ["same bits", "alike", "other", "not known", "same bits", "same bits"]
 
 
 def test_a_lane_made_anew_has_the_same_bits(field, tmp_path):

@@ -13,32 +13,45 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+import pandas as pd
+from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
-from flgpr.model import Sensor, load_sensor
+from flgpr.io import lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
-from flgpr.simulate import Scene
+from flgpr.simulate import Scene, draw_world
+from flgpr.tasks.simulation import simulate_to_store
 
-GROUND = "proving-ground-1"
-"""The packaged description."""
+GROUNDS = ("proving-ground-1", "full-wave-1")
+"""The packaged descriptions, the first by default."""
 
 
 class LaneRow(Table):
     """Lanes of one design: what they are for, how many at which sites, what lies in them, what differs from the rest.
 
     ``targets`` are sort, depth of the top (m) and number; ``surface`` and ``errors`` change entries of the scene's
-    surface and of the sensor's errors, ``sensor`` entries of the sensor.
+    surface and of the sensor's errors, ``sensor`` entries of the sensor. A lane that is there already has a ``run``
+    store, its ``truth`` and its borders x_min, x_max, y_min, y_max (m) instead; "sample" is the packaged full-wave one.
     """
 
     part: Literal["train", "validate", "test"]
     sites: tuple[str, ...] = ()
     copies: Annotated[int, Field(ge=1)] = 1
-    length: Positive
-    targets: tuple[tuple[str, float, int], ...]
+    length: Positive = 1.0
+    targets: tuple[tuple[str, float, int], ...] = ()
+    run: str = ""
+    truth: str = ""
+    borders: tuple[float, float, float, float] | None = None
     surface: dict[str, float] = Field(default_factory=dict)
     sensor: dict[str, float] = Field(default_factory=dict)
     errors: dict[str, float] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _told(self) -> LaneRow:
+        if bool(self.run) != (self.borders is not None) or bool(self.run) != bool(self.truth):
+            raise ValueError("run, truth and borders must be given together")
+        return self
 
 
 class Fold(Table):
@@ -63,6 +76,7 @@ class Description(Table):
     name: str
     version: int
     sensor: str
+    recipe: str = ""  #: stands in for the packaged entries' wang2007, the others do not enter then
     halo: float
     fars: tuple[float, ...]
     far: float
@@ -76,14 +90,39 @@ class Description(Table):
 
 @dataclass(frozen=True)
 class GroundLane:
-    """A lane of the ground, ready to be simulated."""
+    """A lane of the ground: what is to be simulated, or a run store and its truth that are there."""
 
     name: str  #: site, design and number
     site: str  #: the site's name on the ground
     part: str  #: "train", "validate" or "test"; the truth of the last is sealed
+    lane: Lane  #: its borders
     seed: int  #: of everything random in it
-    scene: Scene = field(repr=False)  #: what is there
+    scene: Scene = field(repr=False)  #: what is there; of a stored lane nothing is told
     sensor: Sensor = field(repr=False)  #: what sees it
+    stored: tuple[Path, Path] | None = None  #: run store and truth of a lane that is there
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has no targets."""
+        return self.stored is None and not self.scene.draws
+
+    @property
+    def length(self) -> float:
+        """Its length, m."""
+        return self.lane.y_max - self.lane.y_min
+
+    def truth(self) -> pd.DataFrame:
+        """Make the table of its targets."""
+        return draw_world(self.scene, self.seed).truth() if self.stored is None else read_table(self.stored[1], "truth")
+
+    def make(self, store: Path) -> None:
+        """Simulate it into a run store, or link the one that is there."""
+        if self.stored is None:
+            simulate_to_store(self.scene, self.sensor, self.seed, store, blind=True)
+        else:
+            open_run(self.stored[0])  # refuses what is none
+            write_whole(store.with_name(f"{store.stem}-lane.toml"), lane_text(self.lane))
+            store.symlink_to(self.stored[0].resolve(), target_is_directory=True)
 
 
 @dataclass(frozen=True)
@@ -121,6 +160,10 @@ class Ground:
         for site, (design, row) in itertools.product(table.sites, table.lanes.items()):
             if row.sites and site not in row.sites:
                 continue
+            if row.borders is not None:
+                stored, own = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth)), row.borders
+                yield GroundLane(f"{site}-{design}-1", site, row.part, Lane(*own), 0, Scene(), preset, stored)
+                continue
             errors = preset.errors.model_copy(update=row.errors)
             sensor = preset.model_copy(update={**row.sensor, "errors": errors})
             unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
@@ -132,19 +175,31 @@ class Ground:
                 name = f"{site}-{design}-{number}"
                 parts = {"name": name, "site": table.sites[site], "length": row.length, "draws": draws}
                 scene = Scene.model_validate({**table.scene, **parts, "surface": surface})
-                yield GroundLane(name, site, row.part, zlib.crc32(f"{self.title} {name}".encode()), scene, sensor)
+                seed = zlib.crc32(f"{self.title} {name}".encode())
+                yield GroundLane(name, site, row.part, scene.lane, seed, scene, sensor)
+
+
+def sample_files() -> tuple[Path, Path]:
+    """Run store and truth of the packaged full-wave lane."""
+    return sample_lane() / "run.zarr", sample_lane() / "truth.csv"
 
 
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
-    """Read the packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
+    """Read a packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
 
     The quick form has the sites of the table ``quick`` and the lanes and splits that it names, some of them its own,
     with its entries laid over theirs.
     """
-    place = resources.files("flgpr.benchmark") / f"{GROUND}.toml" if source is None else source
-    text = place if isinstance(place, str) else place.read_text("utf-8")
+    name = GROUNDS[0] if source is None else str(source)
+    if isinstance(source, str) and name not in GROUNDS:
+        text = source
+    else:
+        packaged = resources.files("flgpr.benchmark") / f"{name}.toml"
+        text = (packaged if name in GROUNDS else Path(name)).read_text("utf-8")
     data = tomllib.loads(text)
     over = data.pop("quick", {})
+    if quick and not over:
+        raise ValueError(f"quick must be asked of a ground that has such a form, got {data.get('name')}")
     if quick:
         for part in ("lanes", "splits"):
             data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}

@@ -99,12 +99,12 @@ def run_oracle(folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY)
 
 def _lanes(ground: Ground, site: str) -> tuple[GroundLane | None, list[GroundLane]]:
     """Find a site's test lane without targets, and those with some on ground, and seen by an array, like its own."""
-    some = [lane for lane in ground.lanes.values() if lane.site == site and lane.part == "test"]
-    bare = next((lane for lane in some if not lane.scene.draws), None)
+    some = [lane for lane in ground.lanes.values() if (lane.site, lane.part, lane.stored) == (site, "test", None)]
+    bare = next((lane for lane in some if lane.empty), None)
     if bare is None:
         return None, []
     like = [one for one in some if (one.sensor, one.scene.surface) == (bare.sensor, bare.scene.surface)]
-    return bare, [lane for lane in like if lane.scene.draws]
+    return bare, [lane for lane in like if not lane.empty]
 
 
 def _of_site(
@@ -112,7 +112,7 @@ def _of_site(
 ) -> Report:
     """Find the false alarms per m² of every mine of a site; the first of the lanes is the one without."""
     (bare, *tested), rows = (load_ground(*form).lanes[name] for name in names), pd.DataFrame(truth)
-    clutter = Clutter(_chain(home, bare, recipe), bare.scene.lane)
+    clutter = Clutter(_chain(home, bare, recipe), bare.lane)
     found = []
     for lane in tested:
         mines = rows[rows["lane"] == lane.name]
@@ -164,7 +164,7 @@ class Clutter:
 
 def _chain(home: str, lane: GroundLane, recipe: str) -> LaneChain:
     run = open_run(Path(home) / "lanes" / f"{lane.name}.zarr")
-    chain = LaneChain(run, load_recipe(recipe), lane.scene.lane, explains=False)
+    chain = LaneChain(run, load_recipe(recipe), lane.lane, explains=False)
     chain.go(names=("signature", "gain"))
     return chain
 

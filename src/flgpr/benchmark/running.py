@@ -24,13 +24,16 @@ from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import open_run, read_manifest, read_table, sha256, write_table, write_whole
 from flgpr.results.result import read_result
 from flgpr.scoring import seal_truth
-from flgpr.simulate import draw_world
 from flgpr.tasks.detection import detect_runs
-from flgpr.tasks.simulation import simulate_to_store
 from flgpr.tasks.training import train_runs
 
 SEALED, PRINTS, ALARMS, COSTS = "truth.sealed.json", "fingerprints.csv", "alarms.csv", "costs.json"
 MARK, ABOUT = "ground.json", "entry.json"
+ORACLES = {
+    "oracle": ("far", "knows every mine's echo but for a phase in each look, and the clutter's covariance"),
+    "oracle-phase": ("far_phase", "knows the phases, too"),
+}
+"""What :func:`flgpr.benchmark.oracle.run_oracle` gives, as rows of the table: column, title."""
 Costs = dict[str, dict[str, float]]
 """Processor seconds and peak bytes by lane, and of every training."""
 
@@ -45,16 +48,18 @@ class Entry:
     alarms: Path | None = None
 
 
-def packaged_entries(quick: bool = False) -> dict[str, Entry]:
+def packaged_entries(ground: Ground) -> dict[str, Entry]:
     """Read the packaged entries: packaged recipes with what this ground's array or the entry asks for changed.
 
     Some are changed further for the quick form, whose few mines would not teach them anything.
     """
     told = tomllib.loads((resources.files("flgpr.benchmark") / "entries.toml").read_text("utf-8"))
-    found = {}
+    found, own = {}, ground.table.recipe
     for name, row in told.items():
-        text = recipe_text(row["recipe"])
-        for old, new in (*row.get("replace", []), *(row.get("quick", []) if quick else [])):
+        if own and (row["recipe"] != "wang2007" or "replace" in row):
+            continue  # made for another array
+        text = recipe_text(own or row["recipe"])
+        for old, new in (*row.get("replace", []), *(row.get("quick", []) if ground.quick else [])):
             if text.count(old) != 1:
                 raise ValueError(f"entry {name} must replace what stands once in {row['recipe']}, got {old!r}")
             text = text.replace(old, new)
@@ -63,9 +68,9 @@ def packaged_entries(quick: bool = False) -> dict[str, Entry]:
     return found
 
 
-def find_entry(what: str | Path, quick: bool = False) -> Entry:
+def find_entry(what: str | Path, ground: Ground) -> Entry:
     """Find a packaged entry by its name, a recipe (packaged or TOML), or a folder with alarm lists of one's own."""
-    entries = packaged_entries(quick)
+    entries = packaged_entries(ground)
     if str(what) in entries:
         return entries[str(what)]
     path = Path(what)
@@ -112,7 +117,7 @@ def seal_tested(ground: Ground, home: Path) -> None:
     if not (home / SEALED).is_file():
         tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
         tables = [_truth(lane) for lane in tested]
-        borders = {lane.name: lane.scene.lane for lane in tested}
+        borders = {lane.name: lane.lane for lane in tested}
         seal_truth(
             pd.concat(tables, ignore_index=True), borders, home / SEALED, passphrase(ground), halo=ground.table.halo
         )
@@ -122,13 +127,13 @@ def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
     """Simulate one lane, with its truth beside it unless that is sealed."""
     lane, folder = load_ground(quick, ground).lanes[name], Path(home)
     if lane.part != "test":
-        write_table(draw_world(lane.scene, lane.seed).truth(), folder / f"{name}-truth.csv")
-    simulate_to_store(lane.scene, lane.sensor, lane.seed, folder / f"{name}.zarr", blind=True)
+        write_table(lane.truth(), folder / f"{name}-truth.csv")
+    lane.make(folder / f"{name}.zarr")
     return {"lane": name}
 
 
 def _truth(lane: GroundLane) -> pd.DataFrame:
-    truth = draw_world(lane.scene, lane.seed).truth()
+    truth = lane.truth()
     return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
 
 
@@ -274,7 +279,7 @@ def run_benchmark(
     how : How, optional
         Who does the work.
     ground : str or path, optional
-        TOML file of a proving ground of one's own, as the packaged one is described.
+        Name of another packaged proving ground, or TOML file of one's own, as the packaged ones are described.
 
     Returns
     -------
@@ -287,7 +292,9 @@ def run_benchmark(
         If an entry is not there, not valid or does not fit the lanes, or the folder is of another form of the ground.
     """
     chosen, folder = load_ground(quick, None if ground is None else Path(ground)), Path(output)
-    found = [find_entry(one, quick) for one in entries] or list(packaged_entries(quick).values())
+    found = [find_entry(one, chosen) for one in entries] or list(packaged_entries(chosen).values())
+    if {entry.name for entry in found} & set(ORACLES):
+        raise ValueError(f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives")
     for entry in found:
         if entry.alarms is None:
             parse_recipe(entry.text, entry.name)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from flgpr.benchmark.ground import Ground, load_ground
 from flgpr.benchmark.oracle import ORACLE
-from flgpr.benchmark.running import ALARMS, COSTS, PRINTS, SEALED, packaged_entries, passphrase, read_ground
+from flgpr.benchmark.running import ALARMS, COSTS, ORACLES, PRINTS, SEALED, packaged_entries, passphrase, read_ground
 from flgpr.io import read_table, sha256, write_whole
 from flgpr.io.files import existing
 from flgpr.report import render
@@ -26,11 +26,6 @@ from flgpr.scoring.blind import match_blind
 from flgpr.scoring.matching import Match
 
 MINES = "mines"
-ORACLES = {
-    "oracle": ("far", "knows every mine's echo but for a phase in each look, and the clutter's covariance"),
-    "oracle-phase": ("far_phase", "knows the phases, too"),
-}
-"""What :func:`flgpr.benchmark.oracle.run_oracle` gives, as rows of the table: column, title."""
 _COUNTS = ("n_detected", "n_targets", "n_false")
 
 
@@ -141,7 +136,7 @@ def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -
 def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Give the score of both oracles in the splits whose targets they know; chance is that of strewn alarms."""
     for name, split in itertools.product(ORACLES, ground.table.splits):
-        tested = {lane.name for lane in ground.tested(split) if lane.scene.draws}
+        tested = {lane.name for lane in ground.tested(split) if not lane.empty}
         own = found[found["lane"].isin(tested)]
         if set(own["lane"]) != tested:
             continue
@@ -192,7 +187,7 @@ def _cost(ground: Ground, entry: Path) -> dict[str, Any]:
     path = entry / COSTS
     costs: Mapping[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
     lanes = {name: cost for name, cost in costs.items() if name in ground.lanes and cost}
-    length = sum(ground.lanes[name].scene.length for name in lanes) / 1000
+    length = sum(ground.lanes[name].length for name in lanes) / 1000
     seconds = sum(cost["processor_seconds"] for cost in lanes.values())
     return {
         "entry": entry.name,
@@ -312,20 +307,19 @@ def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
     return figure
 
 
-def listing(quick: bool = False, lanes: str | Path | None = None) -> list[str]:
+def listing(quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None) -> list[str]:
     """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
 
     Lanes are the same bits, alike (the rms of the echoes of every polarization within 1e-4), or other lanes than those
     whose fingerprints come with the package.
     """
-    ground = load_ground(quick)
-    lines = [f"{ground.title}, seen by {ground.table.sensor}", "", "entries:"]
-    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(quick).items()]
-    lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in ground.table.splits.items()), "", "lanes:"]
-    told = same_lanes(ground, Path(lanes)) if lanes is not None else {}
-    for name, lane in ground.lanes.items():
-        count = sum(draw.count for draw in lane.scene.draws)
-        line = f"  {name:20} {lane.part:9} {lane.scene.length:5g} m {count:3} targets"
+    chosen = load_ground(quick, None if ground is None else Path(ground))
+    lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
+    lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(chosen).items()]
+    lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in chosen.table.splits.items()), "", "lanes:"]
+    told = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
+    for name, lane in chosen.lanes.items():
+        line = f"  {name:20} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
         lines.append(f"{line}  {told[name]}" if told else line)
     return lines
 

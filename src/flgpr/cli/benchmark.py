@@ -13,6 +13,7 @@ from flgpr.cli.common import Quiet, Scheduler, plain_errors, progress
 benchmark_app = typer.Typer(
     name="benchmark", help="The proving ground: detectors side by side on the same sealed lanes.", no_args_is_help=True
 )
+Chosen = Annotated[str | None, Option(help="full-wave-1, or the TOML of a proving ground of your own.")]
 Quick = Annotated[bool, Option("--quick", help="The quick form, which only shows that all of it runs.")]
 
 
@@ -24,7 +25,7 @@ def run_command(
     ] = None,
     output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path("proving-ground"),
     quick: Quick = False,
-    ground: Annotated[Path | None, Option(help="TOML of a proving ground of your own.")] = None,
+    ground: Chosen = None,
     workers: Annotated[int | None, Option(min=1, help="Processes that share the work.")] = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
@@ -76,10 +77,11 @@ def table_command(
 def list_command(
     quick: Quick = False,
     lanes: Annotated[Path | None, Option(help="Folder of lanes to compare with those of the authors.")] = None,
+    ground: Chosen = None,
 ) -> None:
     """Name the packaged entries, the lanes and the splits; with a folder of lanes, tell whether they are the same."""
     from flgpr import benchmark
 
     with plain_errors():
-        for line in benchmark.listing(quick, lanes):
+        for line in benchmark.listing(quick, lanes, ground):
             typer.echo(line)

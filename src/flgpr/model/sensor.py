@@ -187,7 +187,7 @@ def load_sensor(name: str | Path) -> Sensor:
     --------
     >>> from flgpr.model import load_sensor, sensor_presets
     >>> sensor_presets()
-    ['dual-band-l', 'dual-band-x', 'sri-array', 'sri-van']
+    ['dual-band-l', 'dual-band-x', 'full-wave', 'sri-array', 'sri-van']
     >>> sensor = load_sensor("sri-array")
     >>> tx, rx = sensor.pairs()
     >>> tones = sensor.tones.axis()
