@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import tomllib
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -17,7 +17,7 @@ import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
-from flgpr.io import lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.io import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
@@ -204,18 +204,9 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         for part in ("lanes", "splits"):
             data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}
         data["sites"] = over.pop("sites", data["sites"])
-        data = _laid_over(data, over)
+        data = laid_over(data, over)
     try:
         return Ground(Description.model_validate(data), quick, text)
     except ValidationError as error:
         faults = "; ".join(describe_fault(one, Description, "ground") for one in error.errors())
         raise ValueError(faults) from None
-
-
-def _laid_over(data: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay entries of nested tables over others."""
-    both = {
-        key: _laid_over(data[key], value) if isinstance(value, dict) and isinstance(data.get(key), dict) else value
-        for key, value in over.items()
-    }
-    return {**data, **both}

@@ -5,7 +5,7 @@ from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.explain import Explanation, explain_file, propose_mapping
 from flgpr.io.extras import MissingExtraError
-from flgpr.io.files import canonical_json, check_free_folder, replace_folder, sha256, write_whole
+from flgpr.io.files import canonical_json, check_free_folder, laid_over, replace_folder, sha256, write_whole
 from flgpr.io.fullwave import FullwaveLane, import_fullwave
 from flgpr.io.georeferenced import (
     georeference,
@@ -69,6 +69,7 @@ __all__ = [
     "import_mapped",
     "impulse_to_frequency",
     "inside",
+    "laid_over",
     "lane_text",
     "open_arrays",
     "open_run",

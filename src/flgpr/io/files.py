@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -100,3 +100,12 @@ def check_free_folder(folder: str | Path, marks: Sequence[str], kind: str) -> Pa
     if folder.exists() and not known and (folder.is_file() or any(folder.iterdir())):
         raise FileExistsError(f"output must be a new folder or an older {kind}, got {folder}, which holds other files")
     return folder
+
+
+def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay the entries of nested tables over those of others."""
+    both = {}
+    for name, entry in more.items():
+        nested = isinstance(entry, dict) and isinstance(tables.get(name), dict)
+        both[name] = laid_over(tables[name], entry) if nested else entry
+    return {**tables, **both}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict
+
+from flgpr.io import laid_over
 
 T = TypeVar("T", bound=BaseModel)
 PAPERS = {
@@ -33,9 +35,4 @@ def packaged(paper: str, kind: type[T], quick: bool = False) -> T:
     """Load the packaged settings of a paper's study; for a quick run the table ``quick`` is laid over the others."""
     tables = tomllib.loads(packaged_text(paper))
     small = tables.pop("quick", {})
-    return kind.model_validate(_over(tables, small) if quick else tables)
-
-
-def _over(tables: dict[str, Any], small: dict[str, Any]) -> dict[str, Any]:
-    more = {name: _over(tables[name], entry) if isinstance(entry, dict) else entry for name, entry in small.items()}
-    return {**tables, **more}
+    return kind.model_validate(laid_over(tables, small) if quick else tables)

@@ -88,10 +88,10 @@ class Rx(FeatureStage):
         (guard_x, guard_y), found = self.settings.guard, np.full(len(points), np.nan)
         for row, place in enumerate(points):
             pixels, u, v = _around(view, place, self.settings.outer)
-            near = pixels[np.hypot(u, v) <= self.settings.reach + _EDGE]
+            brightest = _brightest_of(pixels, u, v, self.settings.reach)
             ring = pixels[(np.abs(u) > guard_x + _EDGE) | (np.abs(v) > guard_y + _EDGE)]
-            if len(near) and len(ring) >= self.settings.least:
-                found[row] = self._excess(near[near.mean(axis=1).argmax()], ring)
+            if brightest is not None and len(ring) >= self.settings.least:
+                found[row] = self._excess(brightest, ring)
         return found
 
     def _excess(self, brightest: FloatArray, ring: FloatArray) -> float:
@@ -193,11 +193,16 @@ def _brightest(view: xr.DataArray, points: FloatArray, reach: float) -> FloatArr
     """Vectors (point, channel) of the pixels within reach that have the largest mean log-magnitude; NaN for none."""
     found = np.full((len(points), math.prod(view.shape[:-2])), np.nan)
     for row, place in enumerate(points):
-        pixels, u, v = _around(view, place, (reach, reach))
-        near = pixels[np.hypot(u, v) <= reach + _EDGE]
-        if len(near):
-            found[row] = near[near.mean(axis=1).argmax()]
+        brightest = _brightest_of(*_around(view, place, (reach, reach)), reach)
+        if brightest is not None:
+            found[row] = brightest
     return found
+
+
+def _brightest_of(pixels: FloatArray, u: FloatArray, v: FloatArray, reach: float) -> FloatArray | None:
+    """Vector of that pixel within reach which has the largest mean log-magnitude; None if there is none."""
+    near = pixels[np.hypot(u, v) <= reach + _EDGE]
+    return near[near.mean(axis=1).argmax()] if len(near) else None
 
 
 def _clutter(lane: TrainingView, clear: float) -> FloatArray:
