@@ -39,8 +39,9 @@ KINDS = {
     "features": "features",
 }  # fmt: skip
 """Passes of every way through, and what they are called."""
-IMAGING = {"image", "background", "run_view", "contrast", "clutter", "map", "suppression", "variants"}
-"""Tables of a recipe that images, their backgrounds and run-views hang on."""
+IMAGING = {"image", "background", "clutter", "suppression", "variants"}
+"""Tables of a recipe that images and their backgrounds hang on; run-views and what follows hang on VIEWING, too."""
+VIEWING = {"run_view", "contrast", "map"}
 FloatArray = NDArray[np.float64]
 
 
@@ -222,8 +223,10 @@ class LaneChain(Chain):
         read = [one for one in self.recipe.columns if getattr(one.of, "of_image", None) is not FeatureStage.of_image]
         if kind not in KINDS or kind == "alarms" or clutter or mapped or any(one.of.learns for one in read):
             return None
-        told: dict[str, Any] = {"pass": name, "recipe": self.recipe.model_dump(mode="json", include=IMAGING)}
-        if kind in ("view", "features"):
+        later = kind in ("view", "features")
+        tables = IMAGING | VIEWING if later else IMAGING
+        told: dict[str, Any] = {"pass": name, "recipe": self.recipe.model_dump(mode="json", include=tables)}
+        if later:
             told.update(explains=self._explains, kept=[self._kept.start, self._kept.stop])
         if kind == "features":
             alarms = self.raised(next(one for one in self.variations if one.of("features") == name))
@@ -543,7 +546,7 @@ class LaneChain(Chain):
         polarization = [str(label) for label in self.imager.run["polarization"].values]
         subband = list(self.recipe.image.subbands)
         if not plain:
-            subband = self.recipe.run_view.channels(subband)
+            subband = self.recipe.view_channels
             polarization = polarization if self.recipe.map is None else [self.recipe.map.stage]
         return {"polarization": polarization, "subband": subband}
 

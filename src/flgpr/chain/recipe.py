@@ -287,6 +287,12 @@ class Recipe(Table):
         return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
 
     @property
+    def view_channels(self) -> list[str]:
+        """Names of the run-view's channels beside the polarizations; a map has one, "all" where sub-bands are many."""
+        several = self.map is not None and len(self.image.subbands) > 1
+        return self.run_view.channels(["all"] if several else list(self.image.subbands))
+
+    @property
     def smoothing(self) -> tuple[tuple[int, int], tuple[int, int], int]:
         """Windows (y, x) of the gain background's median and mean, pixels, and the step of the median."""
         return *self.background.windows(*self.image.steps), self.background.median_step
@@ -326,7 +332,7 @@ class Recipe(Table):
             if subband not in self.image.subbands:
                 known = ", ".join(self.image.subbands)
                 raise ValueError(f"{name}.subband must be one of image.subbands ({known}), got {subband!r}")
-        views = self.run_view.channels(list(self.image.subbands))
+        views = self.view_channels
         if self.prescreen.subband not in views:
             where = "image.subbands" if self.run_view.look != "ranges" else "the run-view's channels"
             raise ValueError(
@@ -339,8 +345,10 @@ class Recipe(Table):
         if self.map is None and self.prescreen.polarization not in POLARIZATIONS:
             known = ", ".join(POLARIZATIONS)
             raise ValueError(f"prescreen.polarization must be one of {known}, got {self.prescreen.polarization!r}")
-        if self.map is not None and len(self.image.subbands) > 1:
-            raise ValueError(f"image.subbands must be one band for a map, got {len(self.image.subbands)}")
+        if self.map is not None and getattr(self.map.of, "single", True) and len(self.image.subbands) > 1:
+            raise ValueError(
+                f"image.subbands must be one band for the map {self.map.stage}, got {len(self.image.subbands)}"
+            )
         kinds = [f"clutter {one.stage}" for one in self.clutter] + [f"columns {one.stage}" for one in self.columns]
         if len(set(kinds)) != len(kinds):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")

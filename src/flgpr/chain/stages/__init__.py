@@ -38,6 +38,7 @@ PACKAGED = {
         "neyman-pearson": "forms:NeymanPearsonMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
+        "levels": "levels:LevelMap",
     },
     "screen": {"clusters": "clusters:ClusterScreen"},
     "features": {
@@ -160,6 +161,7 @@ class MapStage(Stage):
     """Turns every cleaned scan image into a map of how much each pixel is like a mine."""
 
     kind = "map"
+    single: ClassVar[bool] = True  #: whether it reads images of one sub-band alone
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Map (y, x) of a cleaned complex scan image (polarization, subband, y, x); NaN where it says nothing."""
