@@ -337,7 +337,7 @@ def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
         one, other = found.loc[name], known.loc[key]
         if one["sha256"] == other["sha256"]:
             return "same bits"
-        levels = [column for column in known.columns if column != "sha256"]
+        levels = [column for column in found.columns if column != "sha256"]
         near = np.allclose(one[levels].astype(float), other[levels].astype(float), rtol=1e-4, atol=0)
         return "alike" if near else "other"
 
