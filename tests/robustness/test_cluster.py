@@ -72,7 +72,7 @@ def test_a_cluster_gives_the_same_bytes_and_a_killed_worker_costs_only_what_it_w
         )  # fmt: skip
     assert content(result.folder) == lane.content
     pieces = [(report["stage"], report["block"]) for report in done]
-    assert len(pieces) == len(set(pieces)) == 4 * (lane.blocks + 1) + 1
+    assert len(pieces) == len(set(pieces)) == 4 * (lane.blocks + 1) + 2
     victims = [number for number, report in enumerate(done) if report["worker"].endswith(f":{at_kill['victim']}")]
     assert victims
     assert max(victims) < at_kill["done"]

@@ -59,7 +59,7 @@ class System:
 
 
 def test_these_are_the_packaged_systems():
-    assert set(recipe_names()) == {*SYSTEMS, "demo"}
+    assert set(recipe_names()) == {*SYSTEMS, "demo", "miniature"}
 
 
 def test_train_learns_what_the_recipe_names_and_detect_finds_mines(system):
