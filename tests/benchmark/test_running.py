@@ -268,6 +268,7 @@ def test_the_oracle_bounds_what_is_found(field, tmp_path):
     assert at.loc[("oracle", "metal"), "pd"] == (metal["far"] <= 0.1).mean()
     assert at.loc[("oracle-phase", "metal"), "pd"] >= at.loc[("one", "metal"), "pd"]
     assert "oracle-phase" in write_table([out], tmp_path / "table")
+    assert (tmp_path / "table" / "index.html").read_text("utf-8").count("reference</td>") == 2  # two splits
 
 
 def test_the_oracle_finds_echoes_that_are_there_and_no_others(field):

@@ -282,7 +282,7 @@ def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tup
     mine = mine.set_index("entry", drop=False).loc[list(order)].rename_axis(None)
     for entry, rows in mine.groupby("entry", sort=False):
         at = {row["far_allowed"]: row for row in rows.to_dict("records")}
-        paired = paired_in_words(at[ground.table.far]) or "reference"
+        paired = "reference" if entry == ground.table.reference else paired_in_words(at[ground.table.far])
         yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired)
 
 
