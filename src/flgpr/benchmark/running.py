@@ -22,7 +22,6 @@ from flgpr.execution.executors import Report
 from flgpr.execution.lane_work import code_versions
 from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import open_run, read_manifest, read_table, sha256, write_table, write_whole
-from flgpr.results.result import read_result
 from flgpr.scoring import seal_truth
 from flgpr.tasks.detection import detect_runs
 from flgpr.tasks.training import train_runs
@@ -177,7 +176,7 @@ class Course:
             runs, borders = self._files(tested)
             detect_runs(runs, self.file, results, borders, model, report=False, how=how)
         self.costs |= spent
-        found = [read_result(results / lane.name).detections[0].alarms.assign(lane=lane.name) for lane in tested]
+        found = [read_table(results / one.name / "alarms.csv", "alarms").assign(lane=one.name) for one in tested]
         shutil.rmtree(results)
         return pd.concat(found, ignore_index=True)
 
@@ -219,7 +218,7 @@ class Course:
 
 def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
     """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
-    if (folder / ABOUT).is_file() and json.loads((folder / ABOUT).read_text("utf-8"))["made_of"] != made_of(entry):
+    if (folder / ABOUT).is_file() and json.loads((folder / ABOUT).read_text("utf-8")).get("made_of") != made_of(entry):
         shutil.rmtree(folder)  # what another recipe or program found
     _tell(ground, entry, folder)
     if entry.alarms is None:
