@@ -104,16 +104,11 @@ def _kept_score(
         names = [lane.name for lane in ground.tested(split)]
         looked = match_blind(alarms, sealed, passphrase(ground), some=names)[0]
         # The reference's own score was logged when it was scored; here it is only paired.
-        beside = None if other is None else _again(other, looked)
+        beside = None if other is None else match(other, looked.truth, looked.lanes, looked.halo)
         rows = list(_rows(ground, split, looked, beside))
         write_whole(kept, json.dumps(rows) + "\n")
     about = {"entry": entry.name, "split": split}
     return [about | row for row in json.loads(kept.read_text("utf-8"))]
-
-
-def _again(alarms: pd.DataFrame, looked: Match) -> Match:
-    """Match other alarms with truth that was opened already."""
-    return match(alarms, looked.truth, looked.lanes, looked.halo)
 
 
 def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:

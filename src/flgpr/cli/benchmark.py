@@ -14,6 +14,7 @@ benchmark_app = typer.Typer(
     name="benchmark", help="The proving ground: detectors side by side on the same sealed lanes.", no_args_is_help=True
 )
 Chosen = Annotated[str | None, Option(help="full-wave-1, or the TOML of a proving ground of your own.")]
+Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
 Quick = Annotated[bool, Option("--quick", help="The quick form, which only shows that all of it runs.")]
 
 
@@ -26,7 +27,7 @@ def run_command(
     output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
-    workers: Annotated[int | None, Option(min=1, help="Processes that share the work.")] = None,
+    workers: Workers = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
@@ -46,7 +47,7 @@ def run_command(
 def oracle_command(
     folder: Annotated[Path, Argument(help="Folder of `flgpr benchmark run`.")],
     recipe: Annotated[str, Option(help="Recipe whose images it looks at.")] = "wang2007",
-    workers: Annotated[int | None, Option(min=1, help="Processes that share the work.")] = None,
+    workers: Workers = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:

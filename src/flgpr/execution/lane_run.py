@@ -102,7 +102,10 @@ class _Drive:
 
     def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
         for stage, (title, every) in plan.items():
-            if stage in work or self._taken(job, work, stage):
+            if stage in work:
+                continue
+            shared = kept_pass(job, stage)
+            if shared is not None and self._taken(job, work, stage, shared):
                 continue
             missing = [number for number in every if part_name(stage, number) not in work]
             parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
@@ -113,25 +116,23 @@ class _Drive:
             for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
                 self.note(report)
                 spent.append(report)
-            self._keep(job, work, stage, spent)
+            if shared is not None:
+                self._keep(job, work, stage, shared, spent)
 
-    def _taken(self, job: LaneJob, work: Checkpoint, stage: str) -> bool:
+    def _taken(self, job: LaneJob, work: Checkpoint, stage: str, shared: str) -> bool:
         """Take a pass from what jobs of the same images share, and report what it cost the first of them."""
-        shared = kept_pass(job, stage)
-        if shared is None or not work.take(Checkpoint(Path(job.kept)), shared, stage):
+        if not work.take(Checkpoint(Path(job.kept)), shared, stage):
             return False
         self.note(json.loads(read_limited(Path(job.kept) / f"{shared}.json")) | {"lane": Path(job.output).name})
         return True
 
-    def _keep(self, job: LaneJob, work: Checkpoint, stage: str, spent: Sequence[Report]) -> None:
+    def _keep(self, job: LaneJob, work: Checkpoint, stage: str, shared: str, spent: Sequence[Report]) -> None:
         """Leave a pass to jobs of the same images."""
-        shared = kept_pass(job, stage)
-        if shared is not None:
-            Path(job.kept).mkdir(parents=True, exist_ok=True)
-            sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
-            largest = max(one["peak_bytes"] for one in spent)
-            write_whole(Path(job.kept) / f"{shared}.json", json.dumps(spent[-1] | sums | {"peak_bytes": largest}))
-            Checkpoint(Path(job.kept)).take(work, stage, shared)
+        Path(job.kept).mkdir(parents=True, exist_ok=True)
+        sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
+        largest = max(one["peak_bytes"] for one in spent)
+        write_whole(Path(job.kept) / f"{shared}.json", json.dumps(spent[-1] | sums | {"peak_bytes": largest}))
+        Checkpoint(Path(job.kept)).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
         for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):

@@ -17,7 +17,7 @@ from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import Detector, Model, check_free_model, save_model
+from flgpr.chain.model import Model, check_free_model, save_model
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
 from flgpr.execution.checkpoint import finish
@@ -154,9 +154,13 @@ class _Course:
             for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
         ]
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
-        table = table.model_copy(update={"features": tuple(features) or table.features})
+        wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
         with self._counted("detector"):
-            self.model = replace(self.model, detector=train_judge(table, alarms, label_radius, self._spent()))
+            examples = make_training_set(alarms, label_radius, wanted, self._spent())
+            detector = (
+                train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+            )
+        self.model = replace(self.model, detector=detector)
 
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:
@@ -196,18 +200,6 @@ class _Course:
         shutil.rmtree(self._learnt, ignore_errors=True)
         if self._kept is not None and self._how.kept is None:
             shutil.rmtree(self._kept, ignore_errors=True)
-
-
-def train_judge(
-    table: DetectorTable,
-    lanes: Sequence[tuple[str, pd.DataFrame, pd.DataFrame, pd.DataFrame, Lane]],
-    label_radius: float,
-    spent: Sequence[pd.DataFrame] = (),
-) -> Detector:
-    """Train what a recipe's detector table names on lanes as :func:`flgpr.chain.classifier.make_training_set` takes."""
-    wanted = _matching(list(table.features), list(lanes[0][2].columns))
-    examples = make_training_set(lanes, label_radius, wanted, spent)
-    return train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
 
 
 def _matching(wanted: list[str], columns: list[str]) -> list[str]:
