@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from flgpr.chain.passes import Accumulator, Arrays
 from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
-from flgpr.model import Grid
+from flgpr.model import Lane
 from flgpr.screen import MeanViewSums, local_maxima
 
 _LEAST = 0.1  # dB; the map stays positive, so that it can be drawn as a magnitude
@@ -132,13 +132,10 @@ def _examples(lane: Mapping[str, NDArray[Any]], weight: FloatArray, settings: An
             mines.append(view.reshape(len(view), -1)[:, some.argmax()])
     maxima = local_maxima(xr.DataArray(score, dims=("y", "x"), coords={"y": y, "x": x}), settings.radius)
     where = maxima[["x", "y"]].to_numpy(dtype=np.float64)
-    x_min, x_max, y_min, y_max = lane["borders"]
-    own = (where[:, 0] >= x_min) & (where[:, 0] <= x_max) & (where[:, 1] >= y_min) & (where[:, 1] <= y_max)
     off = where[:, None] - lane["places"]
-    where = where[own & (np.hypot(off[..., 0], off[..., 1]).min(axis=1, initial=np.inf) > settings.clear)]
-    grid = Grid(x[0], y[0], x.size, y.size, x[1] - x[0], y[1] - y[0])
-    row, column = (np.round((where[:, k] - low) / step).astype(int) for k, low, step in
-                   ((1, grid.y_min, grid.dy), (0, grid.x_min, grid.dx)))  # fmt: skip
+    far = np.hypot(off[..., 0], off[..., 1]).min(axis=1, initial=np.inf) > settings.clear
+    where = where[far & Lane(*lane["borders"]).contains(where[:, 0], where[:, 1])]
+    row, column = (np.searchsorted(axis, where[:, k]) for axis, k in ((y, 1), (x, 0)))  # maxima lie on pixels
     return np.array(mines).reshape(-1, len(view)), view[:, row, column].T
 
 
