@@ -278,7 +278,7 @@ def unscreened(material: Material) -> Results:
         results.curves.setdefault("fig7", {})[kind] = roc(binary[kind], area)
         results.curves.setdefault("fig9", {})[kind] = roc(novel[kind], area)
         results.areas[f"fig7 {kind}"] = auc_interval(binary[kind], count)
-        again = retrained(*chosen, rvm(options), options.folds, max(count // 40, 4))
+        again = retrained(*chosen, rvm(options), options.folds, max(count // 80, 4))
         results.areas[f"fig7 {kind}, trained anew in every draw"] = spread(auc(binary[kind]), again)
         for name, one in rivals.items():
             results.areas[f"fig9 {kind}, one-class {name}"] = auc_interval(one, count)

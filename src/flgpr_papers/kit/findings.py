@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binom, norm
+from scipy.stats import binom
+from scipy.stats import t as student
 
 from flgpr.io import write_whole
 
@@ -206,8 +207,8 @@ def together(parts: int) -> float:
 
 
 def spread(value: float, draws: ArrayLike, level: float = 0.95) -> Interval:
-    """Interval of a value by the standard deviation of its bootstrap draws, which few draws suffice for."""
-    half = float(norm.ppf((1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
+    """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice."""
+    half = float(student.ppf((1 + level) / 2, np.size(draws) - 1) * np.std(np.asarray(draws), ddof=1))
     return value, value - half, value + half
 
 

@@ -25,6 +25,7 @@ _CALIBRATION = {
     "c3": (340.0, (3, 2), (1, 1, 2), (3, 4), (3, 3)),
 }
 _BLIND = ("b1", "b2", "b3", "b4")
+_BLIND_DENSITY = 100.0  # scatterers per m²: ten per finest cell of F1, where a sensor takes three of its own by default
 
 
 def calibration_scenes() -> dict[str, tuple[Scene, int]]:
@@ -43,7 +44,8 @@ def calibration_scenes() -> dict[str, tuple[Scene, int]]:
 def blind_scenes() -> dict[str, tuple[Scene, int]]:
     """Give the four blind lanes, with mines at 7.5 cm."""
     draws = [_draw("metal", 0.075, BLIND_MINES), _draw("plastic", 0.075, BLIND_MINES)]
-    return {name: (_scene(name, 1200.0, draws, TRACK), seed) for seed, name in enumerate(_BLIND, start=201)}
+    surface = {"density": _BLIND_DENSITY}
+    return {name: (_scene(name, 1200.0, draws, TRACK, surface), seed) for seed, name in enumerate(_BLIND, start=201)}
 
 
 def quick_scenes(site: str = SITE) -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
@@ -60,9 +62,14 @@ def quick_scenes(site: str = SITE) -> tuple[dict[str, tuple[Scene, int]], dict[s
     return calibration, {"b1": (_scene("b1", 36.0, blind, track, surface, site), 201)}
 
 
-def sensor() -> Sensor:
-    """Load the array of the paper."""
-    return load_sensor("sri-array")
+def sensor(band: tuple[float, float] | None = None) -> Sensor:
+    """Load the array of the paper, if wanted with the tones (Hz) of a band alone."""
+    radar = load_sensor("sri-array")
+    if band is None:
+        return radar
+    axis = radar.tones.axis()
+    inside = axis[(axis >= band[0]) & (axis <= band[1])]
+    return radar.model_copy(update={"tones": radar.tones.model_copy(update={"start": inside[0], "count": inside.size})})
 
 
 def _scene(

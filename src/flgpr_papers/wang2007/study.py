@@ -56,10 +56,13 @@ def parts(quick: bool) -> list[str]:
 def make_part(folder: Path, name: str, quick: bool, track: Track = silent) -> LaneResult:
     """Work on a lane, a blind one in the sub-band alone that the classifiers look at, which were frozen before."""
     calibration, blind = _lanes(quick)
-    known, text = name in calibration, packaged_text("wang2007")
     scene, seed = (calibration | blind)[name]
-    text = text if known else re.sub(r"(?m)^F[0234] .*\n", "", text)
-    return lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1", wide=known)
+    text = packaged_text("wang2007")
+    if name in calibration:
+        return lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
+    text = re.sub(r"(?m)^F[0234] .*\n", "", text)
+    radar = sensor(parse_recipe(text).image.subbands["F1"])
+    return lane_result(folder, scene, seed, radar, text, track, wide=False)
 
 
 def _lanes(quick: bool) -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
