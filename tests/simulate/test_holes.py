@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import j1, jv
 
+from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Simulator, draw_world, told
 from flgpr.simulate.echoes import Ground
 from flgpr.simulate.holes import Hole, cap_flash, hole_factor, wall_flash
@@ -144,3 +145,22 @@ def test_a_scene_told_thing_by_thing_is_the_same_scene(quiet):
     ours, theirs = (Simulator(some, quiet, 5).scan(0) for some in (one, scene))
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
     assert not draw_world(Scene.model_validate(told(scene, 5) | {"targets": []}), 5).truth().size
+
+
+def test_bodies_are_what_their_absence_takes_away_but_for_the_disturbed_ground(quiet):
+    """Array errors, noise and all: what the bodies add does not hold the grain of the ground over them."""
+    radar = quiet.model_copy(update={"errors": load_sensor("sri-array").errors})
+
+    def added(**holes):
+        scene = Scene(
+            soil=MOIST, surface={"density": 4.0}, track=STILL, length=20.0, shadow={"on": False}, holes=holes,
+            draws=[{"kind": "metal", "depth": 0.05, "count": 6}], clutter={"rocks": 0.0, "patches": 0.0},
+        )  # fmt: skip
+        without = Scene.model_validate(told(scene, 5) | {"targets": []})
+        simulator = Simulator(scene, radar, 5)
+        return simulator.bodies(0), simulator.scan(0) - Simulator(without, radar, 5).scan(0)
+
+    ours, theirs = added(on=False)
+    np.testing.assert_allclose(ours, theirs, atol=1e-4 * np.abs(theirs).max())
+    ours, theirs = added(over=1.0, empty=0.0, rough_db=12.0)
+    assert np.linalg.norm(theirs - ours) > 0.1 * np.linalg.norm(ours)

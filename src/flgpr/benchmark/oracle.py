@@ -24,7 +24,7 @@ from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import open_run, write_whole
 from flgpr.model import Grid, Lane, ground_points, lane_to_scan
 from flgpr.scoring import open_truth
-from flgpr.simulate import Scene, Simulator, told
+from flgpr.simulate import Simulator
 
 ORACLE = "oracle.csv"
 STEP = 0.2  # m between places, and between the nine pixels of a chip
@@ -46,7 +46,7 @@ def run_oracle(folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY)
     r"""Tell for every mine of the test lanes at how many false alarms it would be found by who knows it beforehand.
 
     Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and sub-bands, 3 x 3 pixels
-    0.2 m apart. Known are the mine's own s_k, what of it is missing where the lane is simulated without its mines, and
+    0.2 m apart. Known are the mine's own s_k, what its body returns through the ground and the hole it lies in, and
     R_k, the covariance of target-free ground of the site at that distance ahead. In Gaussian clutter that differs from
     look to look, the logarithm of the likelihood ratio is, but for a constant,
 
@@ -180,14 +180,14 @@ def looks_at(chain: LaneChain, points: FloatArray) -> Looks:
 
 
 def _mines(chain: LaneChain, lane: GroundLane, mines: pd.DataFrame) -> tuple[Looks, ComplexArray]:
-    """Cut the chips about the mines of a lane, and what of them is not there in the same lane without mines."""
-    without = Simulator(Scene.model_validate(told(lane.scene, lane.seed) | {"targets": []}), lane.sensor, lane.seed)
+    """Cut the chips about the mines of a lane, and what the mines' bodies add to them."""
+    simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned, points, parts, own = chain.cleaned, ground_points(mines), [], []
     for index, scan in enumerate(int(one) for one in cleaned.imager.scans):
         image = cleaned.scan(index)
         seen, where = _seen(chain, points, image)
         if len(seen):
-            clutter = cleaned.imager.image(scan, without.scan(scan)).values
+            clutter = image.values - cleaned.imager.image(scan, simulator.bodies(scan)).values
             both, clutter = (
                 cleaned.background.own_coherent(one, cleaned.gains[index]) for one in (image.values, clutter)
             )

@@ -73,18 +73,28 @@ class Simulator:
 
     def scan(self, index: int) -> NDArray[np.complex64]:
         """Simulate any scan: (polarization, pair, frequency) of received over transmitted wave."""
-        pose = self.pose[index]
         array = self._array(index)
-        view = self._view(array, pose)
+        view = self._view(array, self.pose[index])
         with self._threads.limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         layers = layers if array.dipoles else layers[[0, 2, 2, 1]]  # HH, HV, VH, VV
-        channels = (channels + layers) * self.response.astype(np.complex64)
+        return self._received(channels + layers, index)
+
+    def bodies(self, index: int) -> NDArray[np.complex64]:
+        """Simulate what the targets' bodies alone add to a scan, in the ground and the holes that they lie in."""
+        array = self._array(index)
+        view = self._view(array, self.pose[index])
+        with self._threads.limit(limits=1, user_api="blas"):
+            channels = sum_echoes(self._single_echoes(view, things=False), array, self.frequency)
+        return self._received(channels, index) - self._received(0 * channels, index)
+
+    def _received(self, channels: NDArray[np.complex64], index: int) -> NDArray[np.complex64]:
+        """Give the sensor's polarizations of HH, HV, VH, VV, through the radar and with its errors."""
+        channels = channels * self.response.astype(np.complex64)
         if self._errors is not None:
             channels = self._errors.apply(channels, index)
-        order = [("HH", "HV", "VH", "VV").index(name) for name in self.sensor.polarization]
-        return channels[order]
+        return channels[[("HH", "HV", "VH", "VV").index(name) for name in self.sensor.polarization]]
 
     def scans(self, first: int = 0) -> Iterator[NDArray[np.complex64]]:
         """Yield the scans from number ``first`` on, each as :meth:`scan` gives it."""
@@ -115,9 +125,11 @@ class Simulator:
             shadows = Shadows([strip for strip in self._strips if _in_view(strip, pose)], array, self.frequency)
         return View(self.sensor.footprint, pose, array, self._terrain, shadows)
 
-    def _single_echoes(self, view: View) -> Echoes:
-        echoes, bodies = Echoes(), itertools.chain[Target | Thing](self.world.targets, self.world.objects)
-        for index, one in enumerate(bodies):
+    def _single_echoes(self, view: View, things: bool = True) -> Echoes:
+        """Gather the echoes of targets and, if wanted, of all else that is no layer."""
+        objects = self.world.objects if things else ()
+        echoes = Echoes()
+        for index, one in enumerate(itertools.chain[Target | Thing](self.world.targets, objects)):
             if _in_view(one, view.pose):
                 first, array = len(echoes.path), self._above(one.x, one.y, view.array)
                 if isinstance(one, Target):
