@@ -114,10 +114,8 @@ SMALL["fused"] = [
     ("y = [7.0, 26.0]", "y = [3.5, 8.5]"),
     ("spacing = 0.05", "spacing = 0.1"),
     ("B0 = [0.45e9, 0.60e9]\n", ""),
-    (
-        "B3 = [1.05e9, 1.35e9]\nB4 = [1.35e9, 1.75e9]\nB5 = [1.75e9, 2.25e9]\nB6 = [2.25e9, 2.85e9]",
-        "B3 = [1.05e9, 1.7e9]",
-    ),
+    ('"sri-array"', '"SENSOR"'),
+    ('kinds = ["metal"]', 'kinds = ["metal"]\ncopies = 4'),
     ("x = [-3.0, 3.0]", "x = [-2.0, 2.0]"),
     ("y_max = 16.0", "y_max = 7.0"),
 ]
@@ -143,7 +141,7 @@ def make_lanes(folder: Path) -> None:
     (folder / "sensor.toml").write_text(SENSOR)
     (folder / "lane.toml").write_text(LANE)
     for name in SMALL:
-        (folder / f"{name}.toml").write_text(small_recipe(name))
+        (folder / f"{name}.toml").write_text(small_recipe(name).replace("SENSOR", str(folder / "sensor.toml")))
     for seed, (name, length) in enumerate((("train", 36.0), ("test", LENGTH)), 1):
         scene = folder / f"scene-{name}.toml"
         scene.write_text(SCENE.format(length=length))

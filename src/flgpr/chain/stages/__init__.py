@@ -38,7 +38,7 @@ PACKAGED = {
         "neyman-pearson": "forms:NeymanPearsonMap",
         "whitening": "forms:WhiteningMap",
         "magnitude": "forms:MagnitudeMap",
-        "levels": "levels:LevelMap",
+        "likelihood": "likelihood:LikelihoodMap",
     },
     "screen": {"clusters": "clusters:ClusterScreen"},
     "features": {

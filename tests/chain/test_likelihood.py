@@ -1,0 +1,181 @@
+"""The map of likelihoods: its closed form, what it learns of clutter and of simulated bodies, and what it finds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from pydantic import ValidationError
+
+from flgpr.chain.stages.likelihood import LikelihoodMap, LikelihoodSettings, contrasts, ratio
+from flgpr.imaging import ScanImager
+from flgpr.model import Grid, Lane, load_sensor
+from flgpr.simulate import ALONE, BARE, Scene, Simulator
+from systems.lanes import SENSOR
+
+GRID = Grid.spanning((-2.0, 2.0), (4.0, 8.0), 0.1)
+BANDS = {"B1": (0.6e9, 0.8e9), "B2": (0.8e9, 1.05e9)}
+LANE = Lane(-1.5, 1.5, 4.0, 40.0)
+
+
+def noise(rng, *shape):
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
+
+
+def image_of(values, pose=(0.0, 0.0, 2.5, 0.0, 0.0, 0.0)):
+    return xr.DataArray(
+        np.asarray(values, np.complex64), dims=("polarization", "subband", "y", "x"),
+        coords={"polarization": ["HH", "VV", "HV", "VH"], "subband": list(BANDS), "y": GRID.y, "x": GRID.x},
+        attrs={"pose": list(pose), "scan": 0},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One scan of the small array over even ground, and the array's file."""
+    file = tmp_path_factory.mktemp("sensor") / "sensor.toml"
+    file.write_text(SENSOR)
+    return Simulator(Scene(track={"positions": (0.0,)}, length=20.0), load_sensor(file), 1, errors=False).run(), file
+
+
+def stage_of(run, learnt=None, **entries):
+    data, file = run
+    level = {"gains": np.ones((1, 4, 2)), "gain": np.ones((4, 2, GRID.ny, GRID.nx))}
+    setup = SimpleNamespace(
+        run=data, images=GRID, view=GRID, lane=LANE, imaged=[0, 1, 2, 3], known={"gain": level},
+        imager=ScanImager(data, GRID, BANDS, "hann"),
+    )  # fmt: skip
+    table = LikelihoodSettings(**{"sensor": str(file), "copies": 3, "soils": ((3.0, 0.01),)} | entries)
+    return LikelihoodMap(table, setup, learnt)
+
+
+def gathered(stage, truth=None, scans=6, seed=5):
+    """What a lane of correlated speckle with no mine gives."""
+    rng = np.random.default_rng(seed)
+    images = [image_of(noise(rng, 4, 2, GRID.ny, GRID.nx), (0.0, 5.0 * k, 2.5, 0.0, 0.0, 0.0)) for k in range(scans)]
+    accumulator = stage.examples(pd.DataFrame({"x": [], "y": []}) if truth is None else truth, images.__getitem__)
+    for k in range(scans):
+        accumulator.add(k)
+    return accumulator.result()
+
+
+def test_the_ratio_is_that_of_two_compound_gaussian_densities():
+    rng = np.random.default_rng(1)
+    x, size = noise(rng, 5, 12), 12
+    vectors = np.linalg.qr(noise(rng, size, 3))[0].T
+    share, ratios = np.array([0.6, 0.3, 0.1]), (2.0, 50.0)
+    subspace = np.einsum("k,ki,kj->ij", share, vectors, vectors.conj())
+
+    def density(y, covariance):  # the likeliest texture put in; constants alike on both sides are left out
+        quadratic = np.einsum("ni,ij,nj->n", y.conj(), np.linalg.inv(covariance), y).real
+        return -np.linalg.slogdet(covariance)[1] - size * np.log(quadratic)
+
+    both = [density(x, np.eye(size) + power * subspace) - density(x, np.eye(size)) for power in ratios]
+    np.testing.assert_allclose(ratio(x, vectors.conj(), share, ratios), np.log(np.mean(np.exp(both), axis=0)))
+    np.testing.assert_allclose(ratio(30 * x, vectors.conj(), share, ratios), ratio(x, vectors.conj(), share, ratios))
+
+
+def test_clutter_is_learnt_of_target_free_ground_and_every_chip_counts_alike(run):
+    stage = stage_of(run)
+    plain = gathered(stage)
+    assert plain["count"].sum() > 1000
+    mean = plain["covariance"].sum(axis=0) / plain["count"].sum()
+    np.testing.assert_allclose(np.trace(mean).real, len(mean), rtol=1e-3)  # each over its own power
+    np.testing.assert_allclose(mean, np.eye(len(mean)), atol=0.15)
+    everywhere = pd.DataFrame({"x": np.zeros(40), "y": np.arange(40.0)})
+    assert gathered(stage, everywhere)["count"].sum() < 0.4 * plain["count"].sum()
+    with pytest.raises(ValueError, match="needs 72 places of target-free ground"):
+        LikelihoodMap.fit(stage.settings, [plain | {"count": 0 * plain["count"]}])
+
+
+def test_signatures_are_those_of_a_body_that_it_never_simulated(run):
+    """A body at another place, with errors of navigation: of its power most lies in what was learnt."""
+    stage = stage_of(run, copies=8)
+    learnt, notes = LikelihoodMap.fit(stage.settings, [gathered(stage, scans=3)])
+    assert notes["signatures"] == 32
+    assert 0.5 < notes["kept"] <= 1
+    scene = Scene.model_validate(
+        {
+            "soil": {"model": "fixed", "permittivity": 3.3, "loss_tangent": 0.02}, "length": 20.0, "clutter": BARE,
+            "targets": [{"kind": "metal", "x": 0.33, "y": 6.27, "depth": 0.07}], "track": {"positions": (0.0,)},
+            **ALONE,
+        }
+    )  # fmt: skip
+    imager = ScanImager(Simulator(scene, load_sensor(run[1]), 9).run(), GRID, BANDS, "hann")
+    chips = stage._chips(imager.image(0).values)
+    row, column = int(np.abs(GRID.y[stage._rows] - 6.27).argmin()), int(np.abs(GRID.x[stage._columns] - 0.33).argmin())
+    metre = int(6.27 - GRID.y_min)
+    white = chips[row, column] @ learnt["whitener"][metre].T
+    part = (np.abs(learnt["signature"][metre] @ white) ** 2).sum() / (np.abs(white) ** 2).sum()
+    assert part > 0.6
+    other = noise(np.random.default_rng(2), 200, len(white))
+    by_chance = (np.abs(other @ learnt["signature"][metre].T) ** 2).sum(axis=1) / (np.abs(other) ** 2).sum(axis=1)
+    assert part > by_chance.max()
+
+
+def test_the_map_is_largest_where_a_signature_lies_in_speckle_and_not_where_something_else_is_as_bright(run):
+    maker = stage_of(run, level=0.0, copies=8)
+    examples = gathered(maker, scans=20)
+    learnt, _ = LikelihoodMap.fit(maker.settings, [examples])
+    stage = stage_of(run, learnt, level=0.0, copies=8)
+    rng = np.random.default_rng(3)
+    image = image_of(noise(rng, 4, 2, GRID.ny, GRID.nx))
+    ahead = examples["ahead"]
+    body = examples["bodies"][np.abs(ahead - 2.0).argmin()].reshape(4, 2, 3, 3)
+    like, unlike = (20, 28), (20, 12)
+    for (row, column), what in ((like, body), (unlike, noise(rng, 4, 2, 3, 3))):
+        rows, columns = np.ix_(row + 2 * np.arange(-1, 2), column + 2 * np.arange(-1, 2))
+        image.values[:, :, rows, columns] += 5 * what / np.sqrt((np.abs(what) ** 2).mean())
+    found = stage.map(image)
+    assert found.shape == GRID.shape
+    assert np.unravel_index(found.argmax(), found.shape) == like
+    assert found[like] > found[unlike] + 20
+    assert stage.map(image_of(np.zeros(image.shape))).min() > 0
+    np.testing.assert_allclose(stage.map(image.copy(data=3 * image.values)), found, rtol=1e-4)
+
+
+def test_the_contrast_is_the_power_about_a_pixel_over_that_of_the_ring(run):
+    table = stage_of(run).settings
+    values = noise(np.random.default_rng(4), 4, 2, GRID.ny, GRID.nx)
+    found = contrasts(image_of(values), table)
+    row, column = 20, 20
+    power = np.abs(values[1, 0]) ** 2
+
+    def total(half):
+        square = power[row - half : row + half + 1, column - half : column + half + 1]
+        return square.sum(), square.size
+
+    (inner, few), (guard, some), (outer, every) = total(1), total(6), total(15)
+    want = 10 * np.log10((inner / few) / ((outer - guard) / (every - some)))
+    assert found[1, 0, row, column] == pytest.approx(want, abs=1e-4)
+    assert np.isfinite(contrasts(image_of(np.zeros(values.shape)), table)).all()  # a channel that failed
+
+
+def test_what_it_adds_of_the_contrast_is_a_mean_of_the_channels_asked_for(run):
+    learnt, _ = LikelihoodMap.fit(stage_of(run).settings, [gathered(stage_of(run))])
+    image = image_of(noise(np.random.default_rng(6), 4, 2, GRID.ny, GRID.nx))
+    without, twice = (stage_of(run, learnt, level=level).map(image) for level in (0.0, 2.0))
+    want = contrasts(image.isel(polarization=slice(2)), stage_of(run).settings).mean(axis=(0, 1))
+    np.testing.assert_allclose(twice - without, 2 * want, atol=1e-3)
+
+
+def test_an_array_that_is_not_the_runs_is_refused(run):
+    data, file = run
+    with pytest.raises(ValueError, match=r"map\.sensor must describe the run's array, got 'sri-array' with other tx"):
+        gathered(stage_of((data, "sri-array")))
+    other = file.with_name("other.toml")
+    other.write_text(SENSOR.replace("count = 81", "count = 80"))
+    with pytest.raises(ValueError, match="must have the run's tones"):
+        gathered(stage_of((data, other)))
+    with pytest.raises(ValueError, match="sensor must be a TOML file or one of"):
+        gathered(stage_of((data, "nobodys")))
+
+
+def test_bad_entries_are_named():
+    for entries, word in (
+        ({"inner": 0.7}, "must rise"), ({"kinds": ()}, "kinds"), ({"soils": ((0.5, 0.0),)}, "soils"),
+        ({"rank": 0}, "rank"), ({"step": 0.0}, "step"),
+    ):  # fmt: skip
+        with pytest.raises(ValidationError, match=word):
+            LikelihoodSettings(sensor="sri-array", **entries)
