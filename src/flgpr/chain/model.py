@@ -38,7 +38,7 @@ def as_model(model: Model | Detector | None) -> Model:
 
 def unlearnt(recipe: Recipe, model: Model, training: bool = False) -> list[str]:
     """List the recipe's stages that have not learnt yet; but for training that is an error, as is a vain detector."""
-    if model.detector is not None and recipe.features is None and not recipe.columns:
+    if model.detector is not None and not (recipe.features or recipe.columns or recipe.detector):
         raise ValueError("model needs a recipe with the table features, got one without")
     names = [name for name in recipe.learning() if name not in model.stages]
     if names and not training:

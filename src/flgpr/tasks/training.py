@@ -68,7 +68,7 @@ def train_runs(
     text = recipe_text(recipe)
     parsed = parse_recipe(text, str(recipe))
     wanted = parsed.confidence in RANKS or parsed.detector is not None or bool(features)  # else a stage's column ranks
-    judges = wanted and (parsed.features is not None or bool(parsed.columns))
+    judges = wanted and (parsed.features is not None or bool(parsed.columns) or parsed.detector is not None)
     if not judges and not parsed.learning():
         raise ValueError(f"recipe must have features or a stage that learns to train, got {recipe}")
     tables = [read_table(truth, "truth") for truth in truths]
