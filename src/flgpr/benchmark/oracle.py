@@ -47,16 +47,17 @@ def run_oracle(folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY)
 
     Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and sub-bands, 3 x 3 pixels
     0.2 m apart. Known are the mine's own s_k, what its body returns through the ground and the hole it lies in, and
-    R_k, the covariance of target-free ground of the site at that distance ahead. In Gaussian clutter that differs from
-    look to look, the logarithm of the likelihood ratio is, but for a constant,
+    R_k, the covariance of target-free ground of the site at that distance ahead. As the ground's texture changes from
+    place to place, x_k is divided by its own rms, sqrt(x^H R^-1 x) over all values. In Gaussian clutter that differs
+    from look to look, the logarithm of the likelihood ratio is, but for a constant,
 
     - with the phase known, :math:`\sum_k 2\,\mathrm{Re}\, s_k^H R_k^{-1} x_k`,
     - with a phase of its own in every look, :math:`\sum_k \ln I_0(2 |s_k^H R_k^{-1} x_k|)`
 
     (Van Trees, "Detection, Estimation, and Modulation Theory", part I, 1968, Sec. 4.2 and 4.4). Each mine's statistic
     is tried on the site's target-free lane, too, at every place, with the looks nearest in distance: local maxima that
-    reach the mine's own value are the false alarms at which it is found. So spiky clutter and dependent looks count as
-    they are; a detector that knew those as well could still do a little better.
+    reach the mine's own value are the false alarms at which it is found. So dependent looks count as they are; what
+    knew of that, too, could still do a little better.
 
     Parameters
     ----------
@@ -131,22 +132,20 @@ class Clutter:
     def __init__(self, chain: LaneChain, lane: Lane) -> None:
         self.grid = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), STEP)
         self.looks, self.area = looks_at(chain, self.grid.points().reshape(-1, 3)), lane.area
-        self._inverse: dict[int, NDArray[np.complex128]] = {}
+        metre = self.looks.ahead.astype(int)
+        self._inverse = {int(one): _inverted(self.looks.chip[metre == one]) for one in np.unique(metre)}
+        for one, inverse in self._inverse.items():
+            self.looks.chip[metre == one] = _evened(self.looks.chip[metre == one], inverse)
 
     def inverse(self, ahead: float) -> NDArray[np.complex128]:
-        """Invert the covariance (value, value) at a distance, a thousandth of its mean power added to its diagonal."""
-        metre = int(ahead)
-        if metre not in self._inverse:
-            chip = self.looks.chip[np.abs(self.looks.ahead - metre - 0.5) <= 0.5].astype(np.complex128)
-            covariance = chip.T @ chip.conj() / max(len(chip), 1)
-            load = 1e-3 * np.trace(covariance).real / len(covariance)
-            self._inverse[metre] = np.linalg.inv(covariance + load * np.eye(len(covariance)))
-        return self._inverse[metre]
+        """Give the inverse covariance (value, value) at a distance, or at the nearest that was seen."""
+        return self._inverse[min(self._inverse, key=lambda metre: abs(metre + 0.5 - ahead))]
 
     def rates(self, ahead: FloatArray, chip: ComplexArray, own: ComplexArray) -> dict[str, float]:
         """Count false alarms per m² that reach a mine's statistics, from its looks and its own echoes in them."""
         filters = np.array([self.inverse(y) @ echo for y, echo in zip(ahead, own, strict=True)])
-        of_mine = _statistics(np.einsum("kc,kc->k", filters.conj(), chip)[None])
+        even = np.array([_evened(one[None], self.inverse(y))[0] for y, one in zip(ahead, chip, strict=True)])
+        of_mine = _statistics(np.einsum("kc,kc->k", filters.conj(), even)[None])
         values = np.stack([self._nearest(y) @ one.conj() for y, one in zip(ahead, filters, strict=True)], axis=1)
         counts = [
             _maxima(one.reshape(self.grid.ny, self.grid.nx), float(level[0]))
@@ -160,6 +159,19 @@ class Clutter:
         chips = np.zeros((self.grid.nx * self.grid.ny, self.looks.chip.shape[1]), np.complex64)
         chips[self.looks.place[order]] = self.looks.chip[order]  # of one place's looks the nearest is the last
         return chips
+
+
+def _inverted(chip: ComplexArray) -> NDArray[np.complex128]:
+    """Invert the covariance of chips (look, value), a thousandth of its mean power added to its diagonal."""
+    covariance = chip.T.astype(np.complex128) @ chip.conj() / len(chip)
+    load = 1e-3 * np.trace(covariance).real / len(covariance)
+    return np.asarray(np.linalg.inv(covariance + load * np.eye(len(covariance))))
+
+
+def _evened(chip: ComplexArray, inverse: NDArray[np.complex128]) -> ComplexArray:
+    """Divide chips (look, value) by their own rms in whitened clutter."""
+    power = np.einsum("kc,cd,kd->k", chip.conj(), inverse, chip, optimize=True).real / len(inverse)
+    return np.asarray(chip / np.sqrt(np.maximum(power, 1e-12))[:, None], dtype=np.complex64)
 
 
 def _chain(home: str, lane: GroundLane, recipe: str) -> LaneChain:
