@@ -9,10 +9,12 @@ import pytest
 
 from flgpr import tasks
 from flgpr.chain.recipe import load_recipe, recipe_names
+from flgpr.io import Scan, describe_for_live, open_run, read_lane
+from flgpr.live.detector import LiveDetector, LiveSettings
 from systems.lanes import SMALL
 
 SYSTEMS = sorted(SMALL)
-LIVE = {"wang2007"}
+LIVE = {"wang2007", "fused"}
 MOST = 1e-5
 
 
@@ -132,6 +134,30 @@ def test_live_runs_it_or_says_why_not(system):
         tasks.LiveRun(options)
     assert all(reason in str(told.value) for reason in recipe.waits())
     assert not (system.folder / "live").exists()
+
+
+@pytest.mark.parametrize("system", ["fused"], indirect=True)
+def test_live_maps_what_detection_maps(system):
+    """The run-view of the scans that have come is that of the whole run, but for what the background knew by then."""
+    run, recipe = open_run(system.lanes / "test.zarr"), load_recipe(system.lanes / "fused.toml")
+    lane, model = read_lane(system.lanes / "lane.toml"), tasks.read_result(system.folder / "result").model()
+    detector = LiveDetector(describe_for_live(run), recipe, lane, model, LiveSettings(looks=1))
+    whole = tasks.read_result(system.folder / "result").detections[0].view.values[0, 0]
+    likeness = []
+    for number in range(run.sizes["scan"]):
+        one = run.isel(scan=number)
+        scan = Scan(number, float(one["time"]), one["pose"].values, one["signal"].values)
+        update = detector.add(scan)
+        if update.outcome == "taken" and scan.number > run.sizes["scan"] // 2:
+            theirs = whole[update.row : update.row + len(update.view)]
+            both = np.isfinite(update.view[: len(theirs)]) & np.isfinite(theirs)
+            likeness.append(np.corrcoef(update.view[: len(theirs)][both], theirs[both])[0, 1])
+    assert np.median(likeness) > 0.8
+    detector.finish()
+    alarms, truth = detector.table(), pd.read_csv(system.truth)[["x", "y"]]
+    shifted = [truth.assign(y=(truth["y"] + shift) % 60.0) for shift in np.arange(4.0, 57.0, 4.0)]
+    found, *by_chance = (_found(alarms[["x", "y"]][:30], places) for places in (truth, *shifted))
+    assert found > max(by_chance)
 
 
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007"}))

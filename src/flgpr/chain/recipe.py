@@ -309,11 +309,12 @@ class Recipe(Table):
     def waits(self) -> list[str]:
         """Tell why it cannot run while scans come in, entry by entry; empty if it can."""
         why = {name: one.of.waits for name, one in self.named().items() if one.of.waits}
-        why |= {name: f"a stage of the kind {one.of.kind} is not run on scans as they come"
-                for name, one in self.named().items() if one.of.kind != "features" and name not in why}  # fmt: skip
+        for name, one in self.named().items():
+            if one.of.kind not in ("features", "map"):
+                why.setdefault(name, f"a stage of the kind {one.of.kind} is not run on scans as they come")
         if self.image.frames > 1:
             why["image.frames"] = "several scans are summed"
-        if self.run_view.look != "second-largest":
+        if self.run_view.look == "ranges":
             why["run_view.look"] = f"the look {self.run_view.look!r} is complete only when a place is passed"
         if self.background.self_signature != "mean":
             why["background.self_signature"] = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -25,7 +25,7 @@ from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
-from flgpr.chain.stages import FeatureStage, Setup
+from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
 from flgpr.clutter import CausalBackground
 from flgpr.features import FEATURES
 from flgpr.io import RunDescription, Scan, as_run
@@ -112,7 +112,9 @@ class LiveDetector:
         check_causal(recipe)
         check_channels(recipe, description.polarization, description.frequency)
         unlearnt(recipe, self.model)
-        self.reads = _reads(description, recipe, self.lane, self.model)
+        made = _made(description, recipe, self.lane, self.model) if recipe.columns or recipe.map is not None else {}
+        self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
+        self.reads = _reads(description, recipe, self.model, made)
         self.grid = self.reads.grid
         self.background = CausalBackground(*recipe.smoothing, self.settings.span, self.settings.warm_up)
         self.first_pose: FloatArray | None = None
@@ -152,7 +154,8 @@ class LiveDetector:
             return LiveUpdate("warm-up", [])
         rows = self.grid.ny
         near_image = np.ascontiguousarray(image[..., :rows, :])
-        cleaned = self.reads.clean(scan.number, pose, near_image, gain, background.cropped(rows))
+        own = self.mapper is not None
+        cleaned = self.reads.clean(scan.number, pose, near_image, gain, background.cropped(rows), own)
         self.history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
         left_behind = self._jump(where)
         row, view = self._look(cleaned, where)
@@ -211,7 +214,11 @@ class LiveDetector:
         sums = look_sums(self.recipe.run_view, grid)
         if self.view:
             sums.merge(self.view | {"row": self.view["row"] - first})
-        sums.add(scan.magnitude[self.reads.channel(self.recipe.prescreen)], self.grid, scan.pose)
+        if self.mapper is not None:
+            values = self.mapper.map(self.reads.labelled(scan))
+        else:
+            values = scan.magnitude[self.reads.channel(self.recipe.prescreen)]
+        sums.add(values, self.grid, scan.pose)
         self.view = sums.state() | {"row": np.array(first)}
         return first, view_array(*sums.result(), grid, {})
 
@@ -328,13 +335,14 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def _reads(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> AlarmFeatures:
+def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapping[str, Stage]) -> AlarmFeatures:
     """Take of a recipe's features what decides on alarms: what the model's detector reads, without one the contrast."""
     single = () if recipe.confidence in RANKS else (recipe.confidence,)
     names = model.detector.features if model.detector is not None else single
     features = recipe.features.model_copy(update={"variants": False}) if recipe.features and names else None
-    stages = _stages(description, recipe, lane, model) if names and recipe.columns else {}
-    stages = {name: one for name, one in stages.items() if set(one.columns) & set(names)}
+    stages = {
+        name: one for name, one in made.items() if isinstance(one, FeatureStage) and set(one.columns) & set(names)
+    }
     needed, known = {recipe.prescreen.subband}, {"magnitude"}.union(*(one.columns for one in stages.values()))
     if features is None:
         needed.add(recipe.contrast.subband)
@@ -344,22 +352,24 @@ def _reads(description: RunDescription, recipe: Recipe, lane: Lane | None, model
         if name not in known and name not in bands:
             raise ValueError(f"model must read features of the recipe's sub-bands when live, got {name}")
         needed |= {bands[name]} if name in bands else set()
-    subbands = [band for band in recipe.image.subbands if stages or band in needed]  # stages see all of an image
+    every = bool(stages) or recipe.map is not None  # stages see all of an image
+    subbands = [band for band in recipe.image.subbands if every or band in needed]
     labels = list(recipe.image.polarizations) or description.polarization
     return AlarmFeatures(recipe.model_copy(update={"features": features}), labels, subbands, recipe.near_grid(), stages)
 
 
-def _stages(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, FeatureStage]:
-    """Make the stages that add columns; the run that they are told of has one scan without an echo, at the origin."""
+def _made(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, Stage]:
+    """Make the stages; the run that they are told of has one scan without an echo, at the lane's origin."""
     run = as_run(description, Scan(0, math.nan, np.zeros(6), np.zeros(description.shape, np.complex64)))
     table, pose = recipe.image, np.zeros((1, 6))
     where = lane or course_lane(recipe, pose, _WITHOUT_END)
     imaged = [description.polarization.index(one) for one in table.polarizations or description.polarization]
     setup = Setup(run, {}, where, imager_of(run, table), recipe.near_grid(), recipe.run_view.grid(where), imaged, 1, {})
     made = {name: one.of(one.settings, setup, model.stages.get(name)) for name, one in recipe.named().items()}
-    stages = {name: one for name, one in made.items() if isinstance(one, FeatureStage)}
-    check_confidence(recipe, (name for one in stages.values() for name in one.columns))
-    return stages
+    check_confidence(
+        recipe, (column for one in made.values() if isinstance(one, FeatureStage) for column in one.columns)
+    )
+    return made
 
 
 def check_causal(recipe: Recipe) -> None:

@@ -83,7 +83,6 @@ class LikelihoodMap(MapStage):
 
     learns = True
     single = False
-    waits = "its self-signature is that of the whole run"
     Settings: ClassVar[type[Table]] = LikelihoodSettings
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
