@@ -1,0 +1,115 @@
+"""Two entries of the proving ground and the oracle: false alarms at a Pd, and how far confidences are log odds.
+
+``python benchmarks/proving_ground.py fused wang2007 --folder ground/ [--folder other/] [--figure out.png]`` opens the
+sealed truth of the first folder, which is logged. Prints Markdown tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.special import expit
+
+from flgpr.benchmark.ground import Ground
+from flgpr.benchmark.oracle import ORACLE
+from flgpr.benchmark.running import ALARMS, SEALED, passphrase, read_ground
+from flgpr.io import read_table
+from flgpr.scoring import match, open_truth, roc_of
+from flgpr.scoring.matching import Match
+
+LEVELS = {"metal": (0.5, 0.6, 0.7, 0.8, 0.9), "plastic": (0.2, 0.3, 0.4, 0.5)}
+BINS = np.linspace(0, 1, 11)
+
+
+def matched(ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str) -> Match:
+    """Match an entry's alarms in a split."""
+    file = next(
+        one / "entries" / entry / split / ALARMS for one in folders if (one / "entries" / entry / split).is_dir()
+    )
+    lanes = {lane.name: lane.lane for lane in ground.tested(split)}
+    own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
+    return match(read_table(file, "alarms"), own, lanes, ground.table.halo)
+
+
+def at_pd(far: np.ndarray, pd_: np.ndarray, level: float) -> float:
+    """Least FAR at which a curve reaches a Pd; NaN where it never does."""
+    reached = pd_ >= level - 1e-9
+    return float(far[reached].min()) if reached.any() else np.nan
+
+
+def oracle_curve(found: pd.DataFrame, kind: str, column: str) -> tuple[np.ndarray, np.ndarray]:
+    """FAR and Pd of the oracle."""
+    far = np.sort(found.loc[found["kind"] == kind, column].to_numpy())
+    return far, np.arange(1, len(far) + 1) / len(far)
+
+
+def reliability(one: Match, lanes: list[str]) -> tuple[pd.DataFrame, float]:
+    """Share of hits among alarms by their stated probability, and the expected calibration error."""
+    here = one.alarms["lane"].isin(lanes).to_numpy()
+    p, hit = expit(one.alarms["confidence"].to_numpy()[here]), ~one.false[here]
+    number = np.clip(np.digitize(p, BINS) - 1, 0, len(BINS) - 2)
+    table = pd.DataFrame({"bin": number, "p": p, "hit": hit}).groupby("bin").agg(
+        alarms=("p", "size"), stated=("p", "mean"), true=("hit", "mean"), hits=("hit", "sum")
+    )  # fmt: skip
+    return table, float((table["alarms"] * (table["stated"] - table["true"]).abs()).sum() / table["alarms"].sum())
+
+
+def main() -> None:
+    """Print the tables and draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("entries", nargs="+")
+    parser.add_argument("--folder", action="append", type=Path, required=True)
+    parser.add_argument("--figure", type=Path)
+    given = parser.parse_args()
+    home = given.folder[0]
+    ground = read_ground(home)
+    truth, _, _ = open_truth(home / "lanes" / SEALED, passphrase(ground))
+    oracle = pd.read_csv(home / ORACLE) if (home / ORACLE).is_file() else None
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    axes = figure.subplots(1, 3)
+    print("| split | kind | who | " + "false alarms per m² at Pd |\n|---|---|---|---|")
+    for split in ("standard", "new-site"):
+        for panel, (kind, levels) in zip(axes, LEVELS.items(), strict=False):
+            for entry in given.entries:
+                one = matched(ground, truth, given.folder, entry, split)
+                curve = roc_of(one, (one.truth["kind"] == kind).to_numpy())
+                far, pd_ = curve["far"].to_numpy(), curve["pd"].to_numpy()
+                told = ", ".join(f"{level:g}: {at_pd(far, pd_, level):.3f}" for level in levels)
+                print(f"| {split} | {kind} | {entry} | {told} |")
+                style = "-" if split == "standard" else "--"
+                panel.step(np.maximum(far, 2e-4), pd_, style, where="post", label=f"{entry}, {split}")
+            if oracle is not None and split == "standard":
+                far, pd_ = oracle_curve(oracle, kind, "far")
+                told = ", ".join(f"{level:g}: {at_pd(far, pd_, level):.3f}" for level in levels)
+                print(f"| {split} | {kind} | oracle | {told} |")
+                panel.step(np.maximum(far, 2e-4), pd_, "k:", where="post", label="oracle")
+            panel.set(
+                xscale="log", xlim=(2e-4, 0.6), ylim=(0, 1), xlabel="false alarms per m²", ylabel="Pd", title=kind
+            )
+            panel.grid(alpha=0.3)
+    axes[0].legend(fontsize=8)
+    print("\n| split | site | expected calibration error | alarms | hits |\n|---|---|---|---|---|")
+    for split, mark in (("standard", "o-"), ("new-site", "s--")):
+        one = matched(ground, truth, given.folder, given.entries[0], split)
+        for number, site in enumerate(ground.table.sites):
+            lanes = [lane.name for lane in ground.tested(split) if lane.site == site and not lane.empty]
+            table, error = reliability(one, lanes)
+            print(f"| {split} | {site} | {error:.3f} | {table['alarms'].sum()} | {table['hits'].sum()} |")
+            enough = table[table["alarms"] >= 10]
+            axes[2].plot(enough["stated"], enough["true"], mark, color=f"C{number}", ms=4,
+                         label=site if split == "standard" else None)  # fmt: skip
+    axes[2].plot([0, 1], [0, 1], "k:", lw=1)
+    axes[2].set(xlabel="stated probability of an alarm", ylabel="share of hits", xlim=(0, 1), ylim=(0, 1),
+                title=f"{given.entries[0]}: solid trained there, dashed not")  # fmt: skip
+    axes[2].legend(fontsize=8)
+    axes[2].grid(alpha=0.3)
+    if given.figure is not None:
+        figure.savefig(given.figure, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
