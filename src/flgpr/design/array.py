@@ -283,10 +283,10 @@ def _peaks(
         asked,
         length=far + 10.0,
         targets=[{"kind": kind, "x": x, "y": far, "depth": asked.depth}],
-        surface={"echo": False, "phase_screen": False},
+        surface={"phase_screen": False},
         track={"positions": tuple(far - float(y) for y in design.ratio_y)},
     )
-    run = Simulator(scene, sensor, 1, errors=False).run()
+    run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)
     peaks = np.empty((design.ratio_y.size, len(sensor.polarization)))
     for scan, distance in enumerate(design.ratio_y):
         spread = min(float(np.nanmin(design.down)), float(np.nanmin(design.cross))) / 3

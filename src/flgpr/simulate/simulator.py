@@ -109,11 +109,12 @@ class Simulator:
         """Describe the run."""
         return {"lane": self.scene.name, "sensor": self.sensor.name, "seed": self.seed, "simulated": "flgpr"}
 
-    def run(self) -> xr.Dataset:
-        """Simulate all scans into a run held in memory."""
+    def run(self, bodies: bool = False) -> xr.Dataset:
+        """Simulate all scans into a run held in memory; if wanted what the targets' bodies alone add to them."""
         tx, rx = self.sensor.pairs()
         axes = self.frequency, list(self.sensor.polarization)
-        return make_run(np.stack(list(self.scans())), *axes, tx, rx, self.reported_pose(), self.time, self.attributes())
+        scans = np.stack([(self.bodies if bodies else self.scan)(index) for index in range(len(self))])
+        return make_run(scans, *axes, tx, rx, self.reported_pose(), self.time, self.attributes())
 
     def _array(self, index: int) -> ArrayState:
         return dataclasses.replace(array_state(self.sensor, self.pose[index]), drift=self._drift[index])

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from flgpr.chain.passes import Accumulator, Arrays, added
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.imaging import ScanImager
-from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, make_run, scan_to_lane
+from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude
@@ -217,7 +217,7 @@ class _Imaging(NamedTuple):
 
 
 def _sensor_of(setup: Setup, name: str) -> Sensor:
-    """Load the sensor, without missing sweeps, and refuse one that is not the run's array."""
+    """Load the sensor, without missing sweeps and errors of navigation; refuse one that is not the run's array."""
     sensor = load_sensor(name)
     for end, ours in zip(("tx", "rx"), sensor.pairs(), strict=True):
         theirs = setup.run[f"{end}_position"].values
@@ -226,7 +226,8 @@ def _sensor_of(setup: Setup, name: str) -> Sensor:
     tones = sensor.tones.axis()
     if not np.array_equal(np.round(tones), np.round(setup.run["frequency"].values)):
         raise ValueError(f"map.sensor must have the run's tones, got {name!r} with {len(tones)} others")
-    return sensor.model_copy(update={"errors": sensor.errors.model_copy(update={"missing": 0.0})})
+    none = dict.fromkeys(("missing", "position", "heading", "attitude"), 0.0)
+    return sensor.model_copy(update={"errors": sensor.errors.model_copy(update=none)})
 
 
 @lru_cache(maxsize=4)
@@ -256,9 +257,7 @@ def signatures(table: LikelihoodSettings, sensor: Sensor, how: _Imaging) -> tupl
             }
         )  # fmt: skip
         simulator = Simulator(scene, sensor, number)
-        echoes = np.stack([simulator.bodies(k) for k in range(len(sorts))])
-        axes = simulator.frequency, list(sensor.polarization), *sensor.pairs(), simulator.pose, simulator.time
-        run = make_run(echoes, *axes).sel(polarization=list(how.polarizations))
+        run = simulator.run(bodies=True).sel(polarization=list(how.polarizations))
         imager = ScanImager(run, how.grid, dict(how.subbands), how.window, how.tolerance)
         for k, target in enumerate(scene.targets):
             place = lane_to_scan(np.array([target.x, target.y, 0.0]), simulator.pose[k])
