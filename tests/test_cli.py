@@ -1,10 +1,12 @@
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from flgpr import tasks
 from flgpr.cli import app
-from flgpr.io import open_run, sample_lane
+from flgpr.io import open_run, sample_lane, save_run
 
 RUN = str(sample_lane() / "run.zarr")
 
@@ -47,6 +49,41 @@ def test_info_says_it_in_words_and_as_json(tmp_path):
     told = json.loads(call("info", RUN, "--json").stdout)
     assert told["pairs"] == 32
     assert told["unambiguous_path_m"] == pytest.approx(39.97, abs=0.01)
+
+
+def test_info_tells_which_recipes_fit_and_why_others_do_not():
+    told = json.loads(call("info", RUN, "--recipes", "--json").stdout)["recipes"]
+    assert told["demo"] == told["miniature"] == []
+    assert any("image.y must end where paths are shorter than 39.97 m" in one for one in told["wang2007"])
+    words = call("info", RUN, "--recipe", "wang2007").stdout
+    assert "wang2007: image.subbands.F4 must lie in the run's band" in words
+    assert "recipe for RUN" in words
+    assert "demo fits" in call("info", RUN, "--recipe", "demo").stdout
+
+
+def test_info_warns_of_an_array_that_no_vehicle_carries_or_that_lies_on_the_ground(tmp_path):
+    run = open_run(RUN)
+    pose = run["pose"].values.copy()
+    pose[:, 2] = 0.0
+    save_run(run.assign(pose=(run["pose"].dims, pose), tx_position=40 * run["tx_position"]), tmp_path / "odd.zarr")
+    shown = call("info", tmp_path / "odd.zarr", "--plot", tmp_path / "odd.png")
+    assert shown.exit_code == 0, shown.output
+    words = " ".join(shown.stdout.split())
+    assert "72.00 m across" in words
+    assert "antennas lie up to 72 m apart, more than 10 m" in words
+    assert "m above the ground on average" in words
+    assert not tasks.run_info(RUN)["warnings"]
+
+
+def test_coverage_lies_where_the_vehicle_heads(tmp_path):
+    run = open_run(RUN)
+    pose = run["pose"].values.copy()
+    pose[:, [0, 1, 3]] = np.stack([pose[:, 1], 0 * pose[:, 1], 0 * pose[:, 1] + np.pi / 2], axis=1)
+    save_run(run.assign(pose=(run["pose"].dims, pose)), tmp_path / "rail.zarr")
+    ahead, across = tasks.run_info(RUN), tasks.run_info(tmp_path / "rail.zarr")
+    assert across["lane"]["x"] == pytest.approx(ahead["lane"]["y"])
+    assert across["lane"]["y"] == pytest.approx(ahead["lane"]["x"])
+    assert across["looks"]["unseen_share"] < 0.1
 
 
 @pytest.mark.parametrize(

@@ -96,22 +96,29 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
     the unambiguous path of the tones' steps. The ValueError names every entry at fault and what to do. An image
     that begins less than 0.5 or more than 3.5 antenna heights ahead is a UserWarning.
     """
+    faults, doubts = fit_faults(run, recipe)
+    _raise(faults)
+    for one in doubts:
+        warnings.warn(f"{one}; {_HINT}", stacklevel=2)
+
+
+def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
+    """Tell what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
     setup, image = _setup_of(run), recipe.image
-    faults = _channel_faults(recipe, setup.polarizations, setup.tones)
+    faults, doubts = _channel_faults(recipe, setup.polarizations, setup.tones), []
     longest = setup.longest_path(image.x, image.y)
     if longest * setup.step >= SPEED_OF_LIGHT:
         faults.append(
             f"image.y must end where paths are shorter than {SPEED_OF_LIGHT / setup.step:.4g} m, which tones "
             f"{setup.step / 1e6:.4g} MHz apart tell from nearer ones, got {image.y[1]:g} m with one of {longest:.4g} m"
         )
-    _raise(faults)
     heights = (image.y[0] - setup.ahead) / setup.height if setup.height > 0 else math.inf
     if not _HEIGHTS[0] <= heights <= _HEIGHTS[1]:
-        warnings.warn(
+        doubts.append(
             f"image.y should begin {_HEIGHTS[0]} to {_HEIGHTS[1]} antenna heights ahead of the antennas, got "
-            f"{image.y[0]:g} m for antennas {setup.height:.3g} m high; {_HINT}",
-            stacklevel=2,
+            f"{image.y[0]:g} m for antennas {setup.height:.3g} m high"
         )
+    return faults, doubts
 
 
 def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:

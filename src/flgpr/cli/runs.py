@@ -219,7 +219,10 @@ def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
 @app.command()
 def info(
     run: Annotated[Path, Argument(help="Run store, or a file to import.")],
-    recipe: Annotated[str | None, Option(help="Recipe whose images and lane decide what is covered.")] = None,
+    recipe: Annotated[
+        str | None, Option(help="Recipe whose images and lane decide what is covered; tells whether it fits.")
+    ] = None,
+    recipes: Annotated[bool, Option("--recipes", help="Tell of every packaged recipe whether it fits.")] = False,
     plot: Annotated[Path | None, Option(help="PNG to write: plan, coverage and side view.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -228,7 +231,7 @@ def info(
         if run.is_file():
             _explain(run, as_json)
             return
-        told = tasks.run_info(run, recipe, plot)
+        told = tasks.run_info(run, recipe, plot, recipes)
     if as_json:
         typer.echo(json.dumps(told))
         return

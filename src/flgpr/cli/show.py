@@ -71,17 +71,28 @@ def info_lines(told: dict[str, Any]) -> list[str]:
             f"{told['unambiguous_path_m']:.1f} m"
         )
     heights = [pose[2] for pose in told["pose"]]
+    across, along, _ = told["array_m"]
     lines += [
         f"  array          {len(told['tx_m'])} transmitter and {len(told['rx_m'])} receiver positions, "
-        f"{min(heights):.2f} to {max(heights):.2f} m above the ground",
+        f"{across:.2f} m across and {along:.2f} m along, {min(heights):.2f} to {max(heights):.2f} m above the ground",
         f"  coverage       x {told['lane']['x'][0]:.1f} to {told['lane']['x'][1]:.1f} m, "
         f"y {told['lane']['y'][0]:.1f} to {told['lane']['y'][1]:.1f} m: {told['looks']['mean']:.1f} looks on average, "
         f"at most {told['looks']['most']}, {100 * told['looks']['unseen_share']:.0f} % never seen",
         *(f"  channels       {line}" for line in told["health"]),
+        *_recipe_lines(told["recipes"]),
+        *(f"  warning        {line}" for line in told["warnings"]),
         "",
         *_coverage_map(told),
     ]
     return lines
+
+
+def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
+    """Say which recipes fit, and of the others what does not."""
+    lines = [f"{name} fits" if not some else f"{name}: {one}" for name, some in faults.items() for one in some or [""]]
+    if any(faults.values()):
+        lines.append("`flgpr recipe for RUN` makes one that fits")
+    return [f"  {'recipe' if k == 0 else '':<15}{line}" for k, line in enumerate(lines)]
 
 
 def _coverage_map(told: dict[str, Any]) -> list[str]:

@@ -112,16 +112,18 @@ def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None,
     scale = looks is not None and _is_long(looks)
     plan.set(xlabel="cross-track x (m)", ylabel="down-track y (m)", title="plan, not to scale" if scale else "plan")
     plan.set_aspect("auto" if scale else "equal")
-    plan.set_ylim(pose[:, 1].min() - beyond, lane.y_max + beyond)
+    plan.set_ylim(min(pose[:, 1].min(), lane.y_min) - beyond, lane.y_max + beyond)
     plan.legend(fontsize=8, loc="upper right")
     side.axhline(0, color="saddlebrown")
     side.plot(pose[:, 1], pose[:, 2], "C3^", ms=5)
     for one in pose[[0, -1]]:
         for y in (lane.y_min, lane.y_max):
             side.plot([one[1], y], [one[2], 0], color="0.6", lw=0.8)
-    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title="side, with rays to\nboth ends of the lane")
-    side.set_aspect("auto" if scale else "equal")
-    side.set_ylim(-0.3 * pose[:, 2].max(), 1.4 * pose[:, 2].max())
+    highest = max(float(pose[:, 2].max()), 0.5)
+    flat = lane.y_max - min(pose[:, 1].min(), lane.y_min) > 6 * highest
+    title = "side, with rays to\nboth ends of the lane" + (", not to scale" if flat else "")
+    side.set(xlabel="down-track y (m)", ylabel="height z (m)", title=title, aspect="auto" if flat else "equal")
+    side.set_ylim(min(-0.3 * highest, 1.2 * float(pose[:, 2].min())), 1.4 * highest)
     return figure
 
 

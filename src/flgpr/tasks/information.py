@@ -7,41 +7,51 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.calibrate import channel_health, health_summary
-from flgpr.chain.recipe import lane_of, load_recipe
+from flgpr.chain.fitting import fit_faults
+from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, complete_scans
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, complete_scans, scan_to_lane
 from flgpr.results.description import describe_run
 
 PathLike = str | Path
+_WIDEST = 10.0  # m
+_LEAST_HEIGHT = 0.5  # m, for ground that is looked at by antennas that say they do not stand above it
 
 
-def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None) -> dict[str, Any]:
+def run_info(
+    run: PathLike, recipe: PathLike | None = None, plot: PathLike | None = None, recipes: bool = False
+) -> dict[str, Any]:
     """Tell what a run holds and what follows from it, and perhaps draw it (PNG): plan, coverage and side view.
 
     Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
-    (m), largest step between tones (Hz), span travelled (m) and ``looks`` on a coarse grid. The recipe's images and
-    lane decide what is covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to either side.
+    (m), largest step between tones (Hz), span travelled (m), ``array_m`` (how far the antennas reach across, along and
+    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, and ``warnings`` of what
+    is seldom meant. The recipe's images and lane decide what is covered; without one it is the ground from 1 to 5 array
+    heights ahead and 1.2 to either side. The recipe is tried, and with ``recipes`` all packaged ones are.
     """
     dataset = open_run(run)
     description = describe_run(dataset, run)
     pose, frequency = np.asarray(description["pose"]), dataset["frequency"].values
     steps = np.diff(frequency)
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+    complete = complete_scans(dataset)
+    if not complete.any():
+        raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
+    antennas = np.array(description["tx_m"] + description["rx_m"])
+    height = float(pose[:, 2].mean() + antennas[:, 2].mean())
+    array = np.ptp(antennas, axis=0)
     if recipe is not None:
         table = load_recipe(recipe)
         grid, lane = table.image.grid(), lane_of(dataset, table)
     else:
-        height = float(pose[:, 2].mean())
-        grid = Grid.spanning((-1.2 * height, 1.2 * height), (height, 5 * height), height / 20)
-        ends = pose[:, 1].min() + height, pose[:, 1].max() + 5 * height
-        middle = float(pose[:, 0].mean())
-        lane = Lane(middle - 1.2 * height, middle + 1.2 * height, *ends)
-    complete = complete_scans(dataset)
-    if not complete.any():
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
+        scale = height if height > 0 else max(float(array.max()), _LEAST_HEIGHT)
+        grid = Grid.spanning((-1.2 * scale, 1.2 * scale), (scale, 5 * scale), scale / 20)
+        lane = _ahead(grid, pose[complete])
+    names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
     spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
     around = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spot)
     counted = count_looks(pose[complete], grid, around.points())
@@ -58,8 +68,43 @@ def run_info(run: PathLike, recipe: PathLike | None = None, plot: PathLike | Non
         "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,
         "travelled_m": float(spacing.sum()),
         "scan_spacing_m": [float(spacing.min()), float(spacing.max())] if spacing.size else None,
+        "array_m": array.tolist(),
+        "height_m": height,
         "health": health_summary(channel_health(dataset)),
         "lane": {"x": [lane.x_min, lane.x_max], "y": [lane.y_min, lane.y_max]},
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
+        "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
+        "warnings": _doubts(array, height),
     }
+
+
+def _ahead(grid: Grid, poses: NDArray[np.float64]) -> Lane:
+    """Bound the ground that images on a grid of the scan frame cover, whichever way the vehicle heads."""
+    x_min, x_max, y_min, y_max = grid.extent()
+    corners = np.array([(x, y, 0.0) for x in (x_min, x_max) for y in (y_min, y_max)])
+    seen = np.concatenate([scan_to_lane(corners, pose)[:, :2] for pose in poses])
+    (left, first), (right, last) = seen.min(axis=0), seen.max(axis=0)
+    return Lane(float(left), float(right), float(first), float(last))
+
+
+def _faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
+    """Tell what of a recipe does not fit, and what is doubtful."""
+    faults, doubts = fit_faults(run, recipe)
+    return faults + doubts
+
+
+def _doubts(array: NDArray[np.float64], height: float) -> list[str]:
+    """Warn of an array that is wider than any vehicle, or does not stand over the ground."""
+    told = []
+    if array.max() > _WIDEST:
+        told.append(
+            f"antennas lie up to {array.max():.4g} m apart, more than {_WIDEST:g} m: are positions metres, and "
+            "relative to the vehicle, not to the Earth?"
+        )
+    if height <= 0:
+        told.append(
+            f"antennas stand {height:.3g} m above the ground on average: heights of poses and antennas add up, and "
+            "count upwards from the ground"
+        )
+    return told
