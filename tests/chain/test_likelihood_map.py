@@ -51,7 +51,7 @@ def stage_of(run, learnt=None, **entries):
 
 
 def gathered(stage, truth=None, scans=6, seed=5):
-    """What a lane of correlated speckle with no mine gives."""
+    """What a lane of speckle with no mine gives."""
     rng = np.random.default_rng(seed)
     images = [image_of(noise(rng, 4, 2, GRID.ny, GRID.nx), (0.0, 5.0 * k, 2.5, 0.0, 0.0, 0.0)) for k in range(scans)]
     accumulator = stage.examples(pd.DataFrame({"x": [], "y": []}) if truth is None else truth, images.__getitem__)
@@ -90,7 +90,7 @@ def test_clutter_is_learnt_of_target_free_ground_and_every_chip_counts_alike(run
 
 
 def test_signatures_are_those_of_a_body_that_it_never_simulated(run):
-    """A body at another place, with errors of navigation: of its power most lies in what was learnt."""
+    """A body at another place and depth, in another soil: of its power most lies in what was learnt."""
     stage = stage_of(run, copies=8)
     learnt, notes = LikelihoodMap.fit(stage.settings, [gathered(stage, scans=3)])
     assert notes["signatures"] == 32
@@ -149,6 +149,8 @@ def test_the_contrast_is_the_power_about_a_pixel_over_that_of_the_ring(run):
     (inner, few), (guard, some), (outer, every) = total(1), total(6), total(15)
     want = 10 * np.log10((inner / few) / ((outer - guard) / (every - some)))
     assert found[1, 0, row, column] == pytest.approx(want, abs=1e-4)
+    louder = values * np.array([3.0, 0.1, 1.0, 1.0])[:, None, None, None]
+    np.testing.assert_allclose(contrasts(image_of(louder), table), found, atol=1e-4)
     assert np.isfinite(contrasts(image_of(np.zeros(values.shape)), table)).all()  # a channel that failed
 
 

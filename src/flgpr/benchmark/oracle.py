@@ -196,15 +196,13 @@ def _mines(chain: LaneChain, lane: GroundLane, mines: pd.DataFrame) -> tuple[Loo
     simulator = Simulator(lane.scene, lane.sensor, lane.seed)
     cleaned, points, parts, own = chain.cleaned, ground_points(mines), [], []
     for index, scan in enumerate(int(one) for one in cleaned.imager.scans):
-        image = cleaned.scan(index)
+        image = cleaned.coherent(index)
         seen, where = _seen(chain, points, image)
         if len(seen):
-            clutter = image.values - cleaned.imager.image(scan, simulator.bodies(scan)).values
-            both, clutter = (
-                cleaned.background.own_coherent(one, cleaned.gains[index]) for one in (image.values, clutter)
-            )
-            parts.append(Looks(seen, where[:, 1], _chips(both, cleaned.grid, where)))
-            own.append(_chips(both - clutter, cleaned.grid, where))
+            echo = cleaned.imager.image(scan, simulator.bodies(scan)).values
+            echo = echo / (cleaned.gains[index][..., None, None] * cleaned.background.gain)
+            parts.append(Looks(seen, where[:, 1], _chips(image.values, cleaned.grid, where)))
+            own.append(_chips(echo.astype(np.complex64), cleaned.grid, where))
     return _joined(parts), np.concatenate(own)
 
 
