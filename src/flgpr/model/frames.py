@@ -132,6 +132,11 @@ class Grid:
             self.y_min + (self.ny - 0.5) * self.dy,
         )
 
+    def corners(self, y_max: float = math.inf) -> NDArray[np.float64]:
+        """Corners (4, 3) of the outer edges, no farther than ``y_max``, z = 0."""
+        x_min, x_max, near, far = self.extent()
+        return np.array([(x, y, 0.0) for x in (x_min, x_max) for y in (near, min(far, y_max))])
+
 
 def _centres(first: float, spacing: float, count: int) -> NDArray[np.float64]:
     # Rounded to a nanometre, so that tables of positions do not end in 0000000000002.

@@ -23,10 +23,7 @@ def sample_scan(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.
 
 def seen_along(grid: Grid, pose: NDArray[np.float64], y_max: float) -> tuple[float, float]:
     """Tell which part of the lane a scan with this grid and pose sees up to ``y_max``: first and last y, m."""
-    x_min, x_max, near, far = grid.extent()
-    corners = np.zeros((4, 3))
-    corners[:, :2] = [(x, y) for x in (x_min, x_max) for y in (near, min(far, y_max))]
-    along = scan_to_lane(corners, pose)[:, 1]
+    along = scan_to_lane(grid.corners(y_max), pose)[:, 1]
     return float(along.min()), float(along.max())
 
 

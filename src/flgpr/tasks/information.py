@@ -81,9 +81,7 @@ def run_info(
 
 def _ahead(grid: Grid, poses: NDArray[np.float64]) -> Lane:
     """Bound the ground that images on a grid of the scan frame cover, whichever way the vehicle heads."""
-    x_min, x_max, y_min, y_max = grid.extent()
-    corners = np.array([(x, y, 0.0) for x in (x_min, x_max) for y in (y_min, y_max)])
-    seen = np.concatenate([scan_to_lane(corners, pose)[:, :2] for pose in poses])
+    seen = np.concatenate([scan_to_lane(grid.corners(), pose)[:, :2] for pose in poses])
     (left, first), (right, last) = seen.min(axis=0), seen.max(axis=0)
     return Lane(float(left), float(right), float(first), float(last))
 
