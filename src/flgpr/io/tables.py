@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,14 +16,41 @@ from flgpr.io.files import existing, faults_of, write_whole
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
+_NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
+_MOST_HEAD = 100_000  # characters of a header
 
 
 def read_table(path: str | Path, kind: str) -> pd.DataFrame:
-    """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError."""
+    """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError.
+
+    Columns are separated by commas, or by semicolons as :func:`read_columns` takes them.
+    """
     path = existing(path, f"{kind} file")
     with faults_of(path):
-        table = pd.read_csv(path, dtype={f"{name}_id": str for name in ("alarm", "target", "object")})
-        return _CHECKS[kind](table)
+        return _CHECKS[kind](read_columns(path, "alarm_id", "target_id", "object_id"))
+
+
+def read_columns(path: Path, *texts: str) -> pd.DataFrame:
+    """Read CSV separated by commas, or by semicolons with decimal points or decimal commas; ``texts`` are no numbers.
+
+    A header of both semicolons and commas, or columns of numbers of which some have decimal points and others decimal
+    commas, could be read in two ways: a ValueError.
+    """
+    as_text = dict.fromkeys(texts, str)
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        head = file.readline(_MOST_HEAD)
+    if ";" not in head:
+        return pd.read_csv(path, dtype=as_text)
+    if "," in head:
+        raise ValueError(f"columns must be separated by commas or by semicolons, got both in {head.strip()[:80]!r}")
+    text = path.read_text(encoding="utf-8-sig")
+    cells = pd.read_csv(io.StringIO(text), sep=";", dtype=str, keep_default_na=False)
+    rest = [cells[name] for name in cells.columns if name not in texts]
+    numbers = [one for one in rest if one.str.fullmatch(_NUMBER).all()]
+    commas, points = (any(one.str.contains(mark, regex=False).any() for one in numbers) for mark in ",.")
+    if commas and points:
+        raise ValueError("columns separated by semicolons must have decimal commas or decimal points, got both")
+    return pd.read_csv(io.StringIO(text), sep=";", decimal="," if commas else ".", dtype=as_text)
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
