@@ -190,7 +190,8 @@ def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     made = CliRunner().invoke(app, sealing, input="long enough\nlong enough\n")
     assert made.exit_code == 0, made.output
     assert b"plastic" not in (tmp_path / "sealed").read_bytes()
-    blind = ["score", str(alarms), "--sealed", str(tmp_path / "sealed")]
+    assert "at least 8 characters" in made.output.split("\n")[0]
+    blind = ["score", str(alarms), "--sealed", str(tmp_path / "sealed"), "-o", str(tmp_path / "blind")]
     told = CliRunner().invoke(app, blind, input="long enough\n")
     assert told.exit_code == 0, told.output
     assert "n_targets 2" in told.stdout

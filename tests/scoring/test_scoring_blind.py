@@ -45,7 +45,7 @@ def test_a_sealed_truth_hides_the_truth_and_opens_with_its_passphrase(sealed):
     truth, lanes, rules = open_truth(sealed, PHRASE)
     pd.testing.assert_frame_equal(truth, TRUTH)
     assert Lane(**lanes[""]) == LANE
-    assert rules == {"halo": 1.0, "area": "union", "by": "kind"}
+    assert rules == {"halo": 1.0, "area": "union", "by": "kind", "show": "curve"}
 
 
 def test_a_blind_score_is_that_of_the_open_truth_and_shows_no_place(sealed):
@@ -113,7 +113,7 @@ def test_a_truth_that_cannot_be_scored_is_never_sealed(tmp_path):
 
 def test_a_sealed_file_is_not_overwritten_and_holds_several_lanes(sealed, tmp_path):
     with pytest.raises(FileExistsError):
-        seal_truth(TRUTH, LANE, sealed, PHRASE)
+        seal_truth(TRUTH, LANE, sealed, pytest.fail)
     lanes = {"p": LANE, "q": Lane(0, 4, 0, 40)}
     named = TRUTH.assign(lane=["p", "q", "q"])
     score = score_blind(ALARMS.assign(lane="q"), seal_truth(named, lanes, tmp_path / "two", PHRASE), PHRASE)

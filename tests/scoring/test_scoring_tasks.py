@@ -9,7 +9,8 @@ from flgpr.cli import app
 from flgpr.io import read_table
 from flgpr.model import Lane
 from flgpr.scoring import content_hash, pd_mean, read_register, register, roc
-from flgpr.tasks.scoring import plan_lane, plan_mines, read_lanes, score_alarms, score_sealed, seal
+from flgpr.tasks import plan_lane, plan_mines, score_alarms, score_sealed, seal
+from flgpr.tasks.scoring import read_lanes
 
 LANE = "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 60.0\n"
 PHRASE = "correct horse battery"
@@ -61,16 +62,18 @@ def test_the_command_line_tells_what_is_found_at_the_operating_point(files):
 
 def test_the_truth_stays_closed_until_the_recipe_is_registered(files):
     book = files / "book.jsonl"
-    arguments = (files / "alarms.csv", files / "no-truth.csv", files / "lane.toml", files / "score")
+    arguments = (files / "alarms.csv", files / "truth.csv", files / "lane.toml", files / "score")
+    with pytest.raises(FileNotFoundError, match="register not found"):
+        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
+    register(book, recipe=content_hash("another"))
     with pytest.raises(ValueError, match="recipe must be registered"):
         score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
     with pytest.raises(ValueError, match="must be given together"):
         score_alarms(*arguments, recipe=files / "recipe.toml")
     register(book, recipe=content_hash(files / "recipe.toml"))
-    with pytest.raises(FileNotFoundError, match="truth file not found"):
-        score_alarms(*arguments, recipe=files / "recipe.toml", book=book)
-    assert read_register(book)[-1]["event"] == "truth opened"
     assert not (files / "score").exists()
+    score_alarms(*arguments, recipe=files / "recipe.toml", book=book, draws=20)
+    assert read_register(book)[-1]["event"] == "truth opened"
 
 
 def test_a_truth_is_sealed_and_scored_blind(files):
@@ -79,7 +82,10 @@ def test_a_truth_is_sealed_and_scored_blind(files):
     score = score_sealed(files / "alarms.csv", sealed, PHRASE, files / "blind")
     assert score.counts["n_targets"] == 2
     told = json.loads((files / "blind" / "roc.json").read_text())
-    assert told["notes"] == {"looks": 1, "lists": 1}
+    assert told["notes"] == {
+        "looks": 1, "lists": 1, "alarms_sha256": content_hash(files / "alarms.csv"),
+        "sealed_sha256": content_hash(sealed),
+    }  # fmt: skip
     assert "threshold" not in told["detections"]["main"]["points"][0]
     assert "targets" not in told["detections"]["main"]
     with pytest.raises(FileNotFoundError, match="sealed truth not found"):
@@ -93,12 +99,13 @@ def test_a_lane_is_planned_once_and_registered_with_its_recipe(files):
     pd.testing.assert_frame_equal(read_table(files / "plan.csv", "truth"), plan)
     assert line["plan"] == content_hash(files / "plan.csv")
     assert line["recipe"] == content_hash(files / "recipe.toml")
-    assert line["seed"] == 7
+    assert "seed" not in line, "who knows the seed has the plan"
+    assert plan.attrs["seed"] == 7
     with pytest.raises(FileExistsError, match="drawn once"):
         plan_lane(files / "lane.toml", files / "sorts.csv", 8, files / "plan.csv")
     book = files / "plan.csv.register.jsonl"
     score_alarms(
-        files / "alarms.csv", files / "truth.csv", files / "lane.toml", files / "score", draws=20,
+        files / "alarms.csv", files / "plan.csv", files / "lane.toml", files / "score", draws=20,
         recipe=files / "recipe.toml", book=book,
     )  # fmt: skip
     assert json.loads((files / "score" / "roc.json").read_text())["notes"]["recipe_registered"] == line["time"]

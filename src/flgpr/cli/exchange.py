@@ -11,7 +11,7 @@ from typer import Argument, Option
 from flgpr import tasks
 from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
-FORMATS = ("geojson", "gpkg", "kml", "csv", "geotiff", "cphd")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "cphd")
 
 import_app = typer.Typer(name="import", help="Read other formats into a run.", no_args_is_help=True)
 

@@ -1,4 +1,4 @@
-"""Commands on runs and results: demo, detect, train, score, info, replay, view."""
+"""Commands on runs and results: demo, detect, train, info, replay, view."""
 
 from __future__ import annotations
 
@@ -148,72 +148,6 @@ def train(
         others = _others(beside, len(runs))
         tasks.train_runs(runs, truth, recipe, output, feature or (), lane, others=others, how=how)
     tell_written(quiet, output)
-
-
-@app.command()
-def score(
-    alarms: Annotated[Path, Argument(help="Result folder, or an alarm list (CSV) of any detector.")],
-    truth: Annotated[Path | None, Option(help="CSV of the targets.")] = None,
-    objects: Annotated[Path | None, Option(help="CSV of rocks, posts and the like, for the pictures.")] = None,
-    lane: Annotated[Path | None, Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")] = None,
-    output: Annotated[Path | None, Option("-o", "--output", help="Folder for roc.json and report.html.")] = None,
-    halo: Annotated[float, Option(help="Halo radius in metres, for an alarm list; a result uses its recipe's.")] = 1.0,
-    far: Annotated[float, Option(help="Operating point: false alarms per m² at which targets count as found.")] = 0.05,
-    seal: Annotated[bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")] = False,
-    sealed: Annotated[
-        Path | None, Option(help="Sealed truth to score against: operating points and counts only.")
-    ] = None,
-    recipe: Annotated[Path | None, Option(help="Recipe that must stand in the register (with --book).")] = None,
-    book: Annotated[Path | None, Option(help="Register of recipes and openings of the truth.")] = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
-    """Score a result or an alarm list against truth, open or sealed."""
-    with plain_errors():
-        if seal:
-            _seal(alarms, lane, output, halo)
-        elif sealed is not None:
-            _score_sealed(alarms, sealed, output)
-        elif truth is None:
-            raise ValueError("score needs --truth or --sealed, got neither")
-        else:
-            if lane is None and alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
-                raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
-            registered: dict[str, Any] = {"recipe": recipe, "book": book}
-            with progress(quiet or as_json) as track:
-                if lane is not None:
-                    home = output or Path("score")
-                    scored = tasks.score_alarms(alarms, truth, lane, home, halo=halo, far=far, **registered)
-                else:
-                    folder = alarms.parent if alarms.name == "alarms.csv" else alarms
-                    home = output or tasks.score_home(folder)
-                    _, scored = tasks.score_result(folder, truth, objects, home, track, far=far, **registered)
-            if as_json:
-                typer.echo(json.dumps(score_summary(home, scored)))
-            elif not quiet:
-                print_scores(scored)
-                typer.echo(f"report: {(home / 'report.html').resolve()}")
-
-
-def _seal(truth: Path, lane: Path | None, output: Path | None, halo: float) -> None:
-    if lane is None or output is None:
-        raise ValueError("--seal needs --lane and --output, got one or none of them")
-    tasks.require_seal()
-    passphrase = typer.prompt("passphrase", hide_input=True, confirmation_prompt=True, err=True)
-    typer.echo(f"wrote {tasks.seal(truth, lane, output, passphrase, halo=halo)}")
-
-
-def _score_sealed(alarms: Path, sealed: Path, output: Path | None) -> None:
-    tasks.require_seal()
-    passphrase = typer.prompt("passphrase", hide_input=True, err=True)
-    told = tasks.score_sealed(alarms, sealed, passphrase, output)
-    typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
-    counts = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in told.counts.items()}
-    typer.echo(", ".join(f"{name} {value}" for name, value in counts.items()))
-    typer.echo(
-        f"look {told.looks} at this truth, different alarm lists so far: {told.lists}; "
-        "the seal guards against accidents, not against the holder of the passphrase"
-    )
 
 
 @app.command()

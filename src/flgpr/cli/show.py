@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,37 @@ def print_scores(scored: list[Any]) -> None:
             table.add_row(target, "found" if row["found"] else "missed", *(seen if row["detected"] else ["never"]))
     Console().print(table)
     typer.echo(f"{scored[0].name}: {scored[0].in_words()}")
+
+
+def comparison_lines(told: Any) -> list[str]:
+    """Say detectors side by side: each Pd with interval, counts and chance, and their differences."""
+    lines = ["95 % intervals in brackets; chance is the Pd of alarms that know nothing of the targets"]
+    width = max(map(len, told.points["detector"]))
+    for far, rows in told.points.groupby("far_allowed"):
+        lines += ["", f"at most {far:g} false alarms per m²"]
+        for row in rows.to_dict("records"):
+            by_chance = "not known" if math.isnan(row["chance"]) else f"{row['chance']:.2f}"
+            lines.append(
+                f"  {row['detector']:{width}}  Pd {row['pd']:.2f} ({row['pd_low']:.2f} to {row['pd_high']:.2f}), "
+                f"{row['n_detected']:.0f} of {row['n_targets']:.0f}, chance {by_chance}; {row['n_false']:.0f} false, "
+                f"FAR {row['far']:.4f} ({row['far_low']:.4f} to {row['far_high']:.4f})"
+            )
+        for row in told.pairs[told.pairs["far_allowed"] == far].to_dict("records"):
+            lines.append(
+                f"  {row['first']} less {row['second']}: {row['difference']:+.2f} ({row['low']:+.2f} to "
+                f"{row['high']:+.2f}); alone found {row['only_first']} and {row['only_second']}, "
+                f"McNemar's p = {row['p']:.2g}"
+            )
+    for row in [] if told.means is None else told.means.to_dict("records"):
+        lines += [
+            "",
+            f"mean Pd: {row['first']} {row['pd_mean_a']:.3f} ({row['low_a']:.3f} to {row['high_a']:.3f}, chance "
+            f"{row['chance_a']:.3f}), {row['second']} {row['pd_mean_b']:.3f} ({row['low_b']:.3f} to "
+            f"{row['high_b']:.3f}, chance {row['chance_b']:.3f})",
+            f"  {row['first']} less {row['second']}: {row['difference']:+.3f} ({row['low']:+.3f} to "
+            f"{row['high']:+.3f}), p = {row['p_value']:.2g} by sign flips",
+        ]
+    return lines
 
 
 def info_lines(told: dict[str, Any]) -> list[str]:

@@ -88,15 +88,61 @@ def plan_lane_command(
     lane: Annotated[Path, Argument(help="TOML or CSV of the lane or lanes.")],
     targets: Annotated[Path, Argument(help="CSV with kind, depth (m) and count.")],
     output: Output,
-    seed: Annotated[int, Option(help="Seed of the draw.")] = 1,
+    seed: Annotated[
+        int | None, Option(help="Seed to draw a plan again; who can guess it knows the plan. None: drawn, and told.")
+    ] = None,
     spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
-    recipe: Annotated[Path | None, Option(help="Recipe whose hash is registered with the plan.")] = None,
+    edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,
+    recipe: Annotated[str | None, Option(help="Recipe whose hash is registered with the plan.")] = None,
     book: Annotated[Path | None, Option(help="Register; beside the plan by default.")] = None,
+    anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth; GeoPackage and GPX.")] = None,
+    halo: Annotated[float, Option(help="Halo radius that scores must use, m.")] = 1.0,
+    far: Annotated[float, Option(help="Operating point that scores must use, false alarms per m².")] = 0.05,
+    quiet: Quiet = False,
 ) -> None:
-    """Draw an emplacement plan and register it with the recipe that will be scored."""
+    """Draw an emplacement plan, with the crew's page and sheet, and register it with the rules of its scoring."""
     with plain_errors():
-        plan, line = tasks.plan_lane(lane, targets, seed, output, spacing=spacing, recipe=recipe, book=book)
-    typer.echo(f"wrote {output}: {len(plan)} targets; registered {line['time']}")
+        drawn: dict[str, float] = {"spacing": spacing, "edge": edge, "halo": halo, "far": far}
+        plan, line = tasks.plan_lane(lane, targets, seed, output, recipe=recipe, book=book, anchor=anchor, **drawn)
+    files = tasks.plan_files(output, anchor is not None)
+    tell_written(quiet, *files.values())
+    if not quiet:
+        typer.echo(f"{len(plan)} targets, seed {plan.attrs['seed']}; registered {line['time']}")
+        typer.echo("keep these files and the seed from whoever runs a detector; the register is for all to read")
+
+
+@plan_app.command("register")
+def plan_register_command(
+    recipe: Annotated[str, Argument(help="Packaged recipe, or any file that fixes a detector.")],
+    book: Annotated[Path, Option(help="Register of the plan.")],
+    model: Annotated[Path | None, Option(help="Model that the recipe is run with, of `flgpr train`.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Register a recipe before the truth is opened; scores then ask for it."""
+    with plain_errors():
+        line = tasks.register_recipe(recipe, book, model)
+    if not quiet:
+        typer.echo(f"{recipe} is line {line['number']} of {book}, {line['recipe'][:12]}..., {line['time']}")
+
+
+@plan_app.command("survey")
+def plan_survey_command(
+    plan: Annotated[Path, Argument(help="Plan that was emplaced.")],
+    sheet: Annotated[Path, Argument(help="Its sheet, filled in by the crew.")],
+    output: Output,
+    book: Annotated[Path | None, Option(help="Register; the plan names its own.")] = None,
+    within: Annotated[float, Option(help="Largest difference from the plan that is believed, m.")] = 1.0,
+    quiet: Quiet = False,
+) -> None:
+    """Read what was emplaced, write it as truth and register it in place of the plan."""
+    with plain_errors():
+        truth, line = tasks.survey_plan(plan, sheet, output, book, within)
+    tell_written(quiet, output)
+    if not quiet:
+        typer.echo(
+            f"{len(truth)} targets, {line['moved']} of them moved by at most {line['largest_offset']:.3f} m; "
+            f"{line['left_out']} not emplaced and left out; registered {line['time']}"
+        )
 
 
 def reproduce(

@@ -13,6 +13,7 @@ from flgpr.io.georeferenced import (
     write_earth_geojson,
     write_geopackage,
     write_geotiff,
+    write_gpx,
     write_kml,
 )
 from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
@@ -101,6 +102,7 @@ __all__ = [
     "write_geojson",
     "write_geopackage",
     "write_geotiff",
+    "write_gpx",
     "write_kml",
     "write_table",
     "write_whole",

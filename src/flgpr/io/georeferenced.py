@@ -1,4 +1,4 @@
-"""Alarms, truth and run-views on the Earth: GeoJSON, GeoPackage, KML, CSV and GeoTIFF.
+"""Alarms, truth and run-views on the Earth: GeoJSON, GeoPackage, KML, GPX, CSV and GeoTIFF.
 
 Alarms leave as evidence points: a place where the radar saw something, with its confidence and what processing it came
 from. They are never drawn as areas, and an empty place between them says nothing.
@@ -26,7 +26,8 @@ STATEMENT = (
     "not thereby free of hazards."
 )
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
-_KML = "http://www.opengis.net/kml/2.2"
+NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
+_KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
 
 
 def georeference(
@@ -54,7 +55,7 @@ def georeference(
     out["height"] = places[:, 2] if anchor.heights_known else np.nan
     out["anchor_sigma"] = anchor.uncertainty(x, y)
     out["crs"], out["time"], out["processing_id"] = "EPSG:4326", stamp, processing_id
-    out["nature"] = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}[kind]
+    out["nature"] = NATURES[kind]
     return out
 
 
@@ -76,20 +77,13 @@ def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
     """Write points of :func:`georeference` as KML 2.2 placemarks under a title; the file is whole or absent."""
-    ElementTree.register_namespace("", _KML)
-    root = ElementTree.Element(f"{{{_KML}}}kml")
-
-    def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
-        child = ElementTree.SubElement(parent, f"{{{_KML}}}{tag}", attributes)
-        child.text = None if text is None else "".join(c if c in "\t\n" or c >= " " else "?" for c in str(text))
-        return child
-
-    document = add(root, "Document")
-    add(document, "name", title)
-    add(document, "description", STATEMENT)
+    document, add = _document(_KML, "kml")
+    body = add(document, "Document")
+    add(body, "name", title)
+    add(body, "description", STATEMENT)
     for number, row in enumerate(points.to_dict("records")):
-        mark = add(document, "Placemark")
-        add(mark, "name", next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}"))
+        mark = add(body, "Placemark")
+        add(mark, "name", _name_of(row, number))
         if row["time"]:
             add(add(mark, "TimeStamp"), "when", row["time"])
         data = add(mark, "ExtendedData")
@@ -98,7 +92,37 @@ def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:
             add(add(data, "Data", name=str(key)), "value", "" if text is None else text)
         # Heights in KML are over the geoid, ours over the ellipsoid: the points lie on the ground instead.
         add(add(mark, "Point"), "coordinates", f"{row['longitude']:.9f},{row['latitude']:.9f}")
-    write_whole(Path(path), ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+    write_whole(Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n")
+
+
+def write_gpx(points: pd.DataFrame, path: str | Path) -> None:
+    """Write points of :func:`georeference` as GPX 1.1 waypoints, for a receiver in the hand; whole or absent."""
+    document, add = _document(_GPX, "gpx", version="1.1", creator="flgpr")
+    if (points["nature"] == NATURES["alarms"]).any():
+        add(add(document, "metadata"), "desc", STATEMENT)
+    for number, row in enumerate(points.to_dict("records")):
+        mark = add(document, "wpt", lat=f"{row['latitude']:.9f}", lon=f"{row['longitude']:.9f}")
+        if row["time"]:
+            add(mark, "time", row["time"])
+        add(mark, "name", _name_of(row, number))
+        add(mark, "desc", f"{row['nature']}: x {row['lane_x']:.3f} m, y {row['lane_y']:.3f} m in the lane")
+    write_whole(Path(path), ElementTree.tostring(document, encoding="utf-8", xml_declaration=True) + b"\n")
+
+
+def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
+    """Begin an XML document of a name space; with what adds an element to another, text made fit for XML."""
+    ElementTree.register_namespace("", space)
+
+    def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
+        child = ElementTree.SubElement(parent, f"{{{space}}}{tag}", attributes)
+        child.text = None if text is None else "".join(c if c in "\t\n" or c >= " " else "?" for c in str(text))
+        return child
+
+    return ElementTree.Element(f"{{{space}}}{root}", attributes), add
+
+
+def _name_of(row: Mapping[Any, Any], number: int) -> str:
+    return next((row[key] for key in _KEYS.values() if isinstance(row.get(key), str)), f"{number + 1}")
 
 
 def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None:

@@ -115,7 +115,7 @@ def report_html(
     if scored:
         values |= _scored(scored, worst, alarm_patches or {}, target_patches or {})
         values["roadside"] = _roadside_shares(scored[0], values.get("notes", {}))
-        values |= {"bands": bands or {}, "told": {**scored[0].told_rules(), **(notes or {})}, "in_words": _in_words}
+        values |= {"bands": bands or {}, "told": {**scored[0].told_rules(), **(notes or {})}, "in_words": in_words}
     alarms = scored[0].labels if scored else result.detections[0].alarms if result else pd.DataFrame()
     columns = [name for name in _COLUMNS if name in alarms]
     rows = alarms[:_MOST].to_dict("records")
@@ -248,9 +248,10 @@ def _plain(value: Any, spec: str = "") -> str:
     return format(value, spec or (".5g" if isinstance(value, float) else ""))
 
 
-def _in_words(value: Any) -> str:
+def in_words(value: Any) -> str:
+    """Say a value of the rules, nested or not, as text."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+        return ", ".join(f"{name} {in_words(entry)}" for name, entry in value.items())
     if isinstance(value, list | tuple):
-        return ", ".join(_in_words(entry) for entry in value) or "unnamed"
+        return ", ".join(in_words(entry) for entry in value) or "unnamed"
     return f"{value:.6g}" if isinstance(value, float) and math.isfinite(value) else str(value)

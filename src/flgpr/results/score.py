@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 import flgpr
 from flgpr.results.result import Result
 from flgpr.results.view_files import plain_json
-from flgpr.scoring import BlindScore, Rules, Score, refraction_shift, score
+from flgpr.scoring import BlindScore, Rules, Score, SideBySide, refraction_shift, score
 
 ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
+COMPARISON_FORMAT = "flgpr-comparison"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
@@ -45,12 +46,22 @@ def roc_json(scored: Sequence[Score], notes: Mapping[str, Any]) -> str:
     return _roc_json(scored[0].told_rules(), notes, {one.name: one.told() for one in scored})
 
 
-def blind_roc_json(told: BlindScore) -> str:
-    """Write ``roc.json`` of a blind score: points per group at fixed FARs, no threshold and no target."""
+def blind_roc_json(told: BlindScore, notes: Mapping[str, Any]) -> str:
+    """Write ``roc.json`` of a blind score: points per group at fixed FARs, no threshold and no place."""
     rules = {name: told.counts[name] for name in ("area_rule", "halo_radius")}
     counts = {name: value for name, value in told.counts.items() if name not in rules}
     main = {"title": "", **counts, "points": told.points.to_dict("records")}
-    return _roc_json(rules, {"looks": told.looks, "lists": told.lists}, {"main": main})
+    if told.targets is not None:
+        main["targets"] = told.targets.to_dict("records")
+    return _roc_json(rules, {"looks": told.looks, "lists": told.lists, **notes}, {"main": main})
+
+
+def comparison_json(told: SideBySide, rules: Mapping[str, Any], notes: Mapping[str, Any]) -> str:
+    """Write ``comparison.json`` of detectors side by side."""
+    head = {"format": COMPARISON_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
+    tables = {"points": told.points, "pairs": told.pairs, "means": told.means}
+    rows = {name: None if table is None else table.to_dict("records") for name, table in tables.items()}
+    return json.dumps(plain_json({**head, "rules": rules, "notes": notes, **rows}), indent=1, allow_nan=False) + "\n"
 
 
 def _roc_json(rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Mapping[str, Any]) -> str:

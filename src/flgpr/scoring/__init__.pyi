@@ -1,12 +1,20 @@
 from flgpr.scoring.area import union_area
 from flgpr.scoring.assignment import assign, label_alarms
-from flgpr.scoring.blind import BlindScore, open_truth, score_blind, seal_truth
+from flgpr.scoring.blind import PASSPHRASE_RULE, BlindScore, Registration, open_truth, score_blind, seal_truth
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.boxes import box_peaks, box_roc, offset_boxes, peak_roc
 from flgpr.scoring.breakdown import decision_curves, decision_table, pd_table
 from flgpr.scoring.chance_level import Chance, chance, random_pd
 from flgpr.scoring.checks import as_lanes
-from flgpr.scoring.comparison import Comparison, compare, mcnemar_test, sign_flip_test
+from flgpr.scoring.comparison import (
+    Comparison,
+    SideBySide,
+    compare,
+    mcnemar_test,
+    paired_interval,
+    side_by_side,
+    sign_flip_test,
+)
 from flgpr.scoring.curve import (
     CONVENTIONS,
     CURVE_COLUMNS,
@@ -22,7 +30,7 @@ from flgpr.scoring.intervals import clopper_pearson, poisson_interval
 from flgpr.scoring.lane_roc import accumulated_area, far_area, roc, roc_of
 from flgpr.scoring.lane_score import Rules, Score, score
 from flgpr.scoring.lane_splits import HEADLINE, Split, cross_site, paper_splits, splits
-from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered
+from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered, require_truth
 from flgpr.scoring.matching import Match, match, select_targets
 from flgpr.scoring.planning import SamplePlan, area_needed, emplacement_plan, mines_needed, sample_size
 from flgpr.scoring.refraction import Refraction, refraction_shift
@@ -32,15 +40,18 @@ __all__ = [
     "CONVENTIONS",
     "CURVE_COLUMNS",
     "HEADLINE",
+    "PASSPHRASE_RULE",
     "BlindScore",
     "Chance",
     "Comparison",
     "Convention",
     "Match",
     "Refraction",
+    "Registration",
     "Rules",
     "SamplePlan",
     "Score",
+    "SideBySide",
     "Split",
     "SurveyShare",
     "accumulated_area",
@@ -72,6 +83,7 @@ __all__ = [
     "offset_within",
     "open_truth",
     "operating_row",
+    "paired_interval",
     "paper_splits",
     "patch_figure",
     "pd_at",
@@ -85,6 +97,7 @@ __all__ = [
     "refraction_shift",
     "register",
     "require_registered",
+    "require_truth",
     "roc",
     "roc_figure",
     "roc_of",
@@ -93,6 +106,7 @@ __all__ = [
     "score_blind",
     "seal_truth",
     "select_targets",
+    "side_by_side",
     "sign_flip_test",
     "splits",
     "survey_share",

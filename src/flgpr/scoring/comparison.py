@@ -1,22 +1,29 @@
-"""Two detectors on the same lanes."""
+"""Two detectors or more on the same lanes."""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import optimize, stats
 
-from flgpr.scoring.bootstrap import make_design, make_scores, tails
+from flgpr.scoring.assignment import assign
+from flgpr.scoring.bootstrap import make_design, make_scores, pd_mean_interval, tails
 from flgpr.scoring.chance_level import chance
-from flgpr.scoring.curve import pd_mean_by_chance
+from flgpr.scoring.curve import operating_row, pd_mean_by_chance
 from flgpr.scoring.lane_roc import AreaRule, roc_of
+from flgpr.scoring.lane_score import Rules
 from flgpr.scoring.matching import Match, Subset, select_targets
 
 _ENUMERATED = 20  # signs; a million sums
 _FLIPS = 100_000
+_POINT = ("far", "far_low", "far_high", "pd", "pd_low", "pd_high", "n_detected", "n_targets", "n_false", "chance")
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,22 @@ class Comparison:
     #: chance_a, chance_b: PD_mean that each one's false alarms give by chance, see :func:`flgpr.scoring.chance`
     chance_a: float
     chance_b: float
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Two detectors or more on the same targets."""
+
+    #: one row per ``detector`` and ``far_allowed``, per m²: ``far``, ``pd`` with their exact intervals, counts, and the
+    #: Pd that ``chance`` gives
+    points: pd.DataFrame
+    #: one row per pair, ``first`` and ``second``, and ``far_allowed``: ``difference`` of their Pd (first less second)
+    #: with ``low`` and ``high`` by :func:`paired_interval`, the targets that one alone finds, ``only_first`` and
+    #: ``only_second``, and ``p`` of McNemar's exact test
+    pairs: pd.DataFrame
+    #: one row per pair: ``pd_mean_a`` of the first with ``low_a`` and ``high_a``, ``pd_mean_b``, their chance,
+    #: ``difference`` with interval and ``p_value``, see :class:`Comparison`; None where only points are told
+    means: pd.DataFrame | None
 
 
 def compare(
@@ -146,6 +169,92 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
     """
     total = only_a + only_b
     return float(stats.binomtest(only_a, total).pvalue) if total else 1.0
+
+
+def paired_interval(only_a: int, only_b: int, n_targets: int, level: float = 0.95) -> tuple[float, float]:
+    """Compute an interval of the difference of two detectors' Pd on the same targets, by Tango's score test.
+
+    It is that of Tango (1998, Statistics in Medicine 17, 891), which holds for few targets, too, and does not shrink to
+    a point where both find the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.scoring import paired_interval
+    >>> np.round(paired_interval(9, 2, 40), 3).tolist()
+    [0.014, 0.339]
+    """
+    if not 0 < n_targets >= only_a + only_b or min(only_a, only_b) < 0:
+        raise ValueError(f"only_a and only_b must be counts among n_targets, got {only_a}, {only_b} of {n_targets}")
+    z = float(stats.norm.ppf((1 + level) / 2))
+    return _lower_end(only_a, only_b, n_targets, z), -_lower_end(only_b, only_a, n_targets, z)
+
+
+def side_by_side(
+    matches: Mapping[str, Match], fars: Sequence[float], rules: Rules | None = None, means: bool = True
+) -> SideBySide:
+    """Set detectors side by side, two or more, at allowed FARs, per m².
+
+    The matches go by the detectors' names and must share truth, lanes and halo. Without ``means`` nothing is told but
+    operating points. Intervals and chance are as ``rules`` say.
+    """
+    rules = rules or Rules()
+    if len(matches) < 2:
+        raise ValueError(f"matches must be two or more to be compared, got {len(matches)}")
+    if not all(len(one.truth) for one in matches.values()):
+        raise ValueError("truth must have at least one target for detectors to be compared, got none")
+    how: dict[str, Any] = {"area": rules.area, "level": rules.level}
+    options: dict[str, Any] = {"far_max": rules.far_max, "draws": rules.draws, "seed": rules.seed}
+    points, pairs, mean, spread = [], [], [], {}
+    for name, one in matches.items():
+        curve = chance(one, rules.shifts, rules.seed).beside(roc_of(one, **how))
+        rows = curve.iloc[operating_row(curve, np.array(fars))].reset_index(drop=True)[list(_POINT)]
+        rows.insert(0, "far_allowed", list(fars))
+        rows.insert(0, "detector", name)
+        points.append(rows)
+        if means:
+            spread[name] = pd_mean_interval(one, **how, **options)
+    for (name, first), (other, second) in itertools.combinations(matches.items(), 2):
+        _check_pair(first, second)
+        who = {"first": name, "second": other}
+        pairs += [who | row for row in _paired_points(first, second, fars, rules)]
+        if means:
+            found = compare(first, second, **how, **options)
+            told = ("pd_mean_a", "chance_a", "pd_mean_b", "chance_b", "difference", "low", "high", "p_value")
+            ends = {
+                f"{end}_{which}": float(value)
+                for which, one in (("a", name), ("b", other))
+                for end, value in zip(("low", "high"), spread[one], strict=True)
+            }
+            mean.append(who | {key: getattr(found, key) for key in told} | ends)
+    table = pd.concat(points, ignore_index=True)
+    table.attrs = {}
+    return SideBySide(table, pd.DataFrame(pairs), pd.DataFrame(mean) if means else None)
+
+
+def _paired_points(first: Match, second: Match, fars: Sequence[float], rules: Rules) -> list[dict[str, Any]]:
+    """Tell at each FAR how many targets one detector alone finds, and what that says."""
+    a, b = (assign(one, rules.area)["far"].to_numpy() for one in (first, second))
+    rows = []
+    for far in fars:
+        only = int(((a <= far) & (b > far)).sum()), int(((b <= far) & (a > far)).sum())
+        low, high = paired_interval(*only, len(a), rules.level)
+        row = {"far_allowed": far, "difference": (only[0] - only[1]) / len(a), "low": low, "high": high}
+        rows.append(row | {"only_first": only[0], "only_second": only[1], "p": mcnemar_test(*only)})
+    return rows
+
+
+def _lower_end(more: int, less: int, n: int, z: float) -> float:
+    """Find the least difference of two shares that counts of ``more`` and ``less`` among n leave possible."""
+
+    def excess(gap: float) -> float:
+        b = (2 * n - more + less) * gap - more - less
+        share = (math.sqrt(max(0.0, b * b + 8 * n * less * gap * (1 - gap))) - b) / (4 * n)  # of those counted as less
+        return more - less - n * gap - z * math.sqrt(max(0.0, n * (2 * share + gap * (1 - gap))))
+
+    found = (more - less) / n
+    start = found - 1e-10  # at the difference itself the test statistic is zero over zero if nothing differs
+    return float(optimize.brentq(excess, -1.0, start)) if start > -1 and excess(start) < 0 else found
 
 
 def _check_pair(first: Match, second: Match) -> None:

@@ -151,8 +151,8 @@ def emplacement_plan(
     Returns
     -------
     DataFrame
-        Truth table: ``target_id``, ``x``, ``y``, ``kind``, ``depth``, further columns, ``lane`` if the lanes have
-        names; ordered by lane and y. ``attrs`` hold seed, spacing and edge.
+        Truth table: ``target_id``, ``x`` and ``y`` in whole millimetres, ``kind``, ``depth``, further columns, ``lane``
+        if the lanes have names; ordered by lane and y. ``attrs`` hold seed, spacing and edge.
     """
     missing = [name for name in ("kind", "depth", "count") if name not in targets.columns]
     if missing:
@@ -205,7 +205,8 @@ def _draw_places(
         for _ in range(_TRIES):
             which = int(rng.choice(len(names), p=areas / areas.sum()))
             lane, size = lanes[names[which]], sizes[names[which]]
-            spot = np.array([lane.x_min, lane.y_min]) + edge + rng.uniform(size=2) * size
+            corner = np.array([lane.x_min, lane.y_min]) + edge
+            spot = np.clip(np.round(corner + rng.uniform(size=2) * size, 3), corner, corner + size)
             taken = places[:number][chosen[:number] == which]
             if len(taken) == 0 or np.hypot(*(taken - spot).T).min() >= spacing:
                 break

@@ -11,6 +11,7 @@ from flgpr.live.session import LiveOptions, LiveReport, LiveRun
 from flgpr.live.vehicle import Vehicle
 from flgpr.report import design_report
 from flgpr.results.result import SECTIONS, Result, read_result
+from flgpr.scoring import PASSPHRASE_RULE
 from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
 from flgpr.tasks.bench import bench_imaging, format_bench
 from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
@@ -18,11 +19,13 @@ from flgpr.tasks.detection import detect_long, detect_run, detect_runs
 from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
+from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
+from flgpr.tasks.registering import register_recipe
 from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
+    compare_alarms,
+    compare_sealed,
     outcome_table,
-    plan_lane,
-    plan_mines,
     require_seal,
     score_alarms,
     score_home,
@@ -35,6 +38,7 @@ from flgpr.tasks.training import train_runs
 
 __all__ = [
     "COUNTS",
+    "PASSPHRASE_RULE",
     "SECTIONS",
     "ClockSearch",
     "How",
@@ -50,6 +54,8 @@ __all__ = [
     "calibrate_clock",
     "calibrate_range_bias",
     "check_request",
+    "compare_alarms",
+    "compare_sealed",
     "demo",
     "design_report",
     "detect_long",
@@ -71,12 +77,14 @@ __all__ = [
     "make_signature",
     "outcome_table",
     "parse_size",
+    "plan_files",
     "plan_lane",
     "plan_mines",
     "read_result",
     "recipe_for",
     "recipe_names",
     "recipe_text",
+    "register_recipe",
     "replay",
     "require_seal",
     "run_info",
@@ -86,6 +94,7 @@ __all__ = [
     "score_sealed",
     "seal",
     "simulate_lane",
+    "survey_plan",
     "tie_lane",
     "train_runs",
     "write_anchor",

@@ -17,7 +17,7 @@ from flgpr.model.track import reference_track
 from flgpr.results.result import read_result
 
 PathLike = str | Path
-TABLE_FORMATS = ("geojson", "gpkg", "kml", "csv")
+TABLE_FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv")
 FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
 
 
@@ -70,7 +70,7 @@ def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
 def export_table(
     table: PathLike, output: PathLike, to: str, anchor: PathLike, kind: str = "truth", time: str | None = None
 ) -> Path:
-    """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml" or "csv".
+    """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml", "gpx" or "csv".
 
     ``time`` is when, ISO 8601 with a time zone.
     """
@@ -82,7 +82,7 @@ def export_table(
 def export_result(
     result: PathLike, output: PathLike, to: str, anchor: PathLike, detection: str = "main", time: str | None = None
 ) -> Path:
-    """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "csv") or its run-view ("geotiff").
+    """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "gpx", "csv") or its run-view ("geotiff").
 
     ``detection`` is "main" or the name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone.
     """
@@ -116,6 +116,8 @@ def _write_points(
         georeferenced.write_geopackage(points, output, kind)
     elif to == "kml":
         georeferenced.write_kml(points, output, f"{kind} {identity}")
+    elif to == "gpx":
+        georeferenced.write_gpx(points, output)
     else:
         georeferenced.write_earth_csv(points, output)
     return output

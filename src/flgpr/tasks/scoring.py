@@ -1,9 +1,11 @@
-"""Scoring, blind scoring and test planning: files in, files out."""
+"""Scoring, open and blind, of one detector or of several side by side: files in, files out."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import itertools
+import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,17 +16,30 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import results_at
-from flgpr.io import read_table, write_table, write_whole
+from flgpr.io import read_table, write_whole
 from flgpr.io.files import existing, faults_of
+from flgpr.io.tables import read_columns
 from flgpr.model import Lane
-from flgpr.report import score_files
+from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
-from flgpr.results.score import blind_roc_json, score_detections
+from flgpr.results.score import blind_roc_json, comparison_json, score_detections
 from flgpr.results.view_score import VIEW_SCORE, view_score
-from flgpr.scoring import BlindScore, Rules, SamplePlan, Score, as_lanes, content_hash, register, score
-from flgpr.scoring.blind import score_blind, seal_truth
-from flgpr.scoring.ledger import require_registered
-from flgpr.scoring.planning import emplacement_plan, sample_size
+from flgpr.scoring import (
+    BlindScore,
+    Rules,
+    Score,
+    SideBySide,
+    as_lanes,
+    content_hash,
+    read_register,
+    register,
+    require_truth,
+    score,
+    side_by_side,
+)
+from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth
+from flgpr.scoring.checks import LaneLike
+from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
 
 PathLike = str | Path
 
@@ -38,8 +53,13 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     path = existing(path, "lane file")
     with faults_of(path):
         table = path.suffix.lower() == ".csv"
-        lanes = as_lanes(pd.read_csv(path) if table else tomllib.loads(path.read_text(encoding="utf-8")))
+        lanes = as_lanes(read_columns(path) if table else tomllib.loads(path.read_text(encoding="utf-8")))
     return lanes[""] if list(lanes) == [""] else lanes
+
+
+def borders(lanes: LaneLike) -> dict[str, dict[str, float]]:
+    """Give the borders of each lane, m, by name, as registers hold them."""
+    return {name: dataclasses.asdict(one) for name, one in as_lanes(lanes).items()}
 
 
 def score_result(
@@ -64,8 +84,9 @@ def score_result(
     whole = homes == [home]
     result = read_result(home) if whole else join_sections(home, homes)
     to = Path(output) if output is not None else score_home(home)
-    targets, notes = _open_truth(truth, home / "alarms.csv", recipe, book)
     others = read_table(objects, "objects") if objects is not None else None
+    rules = {"halo": result.recipe.score.halo, "far": far}
+    targets, (notes,) = open_truth(truth, [find_entrant(home, recipe)], borders(result.lane), rules, book)
     scored = score_detections(result, targets, far)
     sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
     files: dict[str, bytes | str] = {}
@@ -100,12 +121,13 @@ def score_alarms(
     """Score an alarm list of any detector (CSV) and write the report; the list has the one score.
 
     ``lane`` is as for :func:`read_lanes`. ``output`` takes ``report.html``, ``roc.json`` and the figures as PNG and
-    PDF. ``recipe`` and ``book``, only together, are a recipe and the register that must hold its hash before the truth
-    is opened; the opening is entered there. ``rules`` are those of :class:`flgpr.scoring.Rules`.
+    PDF. ``book`` is the register that must hold the hash of the ``recipe`` before the truth is first opened, and where
+    the opening is entered; a planned truth names its own. ``rules`` are those of :class:`flgpr.scoring.Rules`.
     """
-    table, where = read_table(alarms, "alarms"), read_lanes(lane)
-    targets, notes = _open_truth(truth, alarms, recipe, book)
-    scored = [score(table, targets, where, Rules(**rules))]
+    one, where, how = find_entrant(alarms, recipe), read_lanes(lane), Rules(**rules)
+    table = read_table(one.path, "alarms")
+    targets, (notes,) = open_truth(truth, [one], borders(where), {"halo": how.halo, "far": how.far}, book)
+    scored = [score(table, targets, where, how)]
     _write(Path(output), score_files(scored, notes, title=title))
     return scored
 
@@ -120,31 +142,105 @@ def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
     return pd.concat([one.outcomes[columns].assign(detection=one.name) for one in scored], ignore_index=True)
 
 
-def _open_truth(
-    truth: PathLike, alarms: PathLike, recipe: PathLike | None, book: PathLike | None
-) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Read the truth, once the register holds the recipe if there is one, and note what is scored against what."""
-    if (recipe is None) != (book is None):
-        raise ValueError(f"recipe and book must be given together, got {recipe} and {book}")
-    notes: dict[str, Any] = {"alarms_sha256": content_hash(Path(alarms))}
-    if recipe is not None and book is not None:
-        entered = require_registered(book, content_hash(Path(recipe)))
-        register(book, event="truth opened", recipe=entered["recipe"], alarms=notes["alarms_sha256"])
-        notes |= {"recipe_sha256": entered["recipe"], "recipe_registered": entered["time"]}
-    targets = read_table(truth, "truth")
-    return targets, notes | {"truth_sha256": content_hash(Path(truth))}
+def compare_alarms(
+    alarms: Sequence[PathLike],
+    truth: PathLike,
+    output: PathLike,
+    lane: PathLike | None = None,
+    *,
+    recipes: Sequence[PathLike] = (),
+    book: PathLike | None = None,
+    halo: float | None = None,
+    far: float = Rules.far,
+) -> SideBySide:
+    """Set two alarm lists (CSV) or result folders side by side, or more, and write a page and ``comparison.json``.
+
+    ``lane`` is as for :func:`read_lanes`; without it, and without a ``halo``, m, those of the results count, which must
+    be the same. ``far`` is an operating point beside the usual ones, per m². ``recipes`` are as many as ``alarms`` or
+    none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`.
+    """
+    entrants = _entrants(alarms, recipes)
+    results = [read_result(home) for home in _whole_results(entrants)]
+    lanes = {json.dumps(borders(one.lane)): one.lane for one in results}
+    if lane is None and (len(lanes) != 1 or len(results) < len(entrants)):
+        raise ValueError(
+            f"alarm lists need --lane to be compared, and results one and the same; got {len(lanes)} lanes"
+        )
+    where = read_lanes(lane) if lane is not None else next(iter(lanes.values()))
+    halos = {one.recipe.score.halo for one in results} if halo is None else {halo}
+    if len(halos) > 1:
+        raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
+    rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
+    tables = [read_table(one.path, "alarms") for one in entrants]
+    targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book)
+    scored = [score(table, targets, where, rules) for table in tables]
+    names = _names(entrants)
+    fars = scored[0].operating_points()["far_allowed"].tolist()
+    told = side_by_side({name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules)
+    curves = {name: one.curve for name, one in zip(names, scored, strict=True)}
+    about = {**scored[0].told_rules(), "far_max": rules.far_max}
+    _write_comparison(output, told, curves, about, dict(zip(names, notes, strict=True)))
+    return told
 
 
-def _page_of(section: Path, to: Path) -> str:
-    """Tell the address of a section's page as seen from another folder; "" if it has none."""
-    page = section / "report.html"
-    return Path(os.path.relpath(page, to)).as_posix() if page.is_file() else ""
+def compare_sealed(
+    alarms: Sequence[PathLike],
+    sealed: PathLike,
+    passphrase: Phrase,
+    output: PathLike,
+    log: PathLike | None = None,
+    *,
+    recipes: Sequence[PathLike] = (),
+    book: PathLike | None = None,
+) -> SideBySide:
+    """Set alarm lists side by side against a sealed truth, each a look; tells points and counts of all targets only.
+
+    Parameters are those of :func:`score_sealed` and :func:`compare_alarms`, and the files those of the latter.
+    """
+    entrants = _entrants(alarms, recipes)
+    check_registered(entrants, book)
+    tables = [read_table(one.path, "alarms") for one in entrants]
+    phrase = passphrase() if callable(passphrase) else passphrase
+    matches, notes = {}, {}
+    for name, one, table in zip(_names(entrants), entrants, tables, strict=True):
+        matches[name], _, rules, looks, line = match_blind(
+            table, existing(sealed, "sealed truth"), phrase, log, registered=registration(one, book)
+        )
+        notes[name] = one.notes(line) | {"looks": len(looks)}
+    how = Rules(halo=rules["halo"], area=rules["area"])
+    told = side_by_side(matches, FAR_GRID, how, means=False)
+    told = dataclasses.replace(told, points=told.points.round({"chance": 2}))  # as a blind score tells it
+    about = {"halo_radius": how.halo, "area_rule": how.area, "level": how.level, "far_max": how.far_max}
+    _write_comparison(output, told, {}, about, notes)
+    return told
 
 
-def _write(home: Path, files: Mapping[str, bytes | str]) -> None:
-    for name, data in files.items():
-        (home / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(home / name, data)
+def _entrants(alarms: Sequence[PathLike], recipes: Sequence[PathLike]) -> list[Entrant]:
+    if recipes and len(recipes) != len(alarms):
+        raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists")
+    return [find_entrant(one, recipe) for one, recipe in itertools.zip_longest(alarms, recipes)]
+
+
+def _whole_results(entrants: Sequence[Entrant]) -> list[Path]:
+    """List the folders of those lists that are results'; a lane in sections tells by its first."""
+    return [results_at(one.path.parent)[0] for one in entrants if one.of_result]
+
+
+def _names(entrants: Sequence[Entrant]) -> list[str]:
+    """Name alarm lists by their file or result folder, or in full where that is not unique."""
+    short = [one.path.parent.resolve().name if one.of_result else one.path.stem for one in entrants]
+    return short if len(set(short)) == len(short) else [str(one.path) for one in entrants]
+
+
+def _write_comparison(
+    output: PathLike,
+    told: SideBySide,
+    curves: Mapping[str, pd.DataFrame],
+    rules: Mapping[str, Any],
+    notes: Mapping[str, Any],
+) -> None:
+    page = comparison_html(told, curves, rules, notes)
+    _write(Path(output), {"comparison.html": page, "comparison.json": comparison_json(told, rules, notes)})
 
 
 def require_seal() -> None:
@@ -157,90 +253,68 @@ def seal(
     truth: PathLike,
     lane: PathLike,
     output: PathLike,
-    passphrase: str,
+    passphrase: Phrase,
     *,
-    halo: float = 1.0,
+    halo: float = Rules.halo,
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
+    show: Literal["curve", "targets"] = "curve",
+    book: PathLike | None = None,
 ) -> Path:
     """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring; a file that exists is refused.
 
-    The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`.
+    The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`. A planned truth is sealed
+    with its register, or with the ``book`` that is given: scores then demand it, with the recipe in it.
     """
-    rules: dict[str, Any] = {"halo": halo, "area": area, "by": by}
-    return seal_truth(read_table(truth, "truth"), read_lanes(lane), output, passphrase, **rules)
+    table, where = read_table(truth, "truth"), read_lanes(lane)
+    own = own_book(truth, table)
+    held, bound = own if book is None else Path(book), None
+    if held is not None:
+        lines, digest = read_register(existing(held, "register")), content_hash(Path(truth))
+        require_truth(held, digest, borders(where), {"halo": halo}, planned=own is not None)
+        if not lines:
+            raise ValueError(f"book must hold a plan or a recipe, got the empty {held}")
+        bound = {"truth": digest, "line": lines[-1]["hash"]}
+    rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
+    path = seal_truth(table, where, output, passphrase, **rules, book=bound)
+    if held is not None:
+        register(held, event="sealed", truth=bound and bound["truth"], sealed=content_hash(path))
+    return path
 
 
 def score_sealed(
-    alarms: PathLike, sealed: PathLike, passphrase: str, output: PathLike | None = None, log: PathLike | None = None
+    alarms: PathLike,
+    sealed: PathLike,
+    passphrase: Phrase,
+    output: PathLike | None = None,
+    log: PathLike | None = None,
+    *,
+    recipe: PathLike | None = None,
+    book: PathLike | None = None,
 ) -> BlindScore:
-    """Score an alarm list (CSV) against a sealed truth; tells points and counts, nothing that shows a position.
+    """Score an alarm list (CSV), or that of a result, against a sealed truth; tells nothing that shows a position.
 
-    ``output`` is a folder for ``roc.json`` with what the score tells, ``log`` the log of all looks, beside the sealed
-    file by default. Errors are those of :func:`flgpr.scoring.score_blind`.
+    ``output`` is a folder for ``report.html`` and ``roc.json`` with what the score tells, ``log`` the log of all looks,
+    beside the sealed file by default. ``recipe`` and ``book`` are as for :func:`score_alarms`; a truth that was sealed
+    with a register demands them. Errors are those of :func:`flgpr.scoring.score_blind`.
     """
-    told = score_blind(read_table(alarms, "alarms"), existing(sealed, "sealed truth"), passphrase, log)
+    one = find_entrant(alarms, recipe)
+    check_registered([one], book)
+    place, table = existing(sealed, "sealed truth"), read_table(one.path, "alarms")
+    told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
-        _write(Path(output), {"roc.json": blind_roc_json(told)})
+        notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place)}
+        _write(Path(output), {"report.html": blind_html(told, notes), "roc.json": blind_roc_json(told, notes)})
     return told
 
 
-def plan_mines(
-    pd_claim: float = 0.9,
-    far: float = 0.01,
-    confidence: float = 0.95,
-    *,
-    true_pd: float | None = None,
-    true_far: float | None = None,
-    power: float = 0.8,
-    joint: bool = False,
-) -> tuple[SamplePlan, list[str]]:
-    """Plan how many mines and how much ground a claim takes, also in words; see :func:`flgpr.scoring.sample_size`."""
-    plan = sample_size(pd_claim, far, confidence, true_pd=true_pd, true_far=true_far, power=power, joint=joint)
-    sure = f"{100 * confidence:g} %" + (" for both together" if joint else " each")
-    lines = [
-        f"To show Pd >= {pd_claim:g} at FAR <= {far:g} per m² with {sure}:",
-        f"  {plan.mines} mines, of which at most {plan.misses} may be missed",
-        f"  {plan.area:.0f} m² of ground outside the halos, with at most {plan.false_alarms} false alarms",
-    ]
-    if true_pd is not None:
-        lines.append(f"  a detector with Pd {true_pd:g} shows it with probability {plan.pd_power:.2f}")
-    if true_far is not None:
-        lines.append(f"  a detector with FAR {true_far:g} per m² shows it with probability {plan.far_power:.2f}")
-    return plan, lines
+def _page_of(section: Path, to: Path) -> str:
+    """Tell the address of a section's page as seen from another folder; "" if it has none."""
+    page = section / "report.html"
+    return Path(os.path.relpath(page, to)).as_posix() if page.is_file() else ""
 
 
-def plan_lane(
-    lane: PathLike,
-    targets: PathLike,
-    seed: int,
-    output: PathLike,
-    *,
-    spacing: float = 3.0,
-    edge: float = 0.5,
-    recipe: PathLike | None = None,
-    book: PathLike | None = None,
-) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Draw an emplacement plan, write it as a truth table and register it with the recipe that will be scored.
-
-    It gives the table and what was registered. ``lane`` is as for :func:`read_lanes`, ``targets`` CSV with ``kind``,
-    ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge`` as for :func:`flgpr.scoring.emplacement_plan`,
-    m. The register ``book`` is ``<output>.register.jsonl`` by default; the recipe's hash is entered before anybody can
-    open the truth. A plan that exists is refused.
-    """
-    place = Path(output)
-    if place.exists():
-        raise FileExistsError(f"{place} exists: a plan is drawn once")
-    sorts, where = pd.read_csv(existing(targets, "targets file")), read_lanes(lane)
-    plan = emplacement_plan(where, sorts, seed, spacing=spacing, edge=edge)
-    entry: dict[str, Any] = {"event": "plan", "lanes": _borders(where)}
-    entry |= {str(name): value for name, value in plan.attrs.items()}
-    if recipe is not None:
-        entry["recipe"] = content_hash(Path(recipe))
-    write_table(plan, place)
-    entry["plan"] = content_hash(place)
-    return plan, register(f"{place}.register.jsonl" if book is None else book, **entry)
-
-
-def _borders(lanes: Lane | Mapping[str, Lane]) -> dict[str, dict[str, float]]:
-    return {name: dataclasses.asdict(one) for name, one in as_lanes(lanes).items()}
+def _write(home: Path, files: Mapping[str, bytes | str]) -> None:
+    for name, data in files.items():
+        (home / name).parent.mkdir(parents=True, exist_ok=True)
+        write_whole(home / name, data)

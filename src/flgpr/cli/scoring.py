@@ -1,0 +1,169 @@
+"""The command score: one list of alarms or several, against truth that is open or sealed."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from flgpr import tasks
+from flgpr.cli.common import Json, Quiet, plain_errors, progress
+from flgpr.cli.show import comparison_lines, print_scores, score_summary
+
+
+class Show(StrEnum):
+    """What the scores of a sealed truth may tell."""
+
+    curve = "curve"
+    targets = "targets"
+
+
+def score(
+    alarms: Annotated[
+        list[Path], Argument(help="Result folder, or an alarm list (CSV) of any detector; several are compared.")
+    ],
+    truth: Annotated[Path | None, Option(help="CSV of the targets.")] = None,
+    objects: Annotated[Path | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")] = None,
+    lane: Annotated[Path | None, Option(help="TOML or CSV of the lane or lanes; a result folder has its own.")] = None,
+    output: Annotated[
+        Path | None, Option("-o", "--output", help="Folder for report and JSON; or the sealed file.")
+    ] = None,
+    halo: Annotated[
+        float | None, Option(help="Halo radius in metres, for alarm lists (1 m by default); a result has its recipe's.")
+    ] = None,
+    far: Annotated[
+        float | None, Option(help="Operating point at which targets count as found, false alarms per m² (0.05).")
+    ] = None,
+    seal: Annotated[bool, Option("--seal", help="Encrypt the truth given as the argument for blind scoring.")] = False,
+    show: Annotated[
+        Show | None, Option(help="With --seal: scores may tell the curve and counts (default), or also which targets.")
+    ] = None,
+    sealed: Annotated[
+        Path | None, Option(help="Sealed truth to score against, by the rules it was sealed with.")
+    ] = None,
+    recipe: Annotated[
+        list[str] | None, Option(help="Recipe that must stand in the register; once per alarm list.")
+    ] = None,
+    book: Annotated[
+        Path | None, Option(help="Register of recipes and openings; a planned truth names its own.")
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Score a result or an alarm list against truth, open or sealed, or set several side by side."""
+    given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
+    given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
+    with plain_errors():
+        if seal:
+            _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
+            path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": book})
+            if not quiet:
+                typer.echo(f"wrote {path}")
+            return
+        several, home = len(alarms) > 1, output or Path("score")
+        how: dict[str, Any] = {"book": book, ("recipes" if several else "recipe"): recipe or ([] if several else None)}
+        if not several and recipe:
+            if len(recipe) > 1:
+                raise ValueError(f"recipe must be given once per alarm list, got {len(recipe)} for 1 list")
+            how["recipe"] = recipe[0]
+        if sealed is not None:
+            _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
+            tasks.require_seal()
+            _say_blind(
+                tasks.compare_sealed if several else tasks.score_sealed, alarms, sealed, home, how, quiet, as_json
+            )
+            return
+        _refuse(given, ("truth", "objects", "lane", "halo", "far", "recipe"), "--show goes with --seal")
+        if truth is None:
+            raise ValueError("score needs --truth or --sealed, got neither")
+        rules: dict[str, Any] = {name: value for name, value in (("halo", halo), ("far", far)) if value is not None}
+        if several:
+            _refuse({"objects": objects}, (), "several lists are compared without pictures")
+            told = tasks.compare_alarms(alarms, truth, home, lane, **rules, **how)
+            _say_comparison(told, home, quiet, as_json)
+            return
+        _score_one(alarms[0], truth, objects, lane, output, rules | how, quiet, as_json)
+
+
+def _refuse(given: dict[str, Any], allowed: tuple[str, ...], why: str) -> None:
+    """Refuse options that would be dropped."""
+    strange = [f"--{name}" for name, value in given.items() if value is not None and name not in allowed]
+    if strange:
+        raise ValueError(f"{why}, got {' and '.join(strange)}")
+
+
+def _score_one(
+    alarms: Path,
+    truth: Path,
+    objects: Path | None,
+    lane: Path | None,
+    output: Path | None,
+    how: dict[str, Any],
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    if lane is None and alarms.suffix == ".csv" and not (alarms.parent / "manifest.json").is_file():
+        raise ValueError(f"an alarm list needs --lane (x_min, x_max, y_min, y_max), got {alarms} without it")
+    with progress(quiet or as_json) as track:
+        if lane is not None:
+            _refuse({"objects": objects}, (), "an alarm list is scored without pictures")
+            home = output or Path("score")
+            scored = tasks.score_alarms(alarms, truth, lane, home, **how)
+        else:
+            _refuse({"halo": how.get("halo")}, (), "a result is scored by the halo of its recipe")
+            folder = alarms.parent if alarms.name == "alarms.csv" else alarms
+            home = output or tasks.score_home(folder)
+            _, scored = tasks.score_result(folder, truth, objects, home, track, **how)
+    if as_json:
+        typer.echo(json.dumps(score_summary(home, scored)))
+    elif not quiet:
+        print_scores(scored)
+        typer.echo(f"report: {(home / 'report.html').resolve()}")
+
+
+def _seal(truths: list[Path], lane: Path | None, output: Path | None, rules: dict[str, Any]) -> Path:
+    if lane is None or output is None or len(truths) > 1:
+        raise ValueError("--seal needs one truth, --lane and --output, got none or several of one of them")
+    tasks.require_seal()
+    chosen = {name: value for name, value in rules.items() if value is not None}
+    words = f"passphrase ({tasks.PASSPHRASE_RULE})"
+    return tasks.seal(truths[0], lane, output, lambda: _passphrase(words, confirm=True), **chosen)
+
+
+def _passphrase(words: str = "passphrase", confirm: bool = False) -> str:
+    return str(typer.prompt(words, hide_input=True, confirmation_prompt=confirm, err=True))
+
+
+def _say_blind(
+    scored: Any, alarms: list[Path], sealed: Path, home: Path, how: dict[str, Any], quiet: bool, as_json: bool
+) -> None:
+    if len(alarms) > 1:
+        _say_comparison(scored(alarms, sealed, _passphrase, home, **how), home, quiet, as_json)
+        return
+    told = scored(alarms[0], sealed, _passphrase, home, **how)
+    if as_json:
+        typer.echo(json.dumps(json.loads((home / "roc.json").read_text(encoding="utf-8"))))
+    if quiet or as_json:
+        return
+    typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
+    if told.targets is not None:
+        typer.echo(told.targets.to_string(index=False, na_rep="never", float_format=lambda value: f"{value:.3g}"))
+    counts = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in told.counts.items()}
+    typer.echo(", ".join(f"{name} {value}" for name, value in counts.items()))
+    typer.echo(
+        f"look {told.looks} at this truth, different alarm lists so far: {told.lists}; "
+        "the seal guards against accidents, not against the holder of the passphrase"
+    )
+    typer.echo(f"report: {(home / 'report.html').resolve()}")
+
+
+def _say_comparison(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(json.loads((home / "comparison.json").read_text(encoding="utf-8"))))
+    elif not quiet:
+        typer.echo("\n".join(comparison_lines(told)))
+        typer.echo(f"page: {(home / 'comparison.html').resolve()}")

@@ -1,0 +1,157 @@
+"""Registers of recipes, plans and openings: what one demands before a truth is looked at, and what is entered there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from flgpr.chain.model import MODEL_FILE
+from flgpr.chain.recipe import recipe_names, recipe_text
+from flgpr.execution.lane_run import results_at
+from flgpr.io import read_table
+from flgpr.io.files import existing
+from flgpr.results.result import MODEL, SECTIONS, read_result_manifest
+from flgpr.scoring import Registration, content_hash, read_register, register, require_registered, require_truth
+from flgpr.scoring.ledger import OPENED, before_opening
+
+PathLike = str | Path
+BOOK = "book"
+"""Column of a planned truth that names its register."""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """An alarm list, and what it was made with, by hash; None where that is not known."""
+
+    path: Path  #: the list
+    recipe: str | None
+    model: str | None = None
+    of_result: bool = False  #: whether a result folder tells the recipe, and nobody has to be believed
+    named: bool = False  #: whether a recipe was named, which asks for a register
+
+    def notes(self, line: Mapping[str, Any] | None) -> dict[str, Any]:
+        """Tell of what was scored: its digest, and the recipe with the line of the register."""
+        told: dict[str, Any] = {"alarms_sha256": content_hash(self.path)}
+        if line is not None:
+            how = "its result folder" if self.of_result else "whoever gave the list"
+            told |= {"recipe_sha256": self.recipe, "recipe_registered": line["time"], "recipe_told_by": how}
+        return told | ({"model_sha256": self.model} if line is not None and self.model is not None else {})
+
+
+def find_entrant(alarms: PathLike, recipe: PathLike | None = None) -> Entrant:
+    """Find the alarm list of a file or a result folder, and what it was made with.
+
+    A result tells its recipe and its model by itself; a ``recipe`` that is given must be that one, else that is a
+    ValueError.
+    """
+    path = Path(alarms)
+    home = path if path.is_dir() else path.parent
+    told = {name for name in ("manifest.json", SECTIONS) if (home / name).is_file()}
+    if not told or (path.is_file() and path.name != "alarms.csv"):
+        mark = None if recipe is None else recipe_hash(recipe)[0]
+        return Entrant(existing(path, "alarms file"), mark, named=recipe is not None)
+    path = existing(home / "alarms.csv", "alarms file")
+    manifests = [read_result_manifest(one) for one in results_at(home)]
+    if SECTIONS not in told and manifests[0]["files"].get("alarms.csv") != content_hash(path):
+        raise ValueError(f"{path} differs from what was written: a changed list is scored under a name of its own")
+    recipes = {one["recipe_sha256"] for one in manifests}
+    models = {one["files"].get(f"{MODEL}/{MODEL_FILE}") for one in manifests}
+    given = set(recipe_hash(recipe)) if recipe is not None else recipes
+    if len(recipes) > 1 or len(models) > 1:
+        raise ValueError(f"{home} must be made by one recipe and model, got sections of several")
+    if not recipes <= given:
+        raise ValueError(f"recipe must be the one that {home} was made with, got {recipe}")
+    return Entrant(
+        path, recipe_hash(recipe)[0] if recipe is not None else recipes.pop(), models.pop(), True, recipe is not None
+    )
+
+
+def recipe_hash(recipe: PathLike) -> tuple[str, str]:
+    """Hash a packaged recipe or any file that stands for one: its bytes, and its text as results keep it."""
+    if not Path(recipe).exists() and str(recipe) in recipe_names():
+        return (content_hash(recipe_text(str(recipe))),) * 2
+    if Path(recipe).is_dir():
+        raise ValueError(f"recipe must be a file or a packaged recipe, got the folder {recipe}; is it a model?")
+    path = existing(recipe, "recipe file")
+    text = path.read_bytes().replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return content_hash(path), content_hash(text)
+
+
+def register_recipe(recipe: PathLike, book: PathLike, model: PathLike | None = None) -> dict[str, Any]:
+    """Enter a recipe, and the model that it is run with, into a register; give the line.
+
+    ``recipe`` is a packaged recipe or any file that fixes a detector, ``model`` a folder that `flgpr train` wrote. If
+    the register is missing, or a truth was opened under it, so that it is too late, that is a ValueError or a
+    FileNotFoundError.
+    """
+    lines = read_register(existing(book, "register"))
+    early = before_opening(lines)
+    if len(early) < len(lines):
+        raise ValueError(f"recipe must be registered before the truth is opened, which line {len(early) + 1} tells")
+    entry = {"event": "recipe", "recipe": recipe_hash(recipe)[0]}
+    if model is not None:
+        entry["model"] = content_hash(existing(Path(model) / MODEL_FILE, "model"))
+    return register(book, **entry)
+
+
+def own_book(truth: PathLike, table: pd.DataFrame) -> Path | None:
+    """Find the register that a truth names in its column, or that lies beside it; None if there is none."""
+    real = Path(truth).resolve()
+    if BOOK in table.columns:
+        names = {str(name) for name in table[BOOK]}
+        if len(names) > 1 or any(Path(name).name != name for name in names):
+            raise ValueError(f"{truth}: {BOOK} must be the name of one register in every row, got {sorted(names)}")
+        return real.with_name(names.pop()) if names else None
+    beside = real.with_name(f"{real.name}.register.jsonl")
+    return beside if beside.is_file() else None
+
+
+def open_truth(
+    truth: PathLike,
+    entrants: Sequence[Entrant],
+    lanes: Mapping[str, Mapping[str, float]],
+    rules: Mapping[str, float],
+    book: PathLike | None = None,
+) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+    """Give a truth, once its register holds the recipes of all that enter, with notes on each of them.
+
+    A truth that was planned has a register of its own, which must tell of it, of the lanes and of the rules. Every
+    opening is entered there. Without a register the truth is open to all.
+    """
+    targets = read_table(truth, "truth")
+    own = own_book(truth, targets)
+    book = own if book is None else book
+    if book is None:
+        if any(one.named for one in entrants):
+            raise ValueError(f"recipe and book must be given together, got no book, and {truth} names none")
+        return targets, [one.notes(None) | {"truth_sha256": content_hash(Path(truth))} for one in entrants]
+    asked = [registration(one, book) for one in entrants]
+    lines = [require_registered(one.book, one.recipe, one.model) for one in asked if one is not None]
+    digest = content_hash(Path(truth))
+    require_truth(book, digest, lanes, rules, planned=own is not None)
+    notes = [one.notes(line) | {"truth_sha256": digest} for one, line in zip(entrants, lines, strict=True)]
+    for one, told in zip(entrants, notes, strict=True):
+        register(book, event=OPENED, recipe=one.recipe, alarms=told["alarms_sha256"], truth=digest)
+    return targets, notes
+
+
+def check_registered(entrants: Sequence[Entrant], book: PathLike | None) -> None:
+    """Refuse what a register does not hold before anybody types a passphrase."""
+    for one in entrants:
+        if (asked := registration(one, book)) is not None:
+            require_registered(asked.book, asked.recipe, asked.model)
+
+
+def registration(one: Entrant, book: PathLike | None) -> Registration | None:
+    """Say what must stand in the register for an alarm list; None where neither register nor recipe is named."""
+    if book is None:
+        if one.named:
+            raise ValueError("recipe and book must be given together, got no book")
+        return None
+    if one.recipe is None:
+        raise ValueError(f"recipe and book must be given together, got no recipe for {one.path}")
+    return Registration(existing(book, "register"), one.recipe, one.model)
