@@ -17,6 +17,7 @@ from flgpr.scoring import BlindScore, SideBySide, roc_figure
 from flgpr.scoring.figures import COLOURS
 
 _STRIP, _STRIPS = 30.0, 4  # length of lane in a row of the map, m, and rows in a picture: half a printed page
+_DIGITS = {"depth_m": ".3f"}  # a mine is laid to the centimetre, and its depth is told in halves of it
 _MARKS = "osD^vP*X"
 _POINT = (
     "{n_detected:.0f} of {n_targets:.0f}", "{pd:.2f}", "{pd_low:.2f} to {pd_high:.2f}", "{chance}", "{n_false:.0f}",
@@ -40,7 +41,7 @@ def sheet_html(
     with an anchor ``easting_m`` and ``northing_m``; ``name`` and ``digest`` (SHA-256) are those of the plan's file.
     """
     numbers = [one for one in ("x_m", "y_m", "depth_m", "easting_m", "northing_m") if one in sheet]
-    told = sheet.assign(**{one: [f"{value + 0:.2f}" for value in sheet[one]] for one in numbers})
+    told = sheet.assign(**{one: [format(value, _DIGITS.get(one, ".2f")) for value in sheet[one]] for one in numbers})
     parts = []
     for lane, one in lanes.items():
         own = sheet["lane"].astype(str) == lane if "lane" in sheet else pd.Series(data=True, index=sheet.index)

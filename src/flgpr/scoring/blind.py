@@ -275,7 +275,7 @@ def _admitted(
     entered = {one["look"] for one in read_register(book) if one.get("sealed") == key and "look" in one}
     if not entered <= {look["hash"] for look in looks}:
         raise ValueError(f"log of {sealed} must have every look that {book} has, got one without them")
-    if looks and datetime.fromisoformat(line["time"]) > datetime.fromisoformat(looks[0]["time"]):
+    if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
         raise ValueError(f"recipe must be registered before the first look at {sealed}, got it at {line['time']}")
     return line
 

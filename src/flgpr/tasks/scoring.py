@@ -171,10 +171,9 @@ def compare_alarms(
     if len(halos) > 1:
         raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
-    tables = [read_table(one.path, "alarms") for one in entrants]
+    names, tables = _names(entrants), [read_table(one.path, "alarms") for one in entrants]
     targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book)
     scored = [score(table, targets, where, rules) for table in tables]
-    names = _names(entrants)
     fars = scored[0].operating_points()["far_allowed"].tolist()
     told = side_by_side({name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules)
     curves = {name: one.curve for name, one in zip(names, scored, strict=True)}
@@ -199,10 +198,10 @@ def compare_sealed(
     """
     entrants = _entrants(alarms, recipes)
     check_registered(entrants, book)
-    tables = [read_table(one.path, "alarms") for one in entrants]
+    names, tables = _names(entrants), [read_table(one.path, "alarms") for one in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
     matches, notes = {}, {}
-    for name, one, table in zip(_names(entrants), entrants, tables, strict=True):
+    for name, one, table in zip(names, entrants, tables, strict=True):
         matches[name], _, rules, looks, line = match_blind(
             table, existing(sealed, "sealed truth"), phrase, log, registered=registration(one, book)
         )
@@ -228,6 +227,10 @@ def _whole_results(entrants: Sequence[Entrant]) -> list[Path]:
 
 def _names(entrants: Sequence[Entrant]) -> list[str]:
     """Name alarm lists by their file or result folder, or in full where that is not unique."""
+    if len({one.path.resolve() for one in entrants}) < len(entrants):
+        raise ValueError(
+            f"alarms must be different lists to be compared, got {', '.join(str(e.path) for e in entrants)}"
+        )
     short = [one.path.parent.resolve().name if one.of_result else one.path.stem for one in entrants]
     return short if len(set(short)) == len(short) else [str(one.path) for one in entrants]
 
