@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from flgpr.tasks import scoring as scoring_tasks
+from flgpr import tasks
 
 home = Path(tempfile.mkdtemp())
 
@@ -21,12 +21,13 @@ home = Path(tempfile.mkdtemp())
 # How many mines does a claim take? To show a Pd of at least 0.8 at no more than 0.02 false alarms per m², with 95 %
 # each, for a detector that is believed to do better:
 
-plan, lines = scoring_tasks.plan_mines(0.8, 0.02, true_pd=0.95, true_far=0.005)
+plan, lines = tasks.plan_mines(0.8, 0.02, true_pd=0.95, true_far=0.005)
 print(*lines, sep="\n")
 
 # %%
 # Where do they go? The plan is drawn from a seed and entered, with the hash of the recipe that will be scored, into a
-# register. Every line of it holds the hash of the line before, so that no line can be changed later unnoticed.
+# register. Every line of it holds the hash of the line before, so that no line can be changed later unnoticed. A page
+# for the crew and a sheet to fill in lie beside the plan. (``seed=None`` draws a seed that nobody can guess.)
 
 (home / "lane.toml").write_text(
     "x_min = -2.0\nx_max = 2.0\ny_min = 0.0\ny_max = 250.0\n"
@@ -35,7 +36,7 @@ print(*lines, sep="\n")
     "kind,depth,count\nmetal,0.05,20\nplastic,0.05,20\n"
 )
 (home / "recipe.toml").write_text("# the recipe that will be scored\n")
-truth, entry = scoring_tasks.plan_lane(
+truth, entry = tasks.plan_lane(
     home / "lane.toml",
     home / "sorts.csv",
     seed=2024,
@@ -47,11 +48,11 @@ for name, value in entry.items():
 truth.head()
 
 # %%
-# The truth is sealed: encrypted together with the lane and the rules. (``flgpr score plan.csv --seal --lane lane.toml
+# The truth is sealed: encrypted together with the lane and the rules, and bound to its register. (``flgpr score plan.csv --seal --lane lane.toml
 # -o sealed`` asks for the passphrase.)
 
 phrase = "a long passphrase"
-sealed = scoring_tasks.seal(
+sealed = tasks.seal(
     home / "plan.csv", home / "lane.toml", home / "sealed", phrase
 )
 
@@ -78,9 +79,15 @@ pd.concat([hits, noise]).to_csv(home / "alarms.csv", index=False)
 
 # %%
 # The score tells operating points and counts, never a position or a threshold, and logs every look before it tells
-# anything. (``flgpr score alarms.csv --sealed sealed``.)
+# anything. (``flgpr score alarms.csv --sealed sealed --recipe recipe.toml --book plan.csv.register.jsonl``.)
 
-told = scoring_tasks.score_sealed(home / "alarms.csv", sealed, phrase)
+told = tasks.score_sealed(
+    home / "alarms.csv",
+    sealed,
+    phrase,
+    recipe=home / "recipe.toml",
+    book=home / "plan.csv.register.jsonl",
+)
 print(f"looks: {told.looks}, different alarm lists: {told.lists}")
 for name, value in told.counts.items():
     print(f"{name:13}{value:.2f}" if name == "area" else f"{name:13}{value}")

@@ -89,6 +89,11 @@ def before_scoring(made):
         file.write("# a recipe\n")
     with open("alarms.csv", "w") as file:
         file.write("x,y,confidence\n0.1,4.2,3.0\n1.2,44.0,2.0\n-1.5,30.1,1.0\n")
+    with open("others.csv", "w") as file:
+        file.write(
+            "x;y;confidence\n0,1;4,3;1,0\n"  # as other countries write it
+            "1,0;20,0;2,0\n"
+        )
 
 
 def nothing(made):
@@ -111,6 +116,7 @@ NOT_HERE = (
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
+    "flgpr plan survey",  # what a crew fills in; tests/scoring/test_scoring_register.py fills it in
     "flgpr reproduce",  # minutes; tests/papers has the studies
 )
 
@@ -177,7 +183,10 @@ def test_alarms_are_scored_openly_and_blind(followed):
     space, printed, _ = followed
     assert space.pd_at(space.curve, 0.01) == 1.0
     assert "29 mines" in printed["flgpr plan mines --pd 0.9 --far 0.01"]
-    assert "look 1" in printed["flgpr score alarms.csv --sealed sealed"]
+    (blind,) = [text for line, text in printed.items() if "alarms.csv --sealed sealed" in line]
+    assert "look 1" in blind
+    (both,) = [text for line, text in printed.items() if line.endswith("--lane lane.toml -o both")]
+    assert "McNemar's p = " in both
 
 
 @page("wang2007")
