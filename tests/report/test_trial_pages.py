@@ -64,6 +64,11 @@ def test_a_plan_is_written_to_the_millimetre_with_page_and_sheet(home):
     assert {path.name for path in plan_files(home / "plan.csv").values()} == {"plan.csv", "plan.html", "plan-sheet.csv"}
 
 
+def test_a_plan_is_a_table(home):
+    with pytest.raises(ValueError, match=r"must be a file name that ends in \.csv, got .*plan\.html"):
+        plan_lane(home / "lane.toml", home / "sorts.csv", 7, home / "plan.html")
+
+
 def test_an_anchored_plan_lies_on_the_earth(home):
     geopandas = pytest.importorskip("geopandas")
     table = plan(home, anchor=home / "anchor.toml")

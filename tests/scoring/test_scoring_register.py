@@ -306,7 +306,8 @@ def fill_in(trial, **changes):
     for place, value in changes.items():
         column, row = place.rsplit("_", 1)
         sheet.loc[int(row), column] = value
-    sheet.to_csv(trial / "filled.csv", index=False)
+    # As spreadsheets of other countries write it.
+    (trial / "filled.csv").write_text(sheet.to_csv(index=False, sep=";").replace(".", ","))
     return trial / "filled.csv"
 
 

@@ -23,7 +23,7 @@ _MOST_HEAD = 100_000  # characters of a header
 def read_table(path: str | Path, kind: str) -> pd.DataFrame:
     """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError.
 
-    Columns are separated by commas, or by semicolons as :func:`read_columns` takes them.
+    Columns are separated by commas, or by semicolons with decimal points or decimal commas.
     """
     path = existing(path, f"{kind} file")
     with faults_of(path):

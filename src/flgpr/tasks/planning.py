@@ -84,15 +84,17 @@ def plan_lane(
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Draw an emplacement plan, write it with the crew's papers, and register it with the rules of its scoring.
 
-    It gives the table and what was registered. ``lane`` is as for :func:`read_lanes`, ``targets`` CSV with ``kind``,
-    ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge`` as for :func:`flgpr.scoring.emplacement_plan`,
-    m. Who can guess the ``seed`` has the plan; None draws one, which the table's ``attrs`` tell. The files are those of
-    :func:`plan_files`: the plan itself, a truth table; a page to print for the crew, and a sheet that is filled in for
-    :func:`survey_plan`; and, if an ``anchor`` (TOML) ties the lane to the Earth, the points as GeoPackage and GPX. The
-    register ``book`` is ``<output>.register.jsonl`` by default; scoring will demand it, with ``halo``, m, and the
-    operating point ``far``, per m². A ``recipe``'s hash is entered before anybody can open the truth. If one of the
-    files exists, or something is not valid, nothing is written.
+    It gives the table and what was registered. ``lane`` is as for :func:`flgpr.tasks.scoring.read_lanes`, ``targets``
+    CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge``, m, as for
+    :func:`flgpr.scoring.emplacement_plan`. Who can guess the ``seed`` has the plan; None draws one, which the table's
+    ``attrs`` tell. The files are those of :func:`plan_files`: the plan itself, a truth table; a page to print for the
+    crew, and a sheet that is filled in for :func:`survey_plan`; and, if an ``anchor`` (TOML) ties the lane to the Earth,
+    the points as GeoPackage and GPX. The register ``book`` is ``<output>.register.jsonl`` by default; scoring will
+    demand it, with ``halo``, m, and the operating point ``far``, per m². A ``recipe``'s hash is entered before anybody
+    can open the truth. If one of the files exists, or something is not valid, nothing is written.
     """
+    if Path(output).suffix != ".csv":
+        raise ValueError(f"output must be a file name that ends in .csv, got {output}")
     files = plan_files(output, anchor is not None)
     book = Path(f"{output}.register.jsonl" if book is None else book)
     if files["plan"].exists():

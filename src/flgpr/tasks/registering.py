@@ -84,7 +84,7 @@ def recipe_hash(recipe: PathLike) -> tuple[str, str]:
 def register_recipe(recipe: PathLike, book: PathLike, model: PathLike | None = None) -> dict[str, Any]:
     """Enter a recipe, and the model that it is run with, into a register; give the line.
 
-    ``recipe`` is a packaged recipe or any file that fixes a detector, ``model`` a folder that `flgpr train` wrote. If
+    ``recipe`` is a packaged recipe or any file that fixes a detector, ``model`` a folder that ``flgpr train`` wrote. If
     the register is missing, or a truth was opened under it, so that it is too late, that is a ValueError or a
     FileNotFoundError.
     """
