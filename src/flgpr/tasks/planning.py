@@ -88,7 +88,7 @@ def plan_lane(
     CSV with ``kind``, ``depth`` (m) and ``count``, a row per sort; ``spacing`` and ``edge``, m, as for
     :func:`flgpr.scoring.emplacement_plan`. Who can guess the ``seed`` has the plan; None draws one, which the table's
     ``attrs`` tell. The files are those of :func:`plan_files`: the plan itself, a truth table; a page to print for the
-    crew, and a sheet that is filled in for :func:`survey_plan`; and, if an ``anchor`` (TOML) ties the lane to the Earth,
+    crew, and a sheet that is filled in for :func:`survey_plan`; and, if an ``anchor`` (TOML) ties it to the Earth,
     the points as GeoPackage and GPX. The register ``book`` is ``<output>.register.jsonl`` by default; scoring will
     demand it, with ``halo``, m, and the operating point ``far``, per m². A ``recipe``'s hash is entered before anybody
     can open the truth. If one of the files exists, or something is not valid, nothing is written.
