@@ -65,17 +65,19 @@ def score(
                 typer.echo(f"wrote {path}")
             return
         several, home = len(alarms) > 1, output or Path("score")
-        how: dict[str, Any] = {"book": book, ("recipes" if several else "recipe"): recipe or ([] if several else None)}
-        if not several and recipe:
-            if len(recipe) > 1:
-                raise ValueError(f"recipe must be given once per alarm list, got {len(recipe)} for 1 list")
-            how["recipe"] = recipe[0]
+        recipes: list[Any] = recipe or []
+        if not several and len(recipes) > 1:
+            raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
+        how: dict[str, Any] = {"recipes": recipes} if several else {"recipe": recipes[0] if recipes else None}
+        how["book"] = book
         if sealed is not None:
             _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
             tasks.require_seal()
-            _say_blind(
-                tasks.compare_sealed if several else tasks.score_sealed, alarms, sealed, home, how, quiet, as_json
-            )
+            if several:
+                pairs = tasks.compare_sealed(alarms, sealed, _passphrase, home, **how)
+                _say_comparison(pairs, home, quiet, as_json)
+            else:
+                _say_blind(tasks.score_sealed(alarms[0], sealed, _passphrase, home, **how), home, quiet, as_json)
             return
         _refuse(given, ("truth", "objects", "lane", "halo", "far", "recipe"), "--show goes with --seal")
         if truth is None:
@@ -138,13 +140,7 @@ def _passphrase(words: str = "passphrase", confirm: bool = False) -> str:
     return str(typer.prompt(words, hide_input=True, confirmation_prompt=confirm, err=True))
 
 
-def _say_blind(
-    scored: Any, alarms: list[Path], sealed: Path, home: Path, how: dict[str, Any], quiet: bool, as_json: bool
-) -> None:
-    if len(alarms) > 1:
-        _say_comparison(scored(alarms, sealed, _passphrase, home, **how), home, quiet, as_json)
-        return
-    told = scored(alarms[0], sealed, _passphrase, home, **how)
+def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(json.loads((home / "roc.json").read_text(encoding="utf-8"))))
     if quiet or as_json:

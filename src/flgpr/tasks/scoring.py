@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import itertools
-import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import results_at
 from flgpr.io import read_table, write_whole
 from flgpr.io.files import existing, faults_of
-from flgpr.io.tables import read_columns
+from flgpr.io.tables import read_columns, read_lane
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
@@ -160,14 +159,14 @@ def compare_alarms(
     none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`.
     """
     entrants = _entrants(alarms, recipes)
-    results = [read_result(home) for home in _whole_results(entrants)]
-    lanes = {json.dumps(borders(one.lane)): one.lane for one in results}
+    results = [_lane_and_halo(one.path.parent) for one in entrants if one.of_result]
+    lanes = {one for one, _ in results}
     if lane is None and (len(lanes) != 1 or len(results) < len(entrants)):
         raise ValueError(
             f"alarm lists need --lane to be compared, and results one and the same; got {len(lanes)} lanes"
         )
-    where = read_lanes(lane) if lane is not None else next(iter(lanes.values()))
-    halos = {one.recipe.score.halo for one in results} if halo is None else {halo}
+    where = read_lanes(lane) if lane is not None else lanes.pop()
+    halos = {own for _, own in results} if halo is None else {halo}
     if len(halos) > 1:
         raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
@@ -198,12 +197,13 @@ def compare_sealed(
     """
     entrants = _entrants(alarms, recipes)
     check_registered(entrants, book)
-    names, tables = _names(entrants), [read_table(one.path, "alarms") for one in entrants]
+    place, names = existing(sealed, "sealed truth"), _names(entrants)
+    tables = [read_table(one.path, "alarms") for one in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
     matches, notes = {}, {}
     for name, one, table in zip(names, entrants, tables, strict=True):
         matches[name], _, rules, looks, line = match_blind(
-            table, existing(sealed, "sealed truth"), phrase, log, registered=registration(one, book)
+            table, place, phrase, log, registered=registration(one, book)
         )
         notes[name] = one.notes(line) | {"looks": len(looks)}
     how = Rules(halo=rules["halo"], area=rules["area"])
@@ -220,9 +220,11 @@ def _entrants(alarms: Sequence[PathLike], recipes: Sequence[PathLike]) -> list[E
     return [find_entrant(one, recipe) for one, recipe in itertools.zip_longest(alarms, recipes)]
 
 
-def _whole_results(entrants: Sequence[Entrant]) -> list[Path]:
-    """List the folders of those lists that are results'; a lane in sections tells by its first."""
-    return [results_at(one.path.parent)[0] for one in entrants if one.of_result]
+def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
+    """Tell the lane of a result, or of one in sections, and its recipe's halo, m."""
+    first = read_result(results_at(folder)[0])
+    lane = read_lane(folder / "lane.toml") if (folder / SECTIONS).is_file() else first.lane
+    return lane, first.recipe.score.halo
 
 
 def _names(entrants: Sequence[Entrant]) -> list[str]:
