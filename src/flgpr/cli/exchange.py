@@ -83,9 +83,10 @@ def import_mapped(
 ) -> None:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
-        positions = (survey, track, anchor, clock_offset, lever_arm, latency)
-        more = (tasks.parse_size(max_memory), body, axes.split(",") if axes is not None else None, max_gap)
-        arrived = tasks.import_with_mapping(mapping, output, list(data or ()), *positions, *more)
+        axis = None if axes is None else axes.split(",")
+        way = None if track is None else tasks.track_of(track, anchor, body, axis, max_gap)
+        positions = (survey, way, anchor, clock_offset, lever_arm, latency)
+        arrived = tasks.import_with_mapping(mapping, output, list(data or ()), *positions, tasks.parse_size(max_memory))
     for note in () if quiet else arrived.notes:
         typer.echo(note)
     tell_written(quiet, output)

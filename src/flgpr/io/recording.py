@@ -67,8 +67,11 @@ class Recording:
         told = []
         for one in self._series.values():
             span = f" over {(one.last - one.first) / 1e9:.6g} s" if one.count > 1 else ""
+            tables = [f"{name}." for name, value in one.fields.items() if f"{name}.x" in one.fields and np.ndim(value)]
             what = one.fault or ", ".join(
-                f"{name} {'x'.join(map(str, np.shape(value)))}".strip() for name, value in one.fields.items()
+                f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
+                for name, value in one.fields.items()
+                if not name.startswith(tuple(tables))
             )
             told.append(f"{one.name}: {one.count} {one.kind or one.encoding}{span}; {what or 'no numbers'}")
         return told or ["no messages"]

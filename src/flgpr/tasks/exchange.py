@@ -27,15 +27,12 @@ def import_with_mapping(
     output: PathLike,
     data: list[PathLike] | None = None,
     survey: PathLike | None = None,
-    track: PathLike | None = None,
+    track: PathLike | pd.DataFrame | None = None,
     anchor: PathLike | None = None,
     clock_offset: float = 0.0,
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     latency: float = 0.0,
     max_memory: int = MAX_MEMORY,
-    body: str | None = None,
-    axes: Sequence[str] | None = None,
-    max_gap: float = 1.0,
 ) -> Imported:
     """Import data files by a mapping (TOML) and store the run; a stopped import goes on with the scan it was at.
 
@@ -43,14 +40,15 @@ def import_with_mapping(
     of the mapping's files. Poses may come from ``survey``, CSV as :func:`flgpr.io.read_survey` takes it, or from
     ``track``, CSV or an NMEA log, which needs the ``anchor`` (TOML): then ``clock_offset`` is the track's clock less
     the radar's, s, ``latency`` how late its stamps are, s, and ``lever_arm`` the antenna's place in the vehicle frame,
-    m; ``body``, ``axes`` and ``max_gap`` are those of :func:`flgpr.io.read_track`. ``max_memory`` is the largest array
-    that is read, bytes.
+    m. A take of motion capture is read before, by :func:`flgpr.io.read_track`. ``max_memory`` is the largest array that
+    is read, bytes.
     """
     _fresh(Path(output))
     pose = read_survey(survey) if survey is not None else None
     moved = None
     if track is not None:
-        moved = reference_track(track_of(Path(track), anchor, body, axes, max_gap), lever_arm, latency)
+        way = track if isinstance(track, pd.DataFrame) else track_of(Path(track), anchor)
+        moved = reference_track(way, lever_arm, latency)
     files = [Path(one) for one in data or ()]
     arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(anchor))
     store, run = Path(output), _tied(arrived.run, anchor)
