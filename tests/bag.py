@@ -86,13 +86,13 @@ def parts(names, values):
     return dict(zip(names, map(float, values), strict=True))
 
 
-def drive(scans=5, poses=40, compression="zstd", chunk=1024, **changes):
+def drive(scans=5, poses=40, compression="zstd", crcs=True, **changes):
     """Bytes of an MCAP file of a drive along +y of a lane at 2 m/s, x of the world being the lane's y."""
     from mcap.writer import CompressionType
     from mcap_ros2.writer import Writer
 
     out = io.BytesIO()
-    writer = Writer(out, chunk_size=chunk, compression=CompressionType[compression.upper()])
+    writer = Writer(out, chunk_size=1024, compression=CompressionType[compression.upper()], enable_crcs=crcs)
     schemas = {topic: writer.register_msgdef(*told) for topic, told in TYPES.items()}
 
     def write(topic, time, message):

@@ -58,7 +58,15 @@ def test_a_recording_is_told_by_topic(path):
     assert "pose.position 3" in lines["/pose"]
     assert lines["/tf/map>base"].startswith("/tf/map>base: 40 transforms")
     assert "not read: protobuf" in lines["/proto"]
-    assert 'variable = "/radar/iq"' in told.mapping
+    for line in (
+        'variable = "/radar/iq"',
+        '[time]\nvariable = "/radar/header.stamp"',
+        'time = {variable = "/pose/header.stamp", unit = "s"}',
+        'position = {variable = "/pose/pose.position", unit = "m?"}',
+        'orientation = {variable = "/pose/pose.orientation"',
+    ):
+        assert line in told.mapping
+    assert "tx_position" not in told.mapping
 
 
 MAPPING = """

@@ -22,7 +22,7 @@ from flgpr.model import POLARIZATIONS
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
 _NO_SUFFIX = ("in", "h", "min")  # units that are words in names
 _LONG_UNITS = {"meter": "m", "metre": "m", "foot": "ft", "feet": "ft", "degree": "deg", "radian": "rad", "second": "s"}
-_ANTENNA = re.compile(r"tx|rx|ant|elem|trans(?!l)|rec|source")
+_ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _COMPONENTS = {
     "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
@@ -201,8 +201,11 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
             other = re.sub(real, imaginary, info.name, flags=re.IGNORECASE)
             if other != info.name and other in opened.arrays and opened.arrays[other].shape == info.shape:
                 return info, other
-    other = re.compile(r"covariance|orientation|rotation|quat")
-    large = [info for info in arrays if len(info.shape) >= 2 and info.shape[-1] > 3 and not other.search(info.name)]
+    large = [
+        info
+        for info in arrays
+        if len(info.shape) >= 2 and info.shape[-1] > 3 and not re.search("covariance|orientation|rotation", info.name)
+    ]
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
 
 
@@ -229,11 +232,11 @@ def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInf
     for info in draft.rest():
         if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
             name = info.name.lower()
-            if draft.opened.kind == "MCAP recording" and not _PLACE.search(name.split("/")[-1]):
+            if draft.topic:
+                if _PLACE.search(name.rsplit("/", 1)[-1]):
+                    sides.setdefault("way", []).append(info)
                 continue
-            side = (
-                "tx" if re.search(r"tx|trans(?!l)|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
-            )
+            side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
             sides.setdefault(side, []).append(info)
     by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
     if not sides and all(by_axis.values()):

@@ -12,11 +12,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
+from flgpr.io.arrays import open_arrays
 from flgpr.io.axes import attitude_of, axes_matrix
 from flgpr.io.extras import optional
 from flgpr.io.files import existing, faults_of
 from flgpr.io.mapping import factor
-from flgpr.io.motive import is_motive, read_motive
+from flgpr.io.motive import is_motive
 from flgpr.io.textarrays import read_text_table
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 
@@ -76,8 +77,9 @@ def _fixes(columns: Mapping[str, NDArray[Any]], heading: str) -> tuple[NDArray[n
 
 
 def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    arrays, units, _ = read_motive(path)
-    bodies = [name.removesuffix("/rotation") for name in arrays if name.endswith("/rotation")]
+    opened = open_arrays(path)
+    known = [name.removesuffix("/rotation") for name in opened.arrays if name.endswith("/rotation")]
+    bodies = [name for name in known if f"{name}/position" in opened.arrays]
     if (body is None and len(bodies) != 1) or (body is not None and body not in bodies):
         raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
     if axes is None:
@@ -85,12 +87,12 @@ def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDA
             "axes must say which of Motive's axes are the lane's x, y and z, such as x,-z,y where Motive has y up"
         )
     name = body or bodies[0]
-    place, turn = arrays[f"{name}/position"], arrays[f"{name}/rotation"]
+    place, turn = opened.read(f"{name}/position"), opened.read(f"{name}/rotation")
     if turn.shape[1] != 4:
         raise ValueError("a take with Euler angles needs a mapping that tells their order: export quaternions instead")
-    scale = factor(units[f"{name}/position"], "length", "the header's Length Units")
+    scale = factor(opened.arrays[f"{name}/position"].unit, "length", "the header's Length Units")
     pose = np.concatenate([scale * place @ axes_matrix(axes).T, attitude_of(turn, axes, axes)], axis=1)
-    return arrays["time"], pose
+    return opened.read("time"), pose
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:
