@@ -282,6 +282,7 @@ def test_longitude_and_latitude_need_the_anchor(tmp_path):
         (ORIENTED + LEVEL.replace("angle_unit = 'deg'", ""), "pose: angle_unit is missing"),
         (ORIENTED + LEVEL + 'orientation = {variable = "q", body = ["x", "y", "z"]}\n', "either orientation"),
         (ORIENTED + 'orientation = {variable = "q"}\n', "body: is missing"),
+        ('[pose]\nx = {variabel = "p"}\ny = 0\nz = 0\n' + LEVEL, r"pose\.x\.variabel: .*mean variable"),
         ('[pose]\nposition = {variable = "p", x = 0, unit = "m"}\n' + LEVEL, "give one of: variable"),
         ('[pose]\nx = "0?"\ny = 0\nz = 0\nunit = "m?"\n' + LEVEL, r"pose.x is still a guess, got '0\?' .*pose.unit"),
     ],
@@ -294,6 +295,9 @@ def test_tables_that_contradict_themselves(table, words):
 @pytest.mark.parametrize(
     ("table", "arrays", "words"),
     [
+        (ORIENTED + "[time]\nvariable = 't'\nunit = 's'\n", {"pos": WAY, "t": WAY[:4, 0]}, "a.npz: time must have 5"),
+        (ORIENTED, {"pos": WAY, "f": TONES * np.nan}, r"a\.npz: frequency must be finite"),
+        (ORIENTED, {"pos": WAY, "data": np.full((5, 3), np.nan + 0j)}, r"a\.npz: signal must hold"),
         (ORIENTED, {"pos": WAY[:4]}, r"pose\.position must have 5 positions"),
         (ORIENTED, {"pos": WAY[:, :2]}, r"pose\.position must have x, y and z"),
         ('[pose]\nx = "pos"\ny = 0\nz = 0\nunit = "m"\n', {"pos": WAY[:4, 0]}, r"pose\.x must have 5 values"),
@@ -305,5 +309,5 @@ def test_tables_that_contradict_themselves(table, words):
 )  # fmt: skip
 def test_errors_name_the_entry_and_the_file(table, arrays, words, tmp_path):
     with pytest.raises(ValueError, match=words) as error:
-        arrived(tmp_path, table + LEVEL, **arrays)
+        arrived(tmp_path, table.replace("[pose]\n", f"[pose]\n{LEVEL}"), **arrays)
     assert str(tmp_path) in str(error.value)

@@ -15,7 +15,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.io.arrays import LIMIT
-from flgpr.io.mapping import Mapping, PathOffset, Samples, factor, read_mapping
+from flgpr.io.files import faults_of
+from flgpr.io.mapping import Mapping, PathOffset, Quantity, Samples, factor, read_mapping
 from flgpr.io.sources import FloatArray, Sources, plausible
 from flgpr.io.ways import read_poses, read_way
 from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
@@ -118,7 +119,9 @@ class _Importer:
     def run(self) -> Imported:
         m = self.mapping
         signal, shape = self._signal()
-        signal, tones = self._tones(signal)
+        axis = m.frequency or m.samples
+        with self.sources.entry("frequency" if m.frequency else "samples", axis.file if axis else None):
+            signal, tones = self._tones(signal)
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
             signal, tones = signal[..., order], tones[order]
@@ -127,11 +130,11 @@ class _Importer:
         if m.path_offset is not None:
             signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
-        time = None if m.time is None else self.sources.vector(m.time, "time", "time", "scan", signal.shape[0])
+        time = None if m.time is None else self._time(m.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
         attrs: dict[str, Any] = {"title": m.title, "source": m.source, "import_notes": self.notes}
-        run = make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs)
-        return Imported(run, track, self.notes)
+        with faults_of(self.files[m.signal.file][0]):
+            return Imported(make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs), track, self.notes)
 
     def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
         spec = self.mapping.signal
@@ -195,6 +198,13 @@ class _Importer:
             raise ValueError(f"signal must have the same axes in all files but for {join}, got shapes {shapes}")
         return np.concatenate(parts, axis=axis)
 
+    def _time(self, spec: Quantity, scans: int) -> FloatArray:
+        time = self.sources.vector(spec, "time", "time", "scan", scans)
+        if time.size != scans:
+            with self.sources.entry("time", spec.file):
+                raise ValueError(f"time must have {scans} values, one for each scan, got {time.size}")
+        return time
+
     def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
         m, count = self.mapping, signal.shape[-1]
         if m.frequency is not None:
@@ -243,9 +253,10 @@ class _Importer:
         origin = None
         if "lane" in (spec_tx.frame, spec_rx.frame):
             tx, rx, origin = _rigid(tx, rx, shape[0])
-        for name, points in zip(names, (tx, rx), strict=True):
+        for name, points, spec in zip(names, (tx, rx), (spec_tx, spec_rx), strict=True):
             if points.shape != (pairs, 3):
-                raise ValueError(f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}")
+                with self.sources.entry(name, spec.file):
+                    raise ValueError(f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}")
         return tx, rx, origin
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
@@ -275,7 +286,8 @@ class _Importer:
         if m.track is not None and time is not None:
             track, spec = read_way(self.sources, m.track, self.anchor), m.track
             self.notes.append(f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time")
-            return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
+            with self.sources.entry("track", spec.time.file):
+                return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
         if origin is None:
             raise ValueError(
                 "where the vehicle was is missing: give pose, or track, or positions with frame = 'lane' in the "
