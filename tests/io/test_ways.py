@@ -115,6 +115,8 @@ def test_a_raster_is_flattened_in_c_order(rows, tmp_path):
         with pytest.raises(ValueError, match=r"pose\.z must have the shape \(2, 3\)"):
             arrived(tmp_path, plain, RASTER, data=data, x=x, y=y, z=height.T)
     grid = np.stack([*np.meshgrid(x, y), height], axis=-1)
+    timed = table + '[time]\nvariable = "z"\nunit = "s"\n'
+    np.testing.assert_array_equal(arrived(tmp_path, timed, RASTER, data=data, x=x, y=y, z=height).run["time"][scan], 5)
     whole = '[pose]\nposition = {variable = "p", unit = "mm"}\n' + LEVEL
     np.testing.assert_array_equal(arrived(tmp_path, whole, RASTER, data=data, p=grid).run["pose"], run["pose"])
 

@@ -128,7 +128,8 @@ class _Importer:
             self.notes.append("tones sorted by frequency")
         tx, rx, origin = self._geometry(shape, signal.shape)
         if m.path_offset is not None:
-            signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
+            with self.sources.entry("path_offset", m.path_offset.file):
+                signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
         time = None if m.time is None else self._time(m.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
@@ -246,13 +247,15 @@ class _Importer:
             tx, rx = (part[:, None] if part.ndim == 2 and pairs == 1 else part for part in (tx, rx))
         if "tx" in sizes:
             rows = tx.shape[-2], rx.shape[-2]
-            for name, count, side in zip(names, rows, ("tx", "rx"), strict=True):
+            for name, count, side, spec in zip(names, rows, ("tx", "rx"), (spec_tx, spec_rx), strict=True):
                 if count != sizes[side]:
-                    raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
+                    with self.sources.entry(name, spec.file):
+                        raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
             tx, rx = np.repeat(tx, rows[1], axis=-2), np.concatenate([rx] * rows[0], axis=-2)
         origin = None
         if "lane" in (spec_tx.frame, spec_rx.frame):
-            tx, rx, origin = _rigid(tx, rx, shape[0])
+            with self.sources.entry(names[0], spec_tx.file):
+                tx, rx, origin = _rigid(tx, rx, shape[0])
         for name, points, spec in zip(names, (tx, rx), (spec_tx, spec_rx), strict=True):
             if points.shape != (pairs, 3):
                 with self.sources.entry(name, spec.file):

@@ -94,6 +94,8 @@ class Sources:
             else:
                 parts = [_column(p, spec.column, where) for p in self.arrays(spec.file, str(spec.variable), where)]
                 values = real(self.assembled(parts, along, where), where)
+                if len(self.grid) > 1 and along == "scan":
+                    values = self._on_grid(values, None, where)
             values = np.atleast_1d(values).ravel() * scale
             plausible(values, where)
         return values - values[0] if spec.zero_first else values
@@ -114,6 +116,8 @@ class Sources:
                 return values.ravel()
             if len(self.grid) > 1 and along == "scan":
                 values = self._on_grid(values, spec.axis, where)
+            elif spec.axis is not None:
+                raise ValueError(f"{where}.axis is for rasters, whose signal.dims hold scan more than once")
             if values.shape != (count,):
                 raise ValueError(f"{where} must have {count} values, got shape {values.shape}")
         return values
