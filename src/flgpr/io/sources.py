@@ -139,40 +139,15 @@ class Sources:
         return values.ravel()
 
     def points(self, spec: Positions, where: str, along: str, count: int | None = None) -> FloatArray:
-        """Positions (..., 3), m, or (..., 6) where further columns are not the caller's business to refuse.
-
-        With ``count`` they are brought to (count, columns), one per scan or fix.
-        """
+        """Positions (..., 3) in m; with ``count``, one per scan or fix, (count, 3), or (count, 6) as the file has them."""
         scale = factor(spec.unit, "length", f"{where}.unit")
         with self.entry(where, None if spec.values is not None else spec.file):
-            if spec.values is not None:
-                points = np.asarray(spec.values, dtype=np.float64)
-            elif spec.variable is not None:
-                points = real(self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where)
-                if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
-                    points = points.T
-                if spec.z is not None:
-                    if points.ndim < 2 or points.shape[-1] != 2:
-                        raise ValueError(f"{where} must have x and y alone with z beside it, got shape {points.shape}")
-                    rows = points[..., 0].size
-                    height = self.component(spec.z, spec.file, f"{where}.z", rows, along)
-                    points = np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
-            else:
-                sides = [
-                    self.component(entry, spec.file, f"{where}.{name}", count, along)
-                    for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True)
-                    if entry is not None
-                ]
-                try:
-                    points = np.stack(np.broadcast_arrays(*sides), axis=-1)
-                except ValueError:
-                    sizes = ", ".join(str(side.size) for side in sides)
-                    raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
+            points = self._triples(spec, where, along, count)
             if points.ndim < 2 or points.shape[-1] not in ((3,) if count is None else (3, 6)):
                 raise ValueError(f"{where} must have x, y and z along its last axis, got shape {points.shape}")
             if count is not None:
                 if points.ndim > 2 and along == "scan" and points.shape[:-1] != self.grid:
-                    raise ValueError(f"{where} must have the shape {(*self.grid, 3)} of the scan axes, {points.shape}")
+                    raise ValueError(f"{where} must have the shape {self.grid} of the scan axes, got {points.shape}")
                 points = points.reshape(-1, points.shape[-1])
                 if len(points) != count:
                     raise ValueError(f"{where} must have {count} positions, got {len(points)}")
@@ -181,6 +156,31 @@ class Sources:
             if spec.index is not None:
                 points = points[..., self._index(spec.index, points.shape[-2], f"{where}.index"), :]
         return points
+
+    def _triples(self, spec: Positions, where: str, along: str, count: int | None) -> FloatArray:
+        """Bring the forms that positions are written in to one with x, y, z along the last axis."""
+        if spec.values is not None:
+            return np.asarray(spec.values, dtype=np.float64)
+        if spec.variable is None:
+            sides = [
+                self.component(entry, spec.file, f"{where}.{name}", count, along)
+                for name, entry in zip("xyz", (spec.x, spec.y, spec.z), strict=True)
+                if entry is not None
+            ]
+            try:
+                return np.stack(np.broadcast_arrays(*sides), axis=-1)
+            except ValueError:
+                sizes = ", ".join(str(side.size) for side in sides)
+                raise ValueError(f"{where} must have as many x as y and z, got {sizes}") from None
+        points = real(self.assembled(self.arrays(spec.file, spec.variable, where), along, where), where)
+        if points.ndim == 2 and points.shape[0] == 3 and points.shape[1] not in (2, 3, 6):
+            points = points.T  # a column per position, as is the custom in MATLAB
+        if spec.z is None:
+            return points
+        if points.ndim < 2 or points.shape[-1] != 2:
+            raise ValueError(f"{where} must have x and y alone with z beside it, got shape {points.shape}")
+        height = self.component(spec.z, spec.file, f"{where}.z", points[..., 0].size, along)
+        return np.concatenate([points, height.reshape(*points.shape[:-1], 1)], axis=-1)
 
     def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
         with self.entry(where, spec.file):
