@@ -113,6 +113,7 @@ WAY = np.column_stack([np.zeros(5), 2.0 * np.arange(5), np.full(5, 1.5)])
         ),
         ({"x_m": WAY[:, 0], "da_m": WAY[:, 1], "z_m": WAY[:, 2]}, ['x = "x_m"', 'y = "da_m?"', 'unit = "m"']),
         ({"x_m": WAY[:, 0], "y_m": WAY[:, 1], "height_m": WAY[:, 2]}, ['y = "y_m"', 'z = "height_m?"', 'unit = "m"']),
+        ({"x": WAY[:, 0], "y": WAY[:, 1], "z": WAY[:, 2]}, ['x = "x"', 'y = "y"', 'unit = "m?"']),
         ({"gps": np.column_stack([WAY, np.zeros((5, 3))])}, ['position = {variable = "gps"', 'angle_unit = "rad?"']),
     ],
 )

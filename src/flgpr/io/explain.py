@@ -239,7 +239,8 @@ def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInf
             side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
             sides.setdefault(side, []).append(info)
     by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
-    if not sides and all(by_axis.values()):
+    structured = re.search(r"[./]", signal.name) and not draft.topic  # flat files' x, y, z are rather the vehicle's
+    if not sides and structured and all(by_axis.values()):
         sides["xyz"] = [info for info in by_axis.values() if info is not None]
     return sides
 
@@ -268,14 +269,11 @@ def _find_way(
     if tones in scans:
         scans.remove(tones)
 
-    def fits(info: ArrayInfo, widths: tuple[int, ...]) -> bool:
-        name = info.name.lower()
-        wide = len(info.shape) == 2 and info.shape[0] in scans and info.shape[1] in widths
-        return wide and bool(_PLACE.search(name)) and not _ANTENNA.search(name)
-
     found: dict[str, ArrayInfo] = {}
     for info in draft.rest():
-        if fits(info, (2, 3, 6)) and "position" not in found:
+        wide = len(info.shape) == 2 and info.shape[0] in scans and info.shape[1] in (2, 3, 6)
+        name = info.name.lower()
+        if wide and "position" not in found and _PLACE.search(name) and not _ANTENNA.search(name):
             found["position"] = info
             for side, infos in list(positions.items()):
                 positions[side] = [one for one in infos if one is not info]

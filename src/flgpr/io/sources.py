@@ -139,7 +139,7 @@ class Sources:
         return values.ravel()
 
     def points(self, spec: Positions, where: str, along: str, count: int | None = None) -> FloatArray:
-        """Positions (..., 3) in m; with ``count``, one per scan or fix, (count, 3), or (count, 6) as the file has them."""
+        """Positions (..., 3) in m; with ``count`` one per scan or fix, (count, 3) or with angles (count, 6)."""
         scale = factor(spec.unit, "length", f"{where}.unit")
         with self.entry(where, None if spec.values is not None else spec.file):
             points = self._triples(spec, where, along, count)
