@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 _UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in", "feet": "ft"}
@@ -30,6 +29,8 @@ def read_motive(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str], li
     ``NAME/rotation``: quaternions (frame, 4) x, y, z, w or Euler angles (frame, 3), deg, in the order that the header
     names. Where the body was not seen they are NaN.
     """
+    import pandas as pd
+
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         head = list(csv.reader(islice(file, _HEAD)))
     about = dict(zip(head[0][::2], head[0][1::2], strict=False))
