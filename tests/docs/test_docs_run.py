@@ -3,20 +3,23 @@
 import shlex
 import shutil
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from bag import drive
 from flgpr import tasks
 from flgpr.cli import app
 from flgpr.clutter import Thresholds
-from flgpr.io import sample_lane
+from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import load_scene
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
+from take import take_text
 
 TINY = """
 site = "arid-sand"
@@ -29,6 +32,15 @@ count = 2
 density = 3.0
 [track]
 step = [3.0, 4.0]
+"""
+RADAR = """
+title = "indoors"
+files.data = "radar.npy"
+polarization = ["VV"]
+signal = {variable = "array", dims = ["scan", "frequency"]}
+frequency = {span = [1, 2], unit = "GHz"}
+antenna_position = {values = [[0, 0, 0]], unit = "m"}
+time = {span = [0.5, 2.5], unit = "s"}
 """
 PASSPHRASE = "a long passphrase\n"
 
@@ -73,6 +85,11 @@ def take(made, *names):
 def before_exchange(made):
     write_rail("rail_t6.npz")
     take(made, "lane.zarr", "result", "truth.csv")
+    Path("drive.mcap").write_bytes(drive(iq=lambda k: np.arange(1024) - 500 + k))
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (40, 1))
+    Path("take.csv").write_text(take_text(0.1 * np.arange(40), np.arange(120).reshape(40, 3), still))
+    np.save("radar.npy", np.ones((5, 3), complex))
+    Path("radar.toml").write_text(RADAR)
 
 
 def before_wang(made):
@@ -165,6 +182,8 @@ def test_a_file_of_somebody_else_arrives_calibrated_and_leaves_on_earth(followed
         0.44, abs=0.05
     )  # half a wavelength is 0.04
     assert space.arrived.run.sizes["scan"] == 70
+    assert dict(open_run(folder / "drive.zarr").sizes)["frequency"] == 256
+    assert open_run(folder / "run.zarr").sizes["scan"] == 5
     wrote = {"ready.zarr", "surveyed.toml", "lane.geojson", "tied.zarr", "alarms.geojson", "view.tif", "truth.kml"}
     assert wrote < {path.name for path in folder.iterdir()}
 

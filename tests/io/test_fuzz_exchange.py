@@ -6,6 +6,7 @@ import runpy
 import signal
 import subprocess
 import sys
+from importlib.util import find_spec
 from unittest import mock
 
 import h5py
@@ -15,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from bag import drive
 from damage import FUZZ, damaged, refusal
 from flgpr.io.anchor import fit_anchor, read_anchor
 from flgpr.io.arrays import open_arrays
@@ -22,6 +24,7 @@ from flgpr.io.explain import explain_file
 from flgpr.io.mapping import parse_mapping
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
+from take import take_text
 
 ARRAYS = {"field": np.arange(24).reshape(2, 3, 4) * (1 + 2j), "f": np.linspace(1, 2, 4), "tx": np.ones((3, 3))}
 
@@ -40,10 +43,16 @@ def good(tmp_path_factory):
             file[f"g/{name}"].attrs["units"] = "m"
     (folder / "a.csv").write_text("f;s\n1e9;1+2i\n2e9;-3-4.5i\n")
     (folder / "a.s2p").write_text("# MHz S RI R 50\n500 0.1 0 1 2 3 4 0 0\n600 0.1 0 1 2 3 4 0 0\n")
+    (folder / "commas.csv").write_text("f;s\n1e9;1,5+2i\n2e9;-3-4,5i\n")
+    turned = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+    (folder / "take.csv").write_text(take_text([0.0, 0.5, 1.0], np.ones((3, 3)), turned, lost=(1,)))
+    if find_spec("mcap_ros2"):
+        (folder / "a.mcap").write_bytes(drive(2, 2, crcs=False))
+        (folder / "b.mcap").write_bytes(drive(1, 1, "none", crcs=False))
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-NAMES = ["a.npz", "b.npz", "a.npy", "a.csv", "a.s2p"]
+NAMES = ["a.npz", "b.npz", "a.npy", "a.csv", "commas.csv", "a.s2p", "take.csv", "a.mcap", "b.mcap"]
 
 
 def read_all(path):
@@ -56,8 +65,7 @@ def read_all(path):
 @FUZZ
 @given(data=st.data())
 def test_damaged_array_files(good, name, data, tmp_path):
-    if name.endswith(".s2p"):
-        pytest.importorskip("skrf")
+    pytest.importorskip({"s2p": "skrf", "mcap": "mcap_ros2"}.get(name.split(".")[1], "numpy"))
     path = tmp_path / name
     path.write_bytes(damaged(good[name], data.draw))
     for call in (read_all, explain_file):
@@ -131,6 +139,7 @@ def test_damaged_cphd(small_run, data, tmp_path):
 
 
 TRACK = b"time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n0,1,2,3,0,0,0\n1,2,3,4,0,0,0\n"
+TAKE = take_text([0.0, 0.5], np.ones((2, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))).replace("Pole", "").encode()
 NMEA = (
     b"$GPGGA,123519.25,4807.0380000,N,01131.0000000,E,4,08,0.9,545.4,M,46.9,M,,*5E\r\n"
     b"$GPHDT,274.07,T*03\r\n$GPGGA,123520.25,4807.0390000,N,01131.0000000,E,4,08,0.9,545.4,M,46.9,M,,*55\r\n"
@@ -145,6 +154,9 @@ def test_damaged_tracks(data, tmp_path):
     for reader in (read_track, read_survey):
         said = refusal(reader, path)
         assert said is None or str(path) in said
+    path.write_bytes(damaged(TAKE, data.draw))
+    said = refusal(read_track, path, "column", None, ("x", "-z", "y"))
+    assert said is None or str(path) in said
 
 
 @FUZZ

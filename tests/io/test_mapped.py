@@ -162,7 +162,7 @@ def test_sweeps_with_nan_are_kept_and_flagged(arrays, field, tmp_path):
         ('unit = "GHz"', "", ["frequency.unit", "missing"]),
         ('variable = "f"', 'variable = "f"\nspeed = 3', ["frequency.speed", "no such entry"]),
         ("[pose]", "[posing]", ["posing"]),
-        ("z = 1.5", "", ["pose.z", "missing"]),
+        ("z = 1.5", "", ["pose: z", "missing"]),
         ('[tx_position]\nvariable = "tx"\nunit = "cm"', "", ["geometry is missing"]),
         ('"frequency", "rx"', '"frequency", "pair"', ["dims"]),
         ('"polarization", "scan"]', '"scan"]', ["dims", "5 axes"]),
@@ -263,11 +263,16 @@ def test_text_tables(tmp_path):
     table = open_arrays(put("f;s\n1e9;1+2i\n2e9;-3-4.5i\n", tmp_path / "a.csv"))
     np.testing.assert_array_equal(table.read("s"), [1 + 2j, -3 - 4.5j])
     assert table.read("table").shape == (2, 2)
+    for text in ("f;s\n1,5;1,25-2i\n-2,5e3;,5\n", "f\ts\n1,5\t1,25-2i\n-2,5e3\t0,5\n"):
+        commas = open_arrays(put(text, tmp_path / "d.csv"))
+        np.testing.assert_array_equal(commas.read("table"), [[1.5, 1.25 - 2j], [-2500, 0.5]])
     plain = open_arrays(put("# made by hand\n1 2 3\n4 5 nan\n", tmp_path / "b.txt")).read("table")
     np.testing.assert_array_equal(plain, [[1, 2, 3], [4, 5, np.nan]])
     for text, words in (
         ("1,2\n3\n", "line 2 must have 2 cells"),
-        ("1;2\n3,5;4\n", "decimal point"),
+        ("1.5;2\n3,5;4\n", "line 2 .* decimal commas .* '3,5'"),
+        ("1,5 2,5\n3,5 4,5\n", "decimal commas .* semicolons"),
+        ("x,y\n1,5,2,5\n", "2 cells .* semicolons"),
         ("", "no line with values"),
         ("a,b\n", "no line with values"),
         ("a,a\n1,2\n", "different columns"),

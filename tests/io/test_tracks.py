@@ -6,8 +6,10 @@ import pytest
 from flgpr.io.anchor import fit_anchor
 from flgpr.io.arrays import open_arrays
 from flgpr.io.mapped import import_mapped
+from flgpr.io.tables import write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model import vehicle_to_lane
+from flgpr.model.track import make_track
 from io_geodesy import AZIMUTH, LANE, on_the_ellipsoid
 
 
@@ -27,7 +29,7 @@ def test_a_track_by_columns(tmp_path):
     for old, new, words in (
         ("time_s", "t", "time_s is missing"),
         ("1,1,0,1", "0,1,0,1", "increase strictly"),
-        ("2,2,0,1", "2,nan,0,1", "finite"),
+        ("\n1,1,0,1", "\n1,nan,0,1", "every max_gap = 1 s, got none for 2 s after 0 s"),
         ("2,2,0,1", "2,2,0", "4 cells"),
     ):
         changed = put(bare.read_text().replace(old, new), tmp_path / "v.csv")
@@ -35,6 +37,19 @@ def test_a_track_by_columns(tmp_path):
             read_track(changed, "course")
     with pytest.raises(FileNotFoundError):
         read_track(tmp_path / "no.csv")
+
+
+def test_missing_fixes_of_a_table_are_counted(tmp_path):
+    rows = [f"{0.4 * k:.1f};{'' if k in (0, 3, 4) else k};{'nan' if k == 7 else 0};1" for k in range(9)]
+    track = read_track(put("\n".join(["time_s;x_m;y_m;z_m", *rows]) + "\n", tmp_path / "t.csv"), "course", max_gap=1.2)
+    np.testing.assert_allclose(track["x"], [1, 2, 5, 6, 8])
+    assert track.attrs["notes"] == ["4 of 9 fixes of the track not finite, bridged"]
+
+
+def test_a_track_that_was_written_is_read_again(tmp_path):
+    track = make_track([0.1, 0.2, 1 / 3], np.random.default_rng(0).normal(size=(3, 3)), 0.1, [0.2, 0.3, 1 / 7], -0.3)
+    write_table(track, tmp_path / "run-track.csv")
+    np.testing.assert_array_equal(read_track(tmp_path / "run-track.csv"), track)
 
 
 def test_two_marks_on_the_array_give_its_pose(tmp_path):

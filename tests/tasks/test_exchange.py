@@ -4,14 +4,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.cli import app
 from flgpr.io import open_run, sample_lane, save_run
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
 from flgpr.tasks import exchange
 from io_geodesy import LANE, distance, on_the_ellipsoid
+from take import UP, take_text
 
 
 def anchor_text():
@@ -133,6 +136,39 @@ def test_import_with_a_track_or_a_survey(tmp_path):
     assert not (tmp_path / "q.zarr").exists()
     with pytest.raises(FileExistsError):
         exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", survey=tmp_path / "s.csv")
+
+
+def imported(*arguments):
+    return CliRunner().invoke(app, ["import", "mapped", *map(str, arguments)])
+
+
+def test_what_an_import_writes_is_a_track_for_the_next(tmp_path):
+    np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([5.0, 6.0, 7.0]))
+    (tmp_path / "m.toml").write_text(MAPPING)
+    rows = ("0;0,5;0;2;0;0;0", "6;;;2;0;0;0", "6,5;0,5;13;2;0;0;0", "9;0;1;2;0;0;0")
+    (tmp_path / "t.csv").write_text("\n".join(["time_s;x_m;y_m;z_m;heading_deg;pitch_deg;roll_deg", *rows]) + "\n")
+    mapping = tmp_path / "m.toml"
+    refused = imported(mapping, "-o", tmp_path / "r.zarr", "--track", tmp_path / "t.csv")
+    assert refused.exit_code == 2
+    assert "max_gap = 1 s, got none for 6.5 s" in refused.output
+    first = imported(mapping, "-o", tmp_path / "r.zarr", "--track", tmp_path / "t.csv", "--max-gap", "7")
+    assert "1 of 4 fixes of the track not finite, bridged" in first.output
+    assert imported(mapping, "-o", tmp_path / "s.zarr", "--track", tmp_path / "r-track.csv").exit_code == 0
+    runs = [open_run(tmp_path / f"{name}.zarr") for name in "rs"]
+    np.testing.assert_array_equal(runs[0]["pose"], runs[1]["pose"])
+
+
+def test_a_take_of_motion_capture_by_command(tmp_path):
+    np.savez(tmp_path / "a.npz", s=np.ones((3, 3), complex), t=np.array([0.5, 1.0, 2.0]))
+    (tmp_path / "m.toml").write_text(MAPPING)
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+    lane = np.array([[0, 0, 1.5], [0, 1, 1.5], [0, 2, 1.5]])
+    (tmp_path / "take.csv").write_text(take_text([0.0, 1.0, 2.0], 1000 * lane @ UP, still))
+    files = (tmp_path / "m.toml", "-o", tmp_path / "r.zarr", "--track", tmp_path / "take.csv", "--body", "Cart")
+    assert "axes must say" in imported(*files).output
+    assert imported(*files, "--axes", "x,-z,y").exit_code == 0
+    want = [[0, 0.5, 1.5, 0, 0, 0], [0, 1, 1.5, 0, 0, 0], [0, 2, 1.5, 0, 0, 0]]
+    np.testing.assert_allclose(open_run(tmp_path / "r.zarr")["pose"].values, want, atol=1e-6)
 
 
 def test_an_anchored_import_remembers_where_its_lane_lies(anchor, tmp_path):

@@ -70,18 +70,25 @@ def import_mapped(
     output: Output,
     data: Annotated[list[Path] | None, Option(help="Data file in place of the mapping's own; may repeat.")] = None,
     survey: Annotated[Path | None, Option(help="CSV of surveyed poses, a line per scan.")] = None,
-    track: Annotated[Path | None, Option(help="CSV track or NMEA log.")] = None,
+    track: Annotated[Path | None, Option(help="CSV track, take of Motive, or NMEA log.")] = None,
     anchor: Anchor = None,
     clock_offset: Annotated[float, Option(help="The track's clock less the radar's, s.")] = 0.0,
     lever_arm: Annotated[Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")] = (0.0, 0.0, 0.0),
     latency: Annotated[float, Option(help="How late the track's time stamps are, s.")] = 0.0,
     max_memory: Annotated[str, Option(help="Largest array that is read.")] = "2GB",
+    body: Annotated[str | None, Option(help="Rigid body, if the track is a take of OptiTrack Motive.")] = None,
+    axes: Annotated[str | None, Option(help="Which of Motive's axes are x, y, z of the lane, such as x,-z,y.")] = None,
+    max_gap: Annotated[float, Option(help="Longest time that a track's missing fixes may take, s.")] = 1.0,
     quiet: Quiet = False,
 ) -> None:
-    """Import HDF5, MATLAB, NumPy, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
+    """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors():
-        positions = (survey, track, anchor, clock_offset, lever_arm, latency)
-        tasks.import_with_mapping(mapping, output, list(data or ()), *positions, tasks.parse_size(max_memory))
+        axis = None if axes is None else axes.split(",")
+        way = None if track is None else tasks.track_of(track, anchor, body, axis, max_gap)
+        positions = (survey, way, anchor, clock_offset, lever_arm, latency)
+        arrived = tasks.import_with_mapping(mapping, output, list(data or ()), *positions, tasks.parse_size(max_memory))
+    for note in () if quiet else arrived.notes:
+        typer.echo(note)
     tell_written(quiet, output)
 
 

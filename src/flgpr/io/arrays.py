@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.files import existing
+from flgpr.io.files import check_expansion, existing
+from flgpr.io.motive import is_motive, read_motive
+from flgpr.io.recording import Recording
 from flgpr.io.textarrays import read_text_table
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""
-_MOST_EXPANSION, _SMALL = 200, 64 * 2**20
-"""Arrays above the second number of bytes may take this many times their room in the file, not more."""
+_CONVERTED = {b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite", b"#ROSBAG": "a ROS 1 bag"}
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
 _SPARE = 2**29  # bytes that a child may take beside what it reads
@@ -51,6 +52,7 @@ class ArrayFile:
     arrays: dict[str, ArrayInfo]  #: name -> :class:`ArrayInfo`
     _read: Callable[[str], Any] = field(repr=False)
     limit: int = LIMIT
+    about: list[str] = field(default_factory=list)  #: what else the file tells, a line each
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one of ``arrays`` in the machine's byte order; if it is too large or damaged, that is a ValueError."""
@@ -74,17 +76,19 @@ class ArrayFile:
 def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     """Open a file of named arrays, of at most ``limit`` bytes each, and list what it holds.
 
-    HDF5 and MATLAB files are known by their content; .npz, .npy, .csv, .txt and Touchstone (.s2p, ...) by their ending.
+    HDF5 files, MCAP recordings and takes of Motive are known by their content; MATLAB, .npz, .npy, .csv, .txt and
+    Touchstone (.s2p, ...) by their ending. A recording is read chunk by chunk and may be larger.
     """
     path = existing(path)
-    if path.stat().st_size > limit:
-        raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
     kind, opener = _format_of(path)
+    if path.stat().st_size > limit and opener is not _open_mcap:
+        raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
+    about: list[str] = []
     with _plainly(path, kind):
-        infos, read = opener(path) if opener is not _open_mat else _open_mat(path, limit)
-    if not infos:
+        infos, read = opener(path, limit, about)
+    if not infos and not about:
         raise ValueError(f"{path}: this {kind} holds no array")
-    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit)
+    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about)
 
 
 @contextmanager
@@ -103,17 +107,31 @@ def _plainly(path: Path, kind: str) -> Iterator[None]:
 _Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
 
 
-def _format_of(path: Path) -> tuple[str, Callable[[Path], _Opened]]:
+_Opener = Callable[[Path, int, list[str]], _Opened]
+
+
+def _format_of(path: Path) -> tuple[str, _Opener]:
     suffix = path.suffix.lower()
     if h5py.is_hdf5(path):
         return "HDF5 file", _open_hdf5
+    with path.open("rb") as file:
+        head = file.read(16)
+    if head.startswith(b"\x89MCAP"):
+        return "MCAP recording", _open_mcap
+    if is_motive(path):
+        return "take of OptiTrack Motive", _open_motive
+    for magic, other in _CONVERTED.items():
+        if head.startswith(magic):
+            raise ValueError(
+                f"{path}: {other} is not read as it is: make MCAP of it, mcap convert {path.name} OUT.mcap"
+            )
     if suffix in (".h5", ".hdf5"):
         raise ValueError(f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind")
     for endings, kind, opener in _FORMATS:
         if re.fullmatch(endings, suffix):
             return kind, opener
     raise ValueError(
-        f"{path}: the format must be HDF5, MATLAB, .npz, .npy, .csv, .txt or Touchstone (.s2p), got the ending "
+        f"{path}: the format must be HDF5, MATLAB, MCAP, .npz, .npy, .csv, .txt or Touchstone (.s2p), got the ending "
         f"{suffix!r}"
     )
 
@@ -132,7 +150,20 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
         raise ValueError(said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it")
 
 
-def _open_hdf5(path: Path) -> _Opened:
+def _open_mcap(path: Path, limit: int, about: list[str]) -> _Opened:
+    recording = Recording(path, limit)
+    about += recording.lines
+    return [ArrayInfo(*one) for one in recording.arrays], recording.read
+
+
+def _open_motive(path: Path, limit: int, about: list[str]) -> _Opened:  # noqa: ARG001
+    arrays, units, told = read_motive(path)
+    about += told
+    infos = [ArrayInfo(name, value.shape, str(value.dtype), units.get(name, "")) for name, value in arrays.items()]
+    return infos, arrays.__getitem__
+
+
+def _open_hdf5(path: Path, *_: Any) -> _Opened:
     _in_child("HDF5", path)
     infos: list[ArrayInfo] = []
 
@@ -151,14 +182,14 @@ def _open_hdf5(path: Path) -> _Opened:
         # MATLAB stores its column-major arrays with the order of the dimensions turned round.
         with h5py.File(path, "r") as file:
             item = file[name]
-            _check_expansion(name, item.nbytes, item.id.get_storage_size())
+            check_expansion(name, item.nbytes, item.id.get_storage_size())
             values = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
             return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
     return infos, read
 
 
-def _open_mat(path: Path, limit: int = LIMIT) -> _Opened:
+def _open_mat(path: Path, limit: int, *_: Any) -> _Opened:
     arrays: dict[str, NDArray[Any]] = {}
     with tempfile.TemporaryFile() as file:
         _in_child("MATLAB", path, limit, _SPARE, stdout=file)
@@ -170,7 +201,7 @@ def _open_mat(path: Path, limit: int = LIMIT) -> _Opened:
     return _held(arrays)
 
 
-def _open_npz(path: Path) -> _Opened:
+def _open_npz(path: Path, *_: Any) -> _Opened:
     infos, sizes = [], {}
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
@@ -186,20 +217,14 @@ def _open_npz(path: Path) -> _Opened:
             infos.append(ArrayInfo(member.filename.removesuffix(".npy"), shape, str(dtype)))
 
     def read(name: str) -> Any:
-        _check_expansion(name, *sizes[name])
+        check_expansion(name, *sizes[name])
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return archive[name]
 
     return infos, read
 
 
-def _check_expansion(name: str, size: int, room: int) -> None:
-    """Refuse what decodes into far more than the file holds: no measurement does."""
-    if size > _SMALL and size > _MOST_EXPANSION * room:
-        raise ValueError(f"{name} takes {room} bytes of the file and would expand to {size}: no data do")
-
-
-def _open_npy(path: Path) -> _Opened:
+def _open_npy(path: Path, *_: Any) -> _Opened:
     with path.open("rb") as file:
         shape, dtype, held = _npy_header(file)
     if held + _bytes(shape, dtype) != path.stat().st_size:
@@ -223,7 +248,7 @@ def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
 
-def _open_touchstone(path: Path) -> _Opened:
+def _open_touchstone(path: Path, *_: Any) -> _Opened:
     network = optional("skrf", "vna").Network(str(path))
     s, ports = np.asarray(network.s), network.nports
     join = "" if ports < 10 else "_"
@@ -233,11 +258,11 @@ def _open_touchstone(path: Path) -> _Opened:
     return infos, arrays.__getitem__
 
 
-_FORMATS: tuple[tuple[str, str, Callable[[Path], _Opened]], ...] = (
+_FORMATS: tuple[tuple[str, str, _Opener], ...] = (
     (r"\.mat", "MATLAB file", _open_mat),
     (r"\.npz", "NumPy archive", _open_npz),
     (r"\.npy", "NumPy array", _open_npy),
-    (r"\.(csv|txt|dat|tsv)", "table of numbers", lambda path: _held(read_text_table(path))),
+    (r"\.(csv|txt|dat|tsv)", "table of numbers", lambda path, *_: _held(read_text_table(path))),
     (r"\.(s\d+p|ts)", "Touchstone file", _open_touchstone),
 )
 

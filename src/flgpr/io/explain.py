@@ -16,11 +16,22 @@ from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
 from flgpr.io.gprmax import explain_gprmax, is_gprmax
+from flgpr.io.mapping import UNITS
 from flgpr.model import POLARIZATIONS
 
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
-_SUFFIX_UNITS = {"hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "ms": "ms", "ns": "ns", "us": "us", "s": "s"}
-_SUFFIX_UNITS |= {"m": "m", "cm": "cm", "mm": "mm"}
+_NO_SUFFIX = ("in", "h", "min")  # units that are words in names
+_LONG_UNITS = {"meter": "m", "metre": "m", "foot": "ft", "feet": "ft", "degree": "deg", "radian": "rad", "second": "s"}
+_ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
+_PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
+_COMPONENTS = {
+    "x": {"x", "cross", "across", "east", "easting", "crosstrack"},
+    "y": {"y", "along", "da", "dist", "distance", "north", "northing", "downtrack", "chainage", "odometer"},
+    "z": {"z", "height", "alt", "altitude", "elevation", "up"},
+    "heading": {"heading", "yaw", "hdg", "psi"},
+    "pitch": {"pitch"},
+    "roll": {"roll"},
+}
 
 
 @dataclass(frozen=True)
@@ -36,7 +47,8 @@ class Explanation:
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     """Tell what a file holds and draft the mapping that imports it; file and arrays may take ``limit`` bytes.
 
-    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD or NMEA; another or damaged one is a ValueError.
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP or a take of OptiTrack Motive; another or
+    damaged one is a ValueError.
     """
     path = existing(path)
     with path.open("rb") as file:
@@ -48,7 +60,12 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     opened = open_arrays(path, limit)
     if opened.kind == "HDF5 file" and is_gprmax(path):
         return Explanation(path, "result of gprMax", explain_gprmax(path))
-    return Explanation(path, opened.kind, [_line(opened, info) for info in opened.arrays.values()], _propose(opened))
+    if opened.kind == "MCAP recording":  # whose arrays are too many, and take too long, to look at all
+        return Explanation(path, opened.kind, opened.about, _propose(opened))
+    lines = opened.about + [_line(opened, info) for info in opened.arrays.values()]
+    if opened.kind == "take of OptiTrack Motive":
+        return Explanation(path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"])
+    return Explanation(path, opened.kind, lines, _propose(opened))
 
 
 def propose_mapping(path: str | Path, limit: int = LIMIT) -> str:
@@ -118,9 +135,11 @@ def _values(opened: ArrayFile, info: ArrayInfo) -> Any:
 class _Draft:
     opened: ArrayFile
     used: set[str] = field(default_factory=set)
+    topic: str = ""  #: of a recording's signal, whose arrays are looked at first
 
     def rest(self) -> list[ArrayInfo]:
-        return [info for info in self.opened.arrays.values() if info.name not in self.used]
+        left = [info for info in self.opened.arrays.values() if info.name not in self.used]
+        return sorted(left, key=lambda info: not info.name.startswith(f"{self.topic}/")) if self.topic else left
 
 
 def _propose(opened: ArrayFile) -> str:
@@ -128,16 +147,22 @@ def _propose(opened: ArrayFile) -> str:
     signal, imaginary = _find_signal(opened)
     if signal is None:
         return ""
+    draft.topic = signal.name.rsplit("/", 1)[0] if opened.kind == "MCAP recording" else ""
     draft.used |= {signal.name, *([imaginary] if imaginary else [])}
     sizes = list(signal.shape)
     frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
-    samples = None if frequency else _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), sizes)
+    samples = None
+    recorded = opened.kind == "MCAP recording"  # whose arrays all are over messages
+    for count in () if frequency or recorded else (sizes[-1:], sizes):
+        samples = samples or _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), count)
     axis = frequency or samples
     positions = _find_positions(draft, signal)
     track = _find_track(draft, positions, sizes)
+    way = _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0) if track is None else {}
+    positions.pop("way", None)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
     labels = _labels(opened, sizes)
-    dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels)
+    dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels, way)
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
@@ -150,23 +175,20 @@ def _propose(opened: ArrayFile) -> str:
         f"variable = {json.dumps(signal.name)}",
         *([f"imaginary = {json.dumps(imaginary)}"] if imaginary else []),
         f"dims = {json.dumps(dims)}  # of {' x '.join(map(str, sizes))}",
-        "",
     ]
-    lines += _axis_lines(opened, frequency, samples)
-    lines += _position_lines(opened, positions)
+    if axis is None and imaginary is None and not signal.dtype.startswith("complex"):
+        lines += [
+            "# interleaved = true  # if real and imaginary parts alternate",
+            "# shape = [-1, 1]  # of a flat record",
+        ]
+    lines += ["", *_axis_lines(opened, frequency, samples), *_position_lines(opened, positions, "pair" in dims)]
     if stamp is not None:
         lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
     if track is not None:
-        return "\n".join([*lines, *_track_lines(opened, *track)]) + "\n"
-    if any(len(infos[0].shape) == 3 for infos in positions.values()):
-        return "\n".join(lines).rstrip() + "\n"
-    lines += [
-        "[pose]  # the vehicle in the lane frame; a number or the name of a variable",
-        *(f'{name} = "?"' for name in ("x", "y", "z", "heading", "pitch", "roll")),
-        'unit = "m?"',
-        'angle_unit = "rad?"',
-    ]
-    return "\n".join(lines) + "\n"
+        lines += _track_lines(draft, *track)
+    elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
+        lines += _pose_lines(draft, way)
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
@@ -179,7 +201,11 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
             other = re.sub(real, imaginary, info.name, flags=re.IGNORECASE)
             if other != info.name and other in opened.arrays and opened.arrays[other].shape == info.shape:
                 return info, other
-    large = [info for info in arrays if len(info.shape) >= 2 and info.shape[-1] > 3]
+    large = [
+        info
+        for info in arrays
+        if len(info.shape) >= 2 and info.shape[-1] > 3 and not re.search("covariance|orientation|rotation", info.name)
+    ]
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
 
 
@@ -188,7 +214,8 @@ def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> Array
         count = math.prod(info.shape)
         if count in sizes and max(info.shape, default=0) == count and count > 1:
             name = info.name.lower().replace("/", ".").split(".")[-1]
-            if any(word in name for word in words) or ("freq" in words and name == "f"):
+            short = ("freq" in words and name == "f") or ("time" in words and name == "t")
+            if any(word in name for word in words) or short:
                 values = _values(draft.opened, info)
                 if (
                     values is not None
@@ -205,10 +232,15 @@ def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInf
     for info in draft.rest():
         if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
             name = info.name.lower()
+            if draft.topic:
+                if _PLACE.search(name.rsplit("/", 1)[-1]):
+                    sides.setdefault("way", []).append(info)
+                continue
             side = "tx" if re.search(r"tx|trans|source", name) else "rx" if re.search(r"rx|rec", name) else "antenna"
             sides.setdefault(side, []).append(info)
     by_axis = {name: draft.opened.arrays.get(_sibling(signal.name, name)) for name in "xyz"}
-    if not sides and all(by_axis.values()):
+    structured = re.search(r"[./]", signal.name) and not draft.topic  # flat files' x, y, z are rather the vehicle's
+    if not sides and structured and all(by_axis.values()):
         sides["xyz"] = [info for info in by_axis.values() if info is not None]
     return sides
 
@@ -221,22 +253,101 @@ def _find_track(
         info = infos[0]
         if side == "xyz" or len(info.shape) != 2 or info.shape[0] in sizes:
             continue
-        clock = _find_axis(draft, ("time", "t_", "stamp"), [info.shape[0]])
+        beside = _Draft(draft.opened, draft.used, info.name.rsplit("/", 1)[0] if draft.topic else "")
+        clock = _find_axis(beside, ("time", "t_", "stamp"), [info.shape[0]])
         if clock is not None:
             del positions[side]
             return clock, info
     return None
 
 
-def _track_lines(opened: ArrayFile, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
-    return [
+def _find_way(
+    draft: _Draft, positions: dict[str, list[ArrayInfo]], sizes: list[int], tones: int
+) -> dict[str, ArrayInfo]:
+    """Take what tells a pose per scan: ``position`` (scan, 2, 3 or 6), or single components by their names."""
+    scans = [size for size in sizes if size > 1]
+    if tones in scans:
+        scans.remove(tones)
+
+    found: dict[str, ArrayInfo] = {}
+    for info in draft.rest():
+        wide = len(info.shape) == 2 and info.shape[0] in scans and info.shape[1] in (2, 3, 6)
+        name = info.name.lower()
+        if wide and "position" not in found and _PLACE.search(name) and not _ANTENNA.search(name):
+            found["position"] = info
+            for side, infos in list(positions.items()):
+                positions[side] = [one for one in infos if one is not info]
+                if not positions[side]:
+                    del positions[side]
+    vectors = [info for info in draft.rest() if max(info.shape, default=0) == math.prod(info.shape) and info.shape]
+    for name, words in _COMPONENTS.items():
+        for info in vectors:
+            tokens = set(re.split(r"[_\W]+", info.name.lower()))
+            if math.prod(info.shape) in scans and tokens & words and not _ANTENNA.search(info.name.lower()):
+                found.setdefault(name, info)
+    if "position" in found or "xyz" in positions:
+        found = {name: info for name, info in found.items() if name not in "xyz"}
+    draft.used |= {info.name for info in found.values()}
+    return found
+
+
+def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
+    lines = ["[pose]  # the vehicle in the lane frame; heading is clockwise from +y seen from above"]
+    angles = [name for name in ("heading", "pitch", "roll") if name in way]
+    position = way.get("position")
+    if position is not None:
+        unit = _unit(draft.opened, position, "m")
+        beside = ', z = "0?"' if position.shape[1] == 2 else ""
+        lines.append(f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}')
+        if position.shape[1] == 6:
+            return [*lines, 'angle_unit = "rad?"']
+    else:
+        places = [name for name in "xyz" if name in way]
+        lines += [f"{name} = {_guess(way, name, '0?' if places else '?')}" for name in "xyz"]
+        lines.append(f'unit = "{_common_unit(draft, [way[name] for name in places], "m")}"')
+    course = "course?" if position is not None or "y" in way else "0?" if way else "?"
+    lines += [
+        f"{name} = {_guess(way, name, '0?' if name != 'heading' else course)}" for name in ("heading", "pitch", "roll")
+    ]
+    return [*lines, f'angle_unit = "{_common_unit(draft, [way[name] for name in angles], "rad")}"']
+
+
+def _guess(way: dict[str, ArrayInfo], name: str, without: str) -> str:
+    """Give the variable of a component, with a mark unless it is called just that."""
+    if name not in way:
+        return json.dumps(without)
+    called = way[name].name
+    last = re.split(r"[/.]", called.lower())[-1].split("_")[0]
+    return json.dumps(called if last == name else f"{called}?")
+
+
+def _common_unit(draft: _Draft, infos: list[ArrayInfo], usual: str) -> str:
+    units = {_unit(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
+    return units.pop() if len(units) == 1 else "?"
+
+
+def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[str]:
+    opened = draft.opened
+    lines = [
         "[track]  # positions on a clock of their own",
         f'time = {{variable = {json.dumps(clock.name)}, unit = "{_unit(opened, clock, "s")}"}}',
         f'position = {{variable = {json.dumps(position.name)}, unit = "{_unit(opened, position, "m")}"}}',
-        *(f'{name} = "?"' for name in ("heading", "pitch", "roll")),
-        'angle_unit = "deg?"',
-        "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it",
     ]
+    beside = position.name.rsplit("/", 1)[0]
+    turned = [
+        info.name
+        for info in draft.rest()
+        if info.shape == (position.shape[0], 4) and re.search(r"orientation|rotation|quat", info.name.lower())
+        and (not draft.topic or info.name.startswith(f"{beside}/"))
+    ]  # fmt: skip
+    if turned:
+        body = '["-y?", "x?", "z?"]'
+        lines.append(
+            f"orientation = {{variable = {json.dumps(turned[0])}, body = {body}}}  # of x forward, y left, z up"
+        )
+    else:
+        lines += ['heading = "course?"', 'pitch = "0?"', 'roll = "0?"', 'angle_unit = "deg?"']
+    return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it"]
 
 
 def _labels(opened: ArrayFile, sizes: list[int]) -> list[str]:
@@ -259,7 +370,7 @@ def _sibling(name: str, other: str) -> str:
 
 def _dims(
     sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, positions: dict[str, list[ArrayInfo]],
-    stamp: ArrayInfo | None, labels: list[str],
+    stamp: ArrayInfo | None, labels: list[str], way: dict[str, ArrayInfo],
 ) -> list[str]:  # fmt: skip
     """Name the axes whose length tells what they are; the others get a question mark."""
     names = ["?"] * len(sizes)
@@ -281,6 +392,10 @@ def _dims(
         if len(infos[0].shape) == 3:
             put(infos[0].shape[0], "scan")
         put(rows, side if apart and side != "antenna" else "pair")
+    if way and not {"scan", "scan?"} & set(names):
+        put(max(next(iter(way.values())).shape), "scan")
+    if names.count("?") == 1 and not {"scan", "scan?"} & set(names):
+        names[names.index("?")] = "scan?"
     return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
 
 
@@ -290,19 +405,26 @@ def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayIn
         return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
     if samples is not None:
         unit = _unit(opened, samples, "m" if "range" in samples.name.lower() else "ns")
-        meaning = "range?" if unit.rstrip("?") in ("m", "cm", "mm") else "delay?"
+        meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
         return [
             "[samples]", f"variable = {json.dumps(samples.name)}", f'unit = "{unit}"',
             f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
             "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
         ]  # fmt: skip
-    return ["[frequency]  # no variable looks like the tones", 'variable = "?"', 'unit = "Hz?"', ""]
+    return [
+        "[frequency]  # no variable looks like the tones; span = [first, last] does as well",
+        'variable = "?"',
+        'unit = "Hz?"',
+        "",
+    ]
 
 
-def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]]) -> list[str]:
+def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pairs: bool) -> list[str]:
     if "xyz" in positions:
         names = [f"{axis} = {json.dumps(info.name)}" for axis, info in zip("xyz", positions["xyz"], strict=True)]
         return ["[antenna_position]", *names, 'unit = "m?"', ""]
+    if not positions and not pairs:
+        return ["[antenna_position]  # in the vehicle frame", *(f'{axis} = "0?"' for axis in "xyz"), 'unit = "m"', ""]
     if not positions:
         return ["[antenna_position]  # no variable looks like positions", "values = []", 'unit = "m?"', ""]
     lines = []
@@ -316,11 +438,14 @@ def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]]) ->
 
 def _unit(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
-    if info.unit in _SUFFIX_UNITS.values():
-        return info.unit
+    kind = next(units for units in UNITS.values() if usual in units)
+    stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
+    if _LONG_UNITS.get(stated, info.unit) in kind:
+        return _LONG_UNITS.get(stated, info.unit)
     last = re.split(r"[_\W]", info.name.lower())[-1]
-    if last in _SUFFIX_UNITS and last != info.name.lower():
-        return _SUFFIX_UNITS[last]
+    suffixes = {unit.lower(): unit for unit in kind if unit not in _NO_SUFFIX}
+    if last in suffixes and last != info.name.lower():
+        return suffixes[last]
     if usual == "Hz":
         values = _values(opened, info)
         top = float(np.max(values)) if values is not None else 0.0

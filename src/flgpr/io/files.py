@@ -11,6 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+_MOST_EXPANSION, _SMALL = 200, 64 * 2**20
+"""What is above the second number of bytes may take this many times its room in the file, not more."""
+
 
 def sha256(data: bytes | memoryview) -> str:
     """Hexadecimal SHA-256 of bytes."""
@@ -27,6 +30,12 @@ def existing(path: str | Path, what: str = "file") -> Path:
     if not Path(path).is_file():
         raise FileNotFoundError(f"{what} not found: {path}")
     return Path(path)
+
+
+def check_expansion(name: str, size: int, room: int) -> None:
+    """Refuse what decodes into far more than the file holds: no measurement does."""
+    if size > _SMALL and size > _MOST_EXPANSION * room:
+        raise ValueError(f"{name} takes {room} bytes of the file and would expand to {size}: no data do")
 
 
 @contextmanager

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.io.arrays import LIMIT, ArrayFile, open_arrays
-from flgpr.io.mapping import Index, Mapping, PathOffset, Positions, Quantity, Samples, factor, read_mapping
-from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, check_frequency, make_run
+from flgpr.io.arrays import LIMIT
+from flgpr.io.files import faults_of
+from flgpr.io.mapping import Mapping, PathOffset, Quantity, Samples, factor, read_mapping
+from flgpr.io.sources import FloatArray, Sources, plausible
+from flgpr.io.ways import read_poses, read_way
+from flgpr.model import SPEED_OF_LIGHT, check_frequency, make_run
 from flgpr.model.phase import lengthen
-from flgpr.model.track import course, make_track, poses_at, reference_track
+from flgpr.model.track import poses_at
+
+if TYPE_CHECKING:
+    from flgpr.io.anchor import Anchor
 
 _ORDER = ("scan", "polarization", "pair", "frequency")
-_LARGEST, _SMALLEST = 1e30, 1e-30
 _HIGHEST_FREQUENCY = 1e12
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,7 @@ def import_mapped(
     pose: ArrayLike | None = None,
     track: pd.DataFrame | None = None,
     clock_offset: float = 0.0,
+    anchor: Anchor | None = None,
 ) -> Imported:
     """Import measured data by a mapping, see ``docs/exchange.md``; what is missing, damaged or does not fit is named.
 
@@ -49,7 +56,7 @@ def import_mapped(
     ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.
     ``pose`` (scan, 6) or ``track``, of the reference point, stand in place of the mapping's, such as from
     :func:`flgpr.io.read_survey` or :func:`flgpr.io.read_nmea`; time on that track is the radar's plus ``clock_offset``,
-    s.
+    s. ``anchor`` takes positions by longitude and latitude to the lane.
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]
@@ -59,7 +66,13 @@ def import_mapped(
     if pose is not None and track is not None:
         raise ValueError("pose and track both tell where the vehicle was: give one")
     where = None if pose is None else np.asarray(pose, dtype=np.float64)
-    return _Importer(table, files, limit, where, track, clock_offset).run()
+    try:
+        return _Importer(table, files, limit, where, track, clock_offset, anchor).run()
+    except ValueError as error:
+        named = any(str(path) in str(error) for paths in files.values() for path in paths)
+        if named or isinstance(mapping, Mapping):
+            raise
+        raise ValueError(f"{mapping}: {error}") from None
 
 
 def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, list[Path]]:
@@ -70,7 +83,7 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
         paths: list[Path] = []
         for pattern in [entry] if isinstance(entry, str) else entry:
             plain = not any(mark in pattern for mark in "*?[")
-            tries = ([home / pattern] if plain else sorted(home.glob(pattern)) for home in homes)
+            tries = ([home / pattern] if plain else sorted(home.glob(pattern), key=_counted) for home in homes)
             hits = next((hit for hit in tries if any(path.is_file() for path in hit)), None)
             if hits is None:
                 places = " or ".join(str(home) for home in dict.fromkeys(homes))
@@ -84,6 +97,11 @@ def _files(mapping: Mapping, homes: list[Path], given: list[Path]) -> dict[str, 
     return files
 
 
+def _counted(path: Path) -> list[tuple[int, str]]:
+    """Sort key by which scan_2 comes before scan_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]
+
+
 @dataclass
 class _Importer:
     mapping: Mapping
@@ -92,68 +110,73 @@ class _Importer:
     given_pose: FloatArray | None
     given_track: pd.DataFrame | None
     clock_offset: float
-    notes: list[str] = field(default_factory=list)
-    _open: dict[Path, ArrayFile] = field(default_factory=dict)
+    anchor: Anchor | None
+
+    def __post_init__(self) -> None:
+        self.sources = Sources(self.files, self.mapping.join, self.limit)
+        self.notes = self.sources.notes
 
     def run(self) -> Imported:
         m = self.mapping
         signal, shape = self._signal()
-        signal, tones = self._tones(signal)
+        axis = m.frequency or m.samples
+        with self.sources.entry("frequency" if m.frequency else "samples", axis.file if axis else None):
+            signal, tones = self._tones(signal)
         order = np.argsort(tones, kind="stable")
         if (order != np.arange(tones.size)).any():
             signal, tones = signal[..., order], tones[order]
             self.notes.append("tones sorted by frequency")
         tx, rx, origin = self._geometry(shape, signal.shape)
         if m.path_offset is not None:
-            signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
+            with self.sources.entry("path_offset", m.path_offset.file):
+                signal = lengthen(signal, tones, self._offset(m.path_offset, signal.shape))
             self.notes.append("path offsets of the recorder undone")
-        time = None if m.time is None else self._vector(m.time, "time", "time", along="scan")
+        time = None if m.time is None else self._time(m.time, signal.shape[0])
         pose, track = self._poses(time, origin, signal.shape[0])
         attrs: dict[str, Any] = {"title": m.title, "source": m.source, "import_notes": self.notes}
-        run = make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs)
-        return Imported(run, track, self.notes)
-
-    def _arrays(self, file: str, variable: str, where: str) -> list[NDArray[Any]]:
-        if file not in self.files:
-            raise ValueError(f"{where}: file must be one of {', '.join(self.files)}, got {file!r}")
-        found = []
-        for path in self.files[file]:
-            if path not in self._open:
-                self._open[path] = open_arrays(path, self.limit)
-            try:
-                values = self._open[path].read(variable)
-            except ValueError as error:
-                raise ValueError(f"{where}: {error}") from None
-            if values.dtype.kind not in "fciu":
-                raise ValueError(f"{where}: {path}: {variable} must hold numbers, got {values.dtype}")
-            found.append(values)
-        return found
+        with faults_of(self.files[m.signal.file][0]):
+            return Imported(make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs), track, self.notes)
 
     def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
         spec = self.mapping.signal
-        parts = self._arrays(spec.file, spec.variable, "signal")
-        if spec.imaginary is not None:
-            other = self._arrays(spec.file, spec.imaginary, "signal.imaginary")
-            _same_shape(parts, other, "signal.imaginary")
-            parts = [a + 1j * b for a, b in zip(parts, other, strict=True)]
-        dims = list(spec.dims)
-        for part in parts:
-            if part.ndim != len(dims):
-                raise ValueError(f"signal.dims must name the {part.ndim} axes of shape {part.shape}, got {dims}")
-        signal = self._joined(parts, dims)
-        if self.mapping.join.startswith("new"):
-            dims = [self.mapping.join.split()[1], *dims]
-        _plausible(signal, "signal")
+        with self.sources.entry("signal", spec.file):
+            parts = self.sources.arrays(spec.file, spec.variable, "signal")
+            if spec.imaginary is not None:
+                other = self.sources.arrays(spec.file, spec.imaginary, "signal.imaginary")
+                _same_shape(parts, other, "signal.imaginary")
+                parts = [a + 1j * b for a, b in zip(parts, other, strict=True)]
+            if spec.interleaved:
+                parts = [_complex(part) for part in parts]
+            dims = list(spec.dims)
+            if spec.shape is not None:
+                parts = [_shaped(part, spec.shape) for part in parts]
+            for part in parts:
+                if part.ndim != len(dims):
+                    raise ValueError(f"signal.dims must name the {part.ndim} axes of shape {part.shape}, got {dims}")
+            signal = self._joined(parts, dims)
+            if self.mapping.join.startswith("new"):
+                dims = [self.mapping.join.split()[1], *dims]
+            plausible(signal, "signal")
+            return self._ordered(signal, dims)
+
+    def _ordered(self, signal: NDArray[Any], dims: list[str]) -> tuple[NDArray[Any], dict[str, int]]:
+        """Bring the axes into a run's order; scan axes of a raster become one."""
         single = tuple(k for k, name in enumerate(dims) if name == "single")
         if any(signal.shape[k] != 1 for k in single):
             raise ValueError(f"signal.dims: an axis called single must have length 1, got shape {signal.shape}")
         signal = signal.squeeze(axis=single)
         dims = ["frequency" if name == "sample" else name for name in dims if name != "single"]
-        if spec.conjugate:
+        if self.mapping.signal.conjugate:
             signal = signal.conj()
             self.notes.append("phases turned round (the recorder's convention is exp(+j2πfL/c))")
-        wanted = [n for n in ("scan", "polarization", "pair", "tx", "rx", "frequency") if n in dims]
-        signal = signal.transpose([dims.index(name) for name in wanted])
+        names = ("scan", "polarization", "pair", "tx", "rx", "frequency")
+        order = [k for name in names for k, dim in enumerate(dims) if dim == name]
+        signal = signal.transpose(order)
+        self.sources.grid = grid = signal.shape[: dims.count("scan")]
+        if len(grid) > 1:
+            self.notes.append(f"{' x '.join(map(str, grid))} positions made {math.prod(grid)} scans")
+            signal = signal.reshape(-1, *signal.shape[len(grid) :])
+        wanted = [name for name in names if name in dims]
         shape = dict(zip(wanted, signal.shape, strict=True))
         if "tx" in shape:
             shape["pair"] = shape["tx"] * shape["rx"]
@@ -176,28 +199,17 @@ class _Importer:
             raise ValueError(f"signal must have the same axes in all files but for {join}, got shapes {shapes}")
         return np.concatenate(parts, axis=axis)
 
-    def _vector(self, spec: Quantity, kind: str, where: str, along: str = "") -> FloatArray:
-        scale = factor(spec.unit, kind, f"{where}.unit")
-        if spec.values is not None:
-            values = np.asarray(spec.values, dtype=np.float64)
-        else:
-            parts = [_column(p, spec.column, where) for p in self._arrays(spec.file, str(spec.variable), where)]
-            values = _real(self._assembled(parts, along, where), where)
-        values = np.atleast_1d(values).ravel() * scale
-        _plausible(values, where)
-        return values - values[0] if spec.zero_first else values
-
-    def _assembled(self, parts: list[NDArray[Any]], along: str, where: str) -> NDArray[Any]:
-        if len(parts) > 1 and along == self.mapping.join.split()[-1]:
-            return np.concatenate([np.atleast_1d(part) for part in parts])
-        if any(part.shape != parts[0].shape or not np.array_equal(part, parts[0]) for part in parts[1:]):
-            raise ValueError(f"{where} must be the same in all {len(parts)} files, it is not")
-        return parts[0]
+    def _time(self, spec: Quantity, scans: int) -> FloatArray:
+        time = self.sources.vector(spec, "time", "time", "scan", scans)
+        if time.size != scans:
+            with self.sources.entry("time", spec.file):
+                raise ValueError(f"time must have {scans} values, one for each scan, got {time.size}")
+        return time
 
     def _tones(self, signal: NDArray[Any]) -> tuple[NDArray[Any], FloatArray]:
         m, count = self.mapping, signal.shape[-1]
         if m.frequency is not None:
-            tones = self._vector(m.frequency, "frequency", "frequency")
+            tones = self.sources.vector(m.frequency, "frequency", "frequency", count=count)
             if tones.size != count:
                 raise ValueError(f"frequency must have {count} tones as the signal has, got {tones.size}")
             check_frequency(np.sort(tones))
@@ -206,44 +218,15 @@ class _Importer:
             return signal, tones
         spec: Samples = m.samples  # type: ignore[assignment]  # Mapping sees to it
         kind = "time" if spec.meaning == "delay" else "length"
-        axis = self._vector(spec, kind, "samples") * {"delay": 1.0, "range": 2.0, "path": 1.0}[spec.meaning]
+        axis = (
+            self.sources.vector(spec, kind, "samples", count=count)
+            * {"delay": 1.0, "range": 2.0, "path": 1.0}[spec.meaning]
+        )
         delay = axis if spec.meaning == "delay" else axis / SPEED_OF_LIGHT
         scale = factor(spec.band_unit, "frequency", "samples.band_unit")
         band = (spec.band[0] * scale, spec.band[1] * scale)
         self.notes.append(f"impulse data taken to frequency, {band[0] / 1e9:g} to {band[1] / 1e9:g} GHz")
         return impulse_to_frequency(signal, delay, band, spec.pad)
-
-    def _points(self, spec: Positions, where: str) -> FloatArray:
-        scale = factor(spec.unit, "length", f"{where}.unit")
-        if spec.values is not None:
-            points = np.asarray(spec.values, dtype=np.float64)
-        elif spec.variable is not None:
-            points = _real(self._assembled(self._arrays(spec.file, spec.variable, where), "pair", where), where)
-        else:
-            along = "scan" if spec.frame == "lane" else "pair"
-            axes = [
-                self._assembled([p.ravel() for p in self._arrays(spec.file, str(v), where)], along, where)
-                for v in (spec.x, spec.y, spec.z)
-            ]
-            points = np.stack([_real(axis, where) for axis in axes], axis=-1)
-        if points.ndim < 2 or points.shape[-1] != 3:
-            raise ValueError(f"{where} must have x, y and z along its last axis, got shape {points.shape}")
-        points = points * scale
-        _plausible(points, where)
-        if spec.index is not None:
-            points = points[..., self._index(spec.index, points.shape[-2], f"{where}.index"), :]
-        return points
-
-    def _index(self, spec: Index, count: int, where: str) -> NDArray[np.int64]:
-        parts = self._arrays(spec.file, spec.variable, where)
-        values = _real(self._assembled([_column(p, spec.column, where) for p in parts], "pair", where), where).ravel()
-        rows = values - spec.first
-        if not np.isfinite(rows).all() or (rows != np.round(rows)).any() or rows.min() < 0 or rows.max() >= count:
-            raise ValueError(
-                f"{where} must hold whole numbers from {spec.first} to {count - 1 + spec.first}, got {values.min():g} "
-                f"to {values.max():g}"
-            )
-        return rows.astype(np.int64)
 
     def _geometry(
         self, sizes: dict[str, int], shape: tuple[int, ...]
@@ -255,23 +238,34 @@ class _Importer:
         else:
             spec_tx, spec_rx = m.tx_position, m.rx_position  # type: ignore[assignment]  # Mapping sees to it
             names = ("tx_position", "rx_position")
-        tx, rx = self._points(spec_tx, names[0]), self._points(spec_rx, names[1])
+        tx, rx = (
+            self.sources.points(spec, name, "scan" if spec.frame == "lane" else "pair")
+            for spec, name in ((spec_tx, names[0]), (spec_rx, names[1]))
+        )
+        if "lane" in (spec_tx.frame, spec_rx.frame):
+            # Positions per scan of a single antenna need no axis for it.
+            tx, rx = (part[:, None] if part.ndim == 2 and pairs == 1 else part for part in (tx, rx))
         if "tx" in sizes:
             rows = tx.shape[-2], rx.shape[-2]
-            for name, count, side in zip(names, rows, ("tx", "rx"), strict=True):
+            for name, count, side, spec in zip(names, rows, ("tx", "rx"), (spec_tx, spec_rx), strict=True):
                 if count != sizes[side]:
-                    raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
+                    with self.sources.entry(name, spec.file):
+                        raise ValueError(f"{name} must give {sizes[side]} antennas as the signal has, got {count}")
             tx, rx = np.repeat(tx, rows[1], axis=-2), np.concatenate([rx] * rows[0], axis=-2)
         origin = None
         if "lane" in (spec_tx.frame, spec_rx.frame):
-            tx, rx, origin = _rigid(tx, rx, shape[0])
-        for name, points in zip(names, (tx, rx), strict=True):
+            with self.sources.entry(names[0], spec_tx.file):
+                tx, rx, origin = _rigid(tx, rx, shape[0])
+        for name, points, spec in zip(names, (tx, rx), (spec_tx, spec_rx), strict=True):
             if points.shape != (pairs, 3):
-                raise ValueError(f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}")
+                with self.sources.entry(name, spec.file):
+                    raise ValueError(f"{name} must give x, y, z of {pairs} pairs as the signal has, got {points.shape}")
         return tx, rx, origin
 
     def _offset(self, spec: PathOffset, shape: tuple[int, ...]) -> FloatArray:
-        values = self._vector(spec, "length", "path_offset", spec.along) * (2.0 if spec.meaning == "range" else 1.0)
+        values = self.sources.vector(spec, "length", "path_offset", spec.along) * (
+            2.0 if spec.meaning == "range" else 1.0
+        )
         count = shape[0] if spec.along == "scan" else shape[2]
         if values.size not in (1, count) or not np.isfinite(values).all():
             raise ValueError(f"path_offset must be one finite length or one for each of {count} {spec.along}s")
@@ -287,20 +281,16 @@ class _Importer:
         if self.given_track is not None:
             if time is None:
                 raise ValueError("the mapping must have the table time, the radar's time of every scan, to use a track")
+            self.notes += self.given_track.attrs.get("notes", [])
             self.notes.append(f"poses from a track given beside the mapping, at {self.clock_offset:g} s + radar time")
             return poses_at(self.given_track, time, self.clock_offset), self.given_track
         if m.pose is not None:
-            pose = np.empty((scans, 6))
-            for column, name in enumerate(POSE_COMPONENTS):
-                unit, kind = (m.pose.unit, "length") if column < 3 else (m.pose.angle_unit, "angle")
-                scale = factor(unit, kind, f"pose.{'unit' if column < 3 else 'angle_unit'}")
-                pose[:, column] = scale * self._component(getattr(m.pose, name), m.pose.file, f"pose.{name}", scans)
-            return pose, None
+            return read_poses(self.sources, m.pose, scans, self.anchor), None
         if m.track is not None and time is not None:
-            track = self._track()
-            spec = m.track
+            track, spec = read_way(self.sources, m.track, self.anchor), m.track
             self.notes.append(f"poses from the track at {spec.clock_offset:g} s + {spec.clock_rate:g} · radar time")
-            return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
+            with self.sources.entry("track", spec.time.file):
+                return poses_at(track, time, spec.clock_offset, spec.clock_rate, spec.max_gap), track
         if origin is None:
             raise ValueError(
                 "where the vehicle was is missing: give pose, or track, or positions with frame = 'lane' in the "
@@ -310,45 +300,6 @@ class _Importer:
         pose[:, :3] = origin
         return pose, None
 
-    def _component(self, value: float | str, file: str, where: str, count: int) -> FloatArray:
-        if not isinstance(value, str):
-            return np.full(count, float(value))
-        parts = [np.atleast_1d(part.squeeze()) for part in self._arrays(file, value, where)]
-        values = _real(self._assembled(parts, "scan", where), where)
-        if values.shape != (count,):
-            raise ValueError(f"{where} must have {count} values, got shape {values.shape}")
-        return values
-
-    def _track(self) -> pd.DataFrame:
-        spec = self.mapping.track
-        if spec is None:
-            raise ValueError("track is missing")
-        position = self._points(spec.position, "track.position")
-        time = self._vector(spec.time, "time", "track.time")
-        angle = factor(spec.angle_unit, "angle", "track.angle_unit")
-        file, count = spec.position.file, len(position)
-        heading = (
-            course(position)
-            if spec.heading == "course"
-            else angle * self._component(spec.heading, file, "track.heading", count)
-        )
-        tilt = [angle * self._component(getattr(spec, n), file, f"track.{n}", count) for n in ("pitch", "roll")]
-        return reference_track(make_track(time, position, heading, *tilt), spec.lever_arm, spec.latency)
-
-
-def _column(values: NDArray[Any], column: int | None, where: str) -> NDArray[Any]:
-    if column is None:
-        return np.atleast_1d(values.squeeze())
-    if values.ndim != 2 or not 0 <= column < values.shape[1]:
-        raise ValueError(f"{where}.column must be a column of the variable, got {column} for shape {values.shape}")
-    return values[:, column]
-
-
-def _real(values: NDArray[Any], where: str) -> FloatArray:
-    if np.iscomplexobj(values):
-        raise ValueError(f"{where} must be real numbers, got {values.dtype}")
-    return np.asarray(values, dtype=np.float64)
-
 
 def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: str) -> None:
     for a, b in zip(first, second, strict=True):
@@ -356,15 +307,18 @@ def _same_shape(first: list[NDArray[Any]], second: list[NDArray[Any]], where: st
             raise ValueError(f"{where} must have the same shape everywhere, got {a.shape} and {b.shape}")
 
 
-def _plausible(values: NDArray[Any], where: str) -> None:
-    """Refuse magnitudes that no instrument records but a wrong byte order makes."""
-    size = np.abs(values[np.isfinite(values)])
-    largest = float(size.max(initial=0.0))
-    if largest > _LARGEST or 0 < largest < _SMALLEST:
-        raise ValueError(
-            f"{where} must lie between {_SMALLEST:g} and {_LARGEST:g} in magnitude, got up to {largest:g}: is the byte "
-            "order wrong?"
-        )
+def _complex(values: NDArray[Any]) -> NDArray[Any]:
+    if np.iscomplexobj(values) or not values.ndim or values.shape[-1] % 2:
+        raise ValueError(f"signal.interleaved asks for pairs of real numbers, got {values.dtype} {values.shape}")
+    parts = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
+    return np.ascontiguousarray(parts).view(np.complex64 if parts.dtype == np.float32 else np.complex128)
+
+
+def _shaped(values: NDArray[Any], shape: list[int]) -> NDArray[Any]:
+    try:
+        return values.reshape(shape)
+    except ValueError:
+        raise ValueError(f"signal.shape must hold {values.size} values of {values.shape}, got {shape}") from None
 
 
 def _rigid(tx: FloatArray, rx: FloatArray, scans: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MISSING = {"", "nan", "na", "null"}
+_SIGN = re.compile(r"\s*([+-])\s*")
+_HINT = "decimal commas are read where semicolons or tabs part the columns"
 
 
 def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
     """Read a text table; columns are separated by semicolons, commas, tabs or blanks, complex numbers are ``a+bi``.
 
-    A first line that is not of numbers names the columns; lines that begin with ``#`` or ``%`` are left out. It comes
-    as ``table`` (row, column), and with a header line also as every column that holds numbers, by name.
+    A first line that is not of numbers names the columns; lines that begin with ``#`` or ``%`` are left out. Between
+    semicolons or tabs, numbers may have a decimal comma, if none has a decimal point. It comes as ``table`` (row,
+    column), and with a header line also as every column that holds numbers, by name.
     """
     rows = _rows(path)
     if not rows:
@@ -31,15 +35,15 @@ def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
     width = len(names) if names is not None else len(rows[0][1])
     for line, cells in rows:
         if len(cells) != width:
-            raise ValueError(f"line {line} must have {width} cells like the first, got {len(cells)}")
+            raise ValueError(f"line {line} must have {width} cells like the first, got {len(cells)}; {_HINT}")
     columns = [_column([cells[k] for _, cells in rows]) for k in range(width)]
     bad = [k for k, column in enumerate(columns) if column is None]
     if names is None and bad:
         line, cell = next((line, cells[k]) for line, cells in rows for k in bad if _number(cells[k]) is None)
-        raise ValueError(f"line {line} must hold numbers with a decimal point, got {cell.strip()!r}")
+        raise ValueError(f"line {line} must hold numbers, got {cell.strip()!r}; {_HINT}")
     numeric = {k: column for k, column in enumerate(columns) if column is not None}
     if not numeric:
-        raise ValueError("no column holds numbers with a decimal point")
+        raise ValueError(f"no column holds numbers; {_HINT}")
     found: dict[str, NDArray[Any]] = {}
     if not bad:
         found["table"] = np.stack(list(numeric.values()), axis=1)
@@ -57,14 +61,39 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         return []
     first = lines[0][1]
     mark = next((mark for mark in ";\t," if mark in first), None)
+    if mark == "," and re.search(r"\d,\d+\s+[-+]?\d+,\d", first):
+        raise ValueError(f"line {lines[0][0]} has blanks between numbers with commas; {_HINT}, not blanks")
     if mark is None:
         return [(k, line.split()) for k, line in lines]
     cells = csv.reader([line for _, line in lines], delimiter=mark)
-    return [(k, row) for (k, _), row in zip(lines, cells, strict=True)]
+    rows = [(k, row) for (k, _), row in zip(lines, cells, strict=True)]
+    return rows if mark == "," or "," not in text else _with_points(rows)
+
+
+def _with_points(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Give numbers with a decimal comma a decimal point, unless other numbers of the table have one."""
+    point, found = None, []
+    comma: tuple[int, str] | None = None
+    for line, cells in rows:
+        changed = []
+        for cell in cells:
+            turned = cell.replace(",", ".")
+            if turned != cell and _number(turned) is not None:
+                comma = comma or (line, cell.strip())
+                cell = turned
+            elif point is None and "." in cell and _number(cell) is not None:
+                point = line
+            changed.append(cell)
+        found.append((line, changed))
+    if comma is not None and point is not None:
+        raise ValueError(
+            f"line {comma[0]} must not have decimal commas beside the decimal points of line {point}, got {comma[1]!r}"
+        )
+    return found
 
 
 def _number(cell: str) -> complex | None:
-    text = cell.strip().lower().replace(" ", "")
+    text = _SIGN.sub(r"\1", cell.strip().lower())
     if text in _MISSING:
         return complex(np.nan)
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,35 +12,87 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
+from flgpr.io.arrays import open_arrays
+from flgpr.io.axes import attitude_of, axes_matrix
 from flgpr.io.extras import optional
 from flgpr.io.files import existing, faults_of
+from flgpr.io.mapping import factor
+from flgpr.io.motive import is_motive
 from flgpr.io.textarrays import read_text_table
-from flgpr.model.track import course, make_track
+from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 
 _DAY = 86400.0
 FIXED = (4,)
 """GGA quality of a fixed carrier-phase solution."""
 
 
-def read_track(path: str | Path, heading: str = "column") -> pd.DataFrame:
+def read_track(
+    path: str | Path,
+    heading: str = "column",
+    body: str | None = None,
+    axes: Sequence[str] | None = None,
+    max_gap: float = 1.0,
+) -> pd.DataFrame:
     """Read a track from CSV with the columns ``time_s``, ``x_m``, ``y_m``, ``z_m`` in the lane frame.
 
     Angles are in ``heading_deg`` or ``heading_rad``, ``pitch_deg`` and ``roll_deg`` or the same with rad. With
     ``heading`` "column" all three must be there; with "course" the heading is the direction of the way, and pitch and
-    roll are zero where there are no such columns. A missing column, a value that is not finite or a time that does not
-    increase is a ValueError.
+    roll are zero where there are no such columns. What an import writes beside a run (``time``, ``x``, ...) is read,
+    too, and a take of OptiTrack Motive: of the rigid body ``body`` (the only one, if it is None), with ``axes``, which
+    of Motive's axes are the lane's x, y and z, such as ``("x", "-z", "y")`` where Motive has y up; the body's own axes
+    must have been made along them, with the vehicle along +y of the lane.
+
+    Fixes that are not finite are left out and counted in ``attrs["notes"]``. A missing column, a stretch of more than
+    ``max_gap`` s without a finite fix between others that are left out, or a time that does not increase is a
+    ValueError.
     """
-    columns = _columns(path)
     if heading not in ("column", "course"):
         raise ValueError(f"heading must be 'column' or 'course', got {heading!r}")
+    take = is_motive(existing(path, "track"))
+    if not take and (body is not None or axes is not None):
+        raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
     with faults_of(path):
-        time = _needed(columns, "time_s")
-        place = np.stack([_needed(columns, f"{axis}_m") for axis in "xyz"], axis=1)
+        time, pose = _take(Path(path), body, axes) if take else _fixes(read_text_table(Path(path)), heading)
+        keep, notes = bridged(time, pose, max_gap)
         if heading == "course":
-            angles = [course(place), *(_angle(columns, name, 0.0 * time) for name in ("pitch", "roll"))]
-        else:
-            angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
-        return make_track(time, place, *angles)
+            pose[keep, 3] = course(pose[keep, :3])
+        track = make_track(time[keep], pose[keep, :3], *pose[keep, 3:].T)
+    track.attrs["notes"] = notes
+    return track
+
+
+def _fixes(columns: Mapping[str, NDArray[Any]], heading: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Take times and poses (fix, 6) of a table; a heading along the way is left zero."""
+    names = [column.name for column in TRACK_COLUMNS]
+    if set(names) <= set(columns):
+        time, *parts = (_needed(columns, name) for name in names)
+        return time, np.stack(parts, axis=1)
+    time = _needed(columns, "time_s")
+    place = [_needed(columns, f"{axis}_m") for axis in "xyz"]
+    if heading == "course":
+        angles = [0.0 * time, *(_angle(columns, name, 0.0 * time) for name in ("pitch", "roll"))]
+    else:
+        angles = [_angle(columns, name) for name in ("heading", "pitch", "roll")]
+    return time, np.stack([*place, *angles], axis=1)
+
+
+def _take(path: Path, body: str | None, axes: Sequence[str] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    opened = open_arrays(path)
+    known = [name.removesuffix("/rotation") for name in opened.arrays if name.endswith("/rotation")]
+    bodies = [name for name in known if f"{name}/position" in opened.arrays]
+    if (body is None and len(bodies) != 1) or (body is not None and body not in bodies):
+        raise ValueError(f"body must be one of {', '.join(bodies) or 'none'}, got {body!r}")
+    if axes is None:
+        raise ValueError(
+            "axes must say which of Motive's axes are the lane's x, y and z, such as x,-z,y where Motive has y up"
+        )
+    name = body or bodies[0]
+    place, turn = opened.read(f"{name}/position"), opened.read(f"{name}/rotation")
+    if turn.shape[1] != 4:
+        raise ValueError("a take with Euler angles needs a mapping that tells their order: export quaternions instead")
+    scale = factor(opened.arrays[f"{name}/position"].unit, "length", "the header's Length Units")
+    pose = np.concatenate([scale * place @ axes_matrix(axes).T, attitude_of(turn, axes, axes)], axis=1)
+    return opened.read("time"), pose
 
 
 def read_survey(path: str | Path) -> NDArray[np.float64]:

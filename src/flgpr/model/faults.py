@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+_BRANCHES = ("float", "str", "Variable")  # what pydantic calls the kinds of an entry that may be of several
 Entries = TypeVar("Entries", bound=BaseModel)
 
 
@@ -42,7 +43,7 @@ def parse_entries(schema: type[Entries], data: str | bytes, what: str, whole: st
 
 def describe_fault(fault: Any, schema: type[BaseModel], whole: str) -> str:
     """Tell one fault in a line, ``targets.0.dept: no such entry; did you mean depth?``, or of the ``whole`` file."""
-    place = tuple(fault["loc"])
+    place = tuple(part for part in fault["loc"] if part not in _BRANCHES)
     where = ".".join(map(str, place)) or whole
     return f"{where}: {_rule(fault, schema, place)}" if where else _rule(fault, schema, place)
 

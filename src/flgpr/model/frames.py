@@ -33,6 +33,16 @@ def heading_matrix(heading: float) -> NDArray[np.float64]:
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
+    """Heading, pitch and roll (..., 3), rad, of rotations (..., 3, 3) from the vehicle frame to lane axes.
+
+    The inverse of ``Rz(-heading)·Rx(pitch)·Ry(roll)``, with the pitch within ±π/2.
+    """
+    m = np.asarray(rotation, dtype=np.float64)
+    heading, roll = np.arctan2(m[..., 0, 1], m[..., 1, 1]), np.arctan2(-m[..., 2, 0], m[..., 2, 2])
+    return np.stack([heading, np.arcsin(np.clip(m[..., 2, 1], -1.0, 1.0)), roll], axis=-1)
+
+
 def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
     """Points (n, 3) on the mean ground of the lane frame, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))

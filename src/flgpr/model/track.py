@@ -53,6 +53,29 @@ def check_track(track: pd.DataFrame) -> pd.DataFrame:
     return track
 
 
+def bridged(
+    time: NDArray[np.float64], pose: NDArray[np.float64], max_gap: float = np.inf
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Tell which fixes, of times (fix,) and poses (fix, 6), are finite, and count the others in a note.
+
+    Fixes that are missing between others more than ``max_gap`` s apart, or fewer than two finite ones, are a
+    ValueError.
+    """
+    keep = np.isfinite(time) & np.isfinite(pose).all(axis=1)
+    rows = np.flatnonzero(keep)
+    if rows.size < 2:
+        raise ValueError(f"a track must have at least two finite fixes, got {rows.size} of {keep.size}")
+    gap = np.where(np.diff(rows) > 1, np.diff(time[rows]), 0.0)
+    worst = int(gap.argmax())
+    if gap[worst] > max_gap:
+        raise ValueError(
+            f"a track must have a finite fix at least every max_gap = {max_gap:g} s, got none for {gap[worst]:g} s "
+            f"after {time[rows[worst]]:g} s"
+        )
+    missing = keep.size - rows.size
+    return keep, [f"{missing} of {keep.size} fixes of the track not finite, bridged"] if missing else []
+
+
 def poses_at(
     track: pd.DataFrame, time: ArrayLike, clock_offset: float = 0.0, clock_rate: float = 1.0, max_gap: float = np.inf
 ) -> NDArray[np.float64]:
@@ -113,15 +136,24 @@ def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:
     """
     points = np.asarray(position, dtype=np.float64)[:, :2]
     rows = np.arange(len(points))
-    before, after = rows.copy(), rows.copy()
-    for k in rows:
-        away = np.hypot(*(points - points[k]).T) >= least
-        later, earlier = np.flatnonzero(away[k:]), np.flatnonzero(away[: k + 1])
-        after[k] = k + later[0] if later.size else k
-        before[k] = earlier[-1] if earlier.size else k
+    after = _first_away(points, least)
+    before = len(points) - 1 - _first_away(points[::-1], least)[::-1]
     step = points[after] - points[before]
     known = np.flatnonzero(np.hypot(*step.T) >= least)
     if not known.size:
         raise ValueError(f"the track must move by at least {least:g} m to tell a heading, it does not")
     heading = np.unwrap(np.arctan2(step[known, 0], step[known, 1]))
     return np.asarray(np.angle(np.exp(1j * np.interp(rows, known, heading))), dtype=np.float64)
+
+
+def _first_away(points: NDArray[np.float64], least: float) -> NDArray[np.intp]:
+    """Index of the first later point that is at least so far away, of every point; its own where there is none."""
+    found = np.arange(len(points))
+    open_ones, lag = np.arange(len(points) - 1), 1
+    while open_ones.size:
+        away = np.hypot(*(points[open_ones + lag] - points[open_ones]).T) >= least
+        found[open_ones[away]] += lag
+        lag += 1
+        open_ones = open_ones[~away]
+        open_ones = open_ones[open_ones + lag < len(points)]
+    return found

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from flgpr.calibrate import BiasFit, ClockFit, estimate_clock, estimate_range_bias, remove_range_bias, with_track
@@ -15,9 +14,7 @@ from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
 from flgpr.io.files import check_new, existing
 from flgpr.io.textarrays import read_text_table
-from flgpr.io.tracks import read_track
 from flgpr.model import SPEED_OF_LIGHT
-from flgpr.model.track import TRACK_COLUMNS, check_track
 from flgpr.tasks.exchange import track_of
 
 PathLike = str | Path
@@ -51,7 +48,7 @@ def calibrate_clock(
     store = Path(run)
     check_new(output)
     held = open_run(store)
-    way = _read_track(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
+    way = track_of(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
     x_min, x_max, y_min, y_max = search.area
     spacing = search.spacing or SPEED_OF_LIGHT / float(held["frequency"].values[-1]) / 4
     low, high = search.offsets
@@ -98,17 +95,6 @@ def calibrate_range_bias(
     if output is not None:
         _save(remove_range_bias(held, fit.bias), output, {"range_bias_m": fit.bias})
     return fit
-
-
-def _read_track(path: Path, anchor: PathLike | None) -> pd.DataFrame:
-    """Read a track in lane coordinates, as import writes it or as :func:`read_track` describes, or an NMEA log."""
-    if existing(path, "track").suffix.lower() != ".csv":
-        return track_of(path, anchor)
-    names = [column.name for column in TRACK_COLUMNS]
-    columns = read_text_table(path)
-    if set(names) <= set(columns):
-        return check_track(pd.DataFrame({name: columns[name] for name in names}))
-    return read_track(path)
 
 
 def _save(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -10,7 +11,7 @@ import xarray as xr
 from flgpr.io import MAX_MEMORY, georeferenced, open_run, read_table, save_run, sha256, write_table
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.files import check_new
+from flgpr.io.files import check_new, existing
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.track import reference_track
@@ -26,7 +27,7 @@ def import_with_mapping(
     output: PathLike,
     data: list[PathLike] | None = None,
     survey: PathLike | None = None,
-    track: PathLike | None = None,
+    track: PathLike | pd.DataFrame | None = None,
     anchor: PathLike | None = None,
     clock_offset: float = 0.0,
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -39,13 +40,17 @@ def import_with_mapping(
     of the mapping's files. Poses may come from ``survey``, CSV as :func:`flgpr.io.read_survey` takes it, or from
     ``track``, CSV or an NMEA log, which needs the ``anchor`` (TOML): then ``clock_offset`` is the track's clock less
     the radar's, s, ``latency`` how late its stamps are, s, and ``lever_arm`` the antenna's place in the vehicle frame,
-    m. ``max_memory`` is the largest array that is read, bytes.
+    m. A take of motion capture is read before, by :func:`flgpr.io.read_track`. ``max_memory`` is the largest array that
+    is read, bytes.
     """
     _fresh(Path(output))
     pose = read_survey(survey) if survey is not None else None
-    moved = None if track is None else reference_track(track_of(Path(track), anchor), lever_arm, latency)
+    moved = None
+    if track is not None:
+        way = track if isinstance(track, pd.DataFrame) else track_of(Path(track), anchor)
+        moved = reference_track(way, lever_arm, latency)
     files = [Path(one) for one in data or ()]
-    arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset)
+    arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(anchor))
     store, run = Path(output), _tied(arrived.run, anchor)
     if arrived.track is not None:  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
@@ -123,10 +128,16 @@ def _write_points(
     return output
 
 
-def track_of(path: Path, anchor: PathLike | None) -> pd.DataFrame:
-    """Read a track from CSV, or from an NMEA log with the anchor that it needs."""
-    if path.suffix.lower() == ".csv":
-        return read_track(path)
+def track_of(
+    path: Path,
+    anchor: PathLike | None,
+    body: str | None = None,
+    axes: Sequence[str] | None = None,
+    max_gap: float = 1.0,
+) -> pd.DataFrame:
+    """Read a track from CSV, as :func:`flgpr.io.read_track` does, or from an NMEA log with the anchor that it needs."""
+    if existing(path, "track").suffix.lower() == ".csv":
+        return read_track(path, "column", body, axes, max_gap)
     tie = _anchor(anchor)
     if tie is None:
         raise ValueError(f"{path}: a track of a satellite receiver needs an anchor to lie in the lane")
