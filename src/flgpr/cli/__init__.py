@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -14,6 +13,7 @@ from flgpr.cli.benchmark import benchmark_app
 from flgpr.cli.calibration import anchor, calibrate_app
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
+from flgpr.cli.picture import image, prepare
 from flgpr.cli.scoring import score
 from flgpr.cli.simulation import design, simulate
 from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
@@ -27,8 +27,7 @@ app = typer.Typer(
     add_completion=False,
 )
 app.registered_commands += runs.app.registered_commands
-commands: tuple[Callable[..., None], ...] = (score, simulate, design, anchor, export, reproduce, live, feed)
-for command in commands:
+for command in (score, simulate, prepare, image, design, anchor, export, reproduce, live, feed):
     app.command()(command)
 for group in (calibrate_app, import_app, recipe_app, plan_app, bench_app, benchmark_app):
     app.add_typer(group)

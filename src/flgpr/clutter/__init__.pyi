@@ -25,6 +25,15 @@ from flgpr.clutter.masks import (
 from flgpr.clutter.standing import standing_field, subtract_standing
 from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain, shared_level
 from flgpr.clutter.suppression import Suppression, suppress_by_model
+from flgpr.clutter.traces import (
+    band_pass,
+    dewow,
+    gate,
+    remove_standing,
+    shift_time,
+    subtract_run,
+    time_gain,
+)
 from flgpr.clutter.whitening import ClutterWhitener, whitening_matrix
 
 __all__ = [
@@ -45,25 +54,32 @@ __all__ = [
     "accuracy_needed",
     "averaged",
     "averaged_frames",
+    "band_pass",
     "coherent_loss_db",
+    "dewow",
     "equal_cost",
     "extended_mask",
     "fundamental_mask",
     "gain_background",
+    "gate",
     "intersect",
     "iterate_frames",
     "iterate_suppression",
     "measured_coherence",
     "mixed_mask",
     "remove_background",
+    "remove_standing",
     "roadside_mask",
     "scan_gain",
     "self_signature",
     "shared_gain",
     "shared_level",
+    "shift_time",
     "standing_field",
     "subregions",
+    "subtract_run",
     "subtract_standing",
     "suppress_by_model",
+    "time_gain",
     "whitening_matrix",
 ]

@@ -19,7 +19,9 @@ from flgpr.tasks.detection import detect_long, detect_run, detect_runs
 from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping, track_of
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
+from flgpr.tasks.picture import Picture, View, make_picture
 from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
+from flgpr.tasks.preparing import check_steps, prepare_run, read_steps
 from flgpr.tasks.registering import register_recipe
 from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
@@ -46,14 +48,17 @@ __all__ = [
     "LiveReport",
     "LiveRun",
     "LiveSettings",
+    "Picture",
     "Question",
     "Result",
     "Vehicle",
+    "View",
     "anchor_from_points",
     "bench_imaging",
     "calibrate_clock",
     "calibrate_range_bias",
     "check_request",
+    "check_steps",
     "compare_alarms",
     "compare_sealed",
     "demo",
@@ -74,13 +79,16 @@ __all__ = [
     "import_with_mapping",
     "list_bodies",
     "load_recipe",
+    "make_picture",
     "make_signature",
     "outcome_table",
     "parse_size",
     "plan_files",
     "plan_lane",
     "plan_mines",
+    "prepare_run",
     "read_result",
+    "read_steps",
     "recipe_for",
     "recipe_names",
     "recipe_text",

@@ -48,8 +48,7 @@ def run_info(
         table = load_recipe(recipe)
         grid, lane = table.image.grid(), lane_of(dataset, table)
     else:
-        scale = height if height > 0 else max(float(array.max()), _LEAST_HEIGHT)
-        grid = Grid.spanning((-1.2 * scale, 1.2 * scale), (scale, 5 * scale), scale / 20)
+        grid = _grid_ahead(dataset, pose)
         lane = _ahead(grid, pose[complete])
     names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
     spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
@@ -77,6 +76,18 @@ def run_info(
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
         "warnings": _doubts(array, height),
     }
+
+
+def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:
+    """Bound the ground that an array of a run looks at from poses (scan, 6): 1 to 5 heights ahead, 1.2 to each side."""
+    return _ahead(_grid_ahead(run, poses), poses)
+
+
+def _grid_ahead(run: xr.Dataset, poses: NDArray[np.float64]) -> Grid:
+    antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
+    height = float(poses[:, 2].mean() + antennas[:, 2].mean())
+    scale = height if height > 0 else max(float(np.ptp(antennas, axis=0).max()), _LEAST_HEIGHT)
+    return Grid.spanning((-1.2 * scale, 1.2 * scale), (scale, 5 * scale), scale / 20)
 
 
 def _ahead(grid: Grid, poses: NDArray[np.float64]) -> Lane:

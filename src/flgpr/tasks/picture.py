@@ -1,0 +1,249 @@
+"""A focused picture of a run: by one scan or over the aperture of many, of ground, section or volume."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.calibrate import brightest_points, way_weights
+from flgpr.chain.progress import Track, silent
+from flgpr.imaging import aperture_blocks, aperture_image
+from flgpr.io import open_run
+from flgpr.io.anchor import read_anchor
+from flgpr.io.extras import optional
+from flgpr.io.files import check_new, partial_of
+from flgpr.io.georeferenced import write_geotiff
+from flgpr.model import SPEED_OF_LIGHT, complete_scans
+from flgpr.tasks.information import seen_ground
+
+PathLike = str | Path
+Extent = tuple[float, float] | float
+ENDINGS = (".png", ".npz", ".zarr", ".tif")
+_MOST, _CHOSEN = 50_000_000, 300_000  # pixels at most, and where the spacing is ours to choose
+_DEEPEST = 3.0  # m, of a section that is not told its depth
+
+
+@dataclass(frozen=True)
+class View:
+    """What to image.
+
+    Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a plane, three a volume.
+    What is not told follows from the run: the ground ahead of antennas that stand above it, else the section below the
+    line, down to half the unambiguous range. ``scans`` are the first and the last that are summed, default all;
+    ``spacing`` (m) is by default a quarter of the wavelength, or what gives 300 000 pixels. ``permittivity`` is that of
+    all between antennas and pixels, ``half_space`` that of ground below z = 0, at whose surface paths are refracted.
+    Antennas farther than ``reach`` (m) from a pixel, level with the ground, do not help to image it.
+    """
+
+    x: Extent | None = None
+    y: Extent | None = None
+    z: Extent | None = None
+    spacing: float | None = None
+    scans: tuple[int, int] | None = None
+    polarizations: tuple[str, ...] = ()
+    band: tuple[float, float] | None = None  #: Hz
+    window: str = "hann"
+    permittivity: float = 1.0
+    half_space: float | None = None
+    reach: float = math.inf
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A focused image, its brightest points and what was chosen on the way."""
+
+    image: xr.DataArray  #: complex64 (polarization, z, y, x)
+    #: of the first polarization, brightest first: x, y, z (m), level (dB re the first), over_median (dB), and the width
+    #: at -3 dB along every axis that is imaged, m; NaN where it does not fall so far
+    peaks: pd.DataFrame
+    spacing: float
+    scans: int
+
+
+def make_picture(
+    run: PathLike, view: View = View(), output: Sequence[PathLike] = (), anchor: PathLike | None = None,
+    points: int = 5, track: Track = silent,
+) -> Picture:  # fmt: skip
+    """Focus a stored run and write the picture to files: PNG, NumPy (.npz), Zarr (.zarr) or GeoTIFF (.tif, ``anchor``).
+
+    The sum is coherent over the scans, each from its own pose and weighed by the way that it stands for. A view that
+    does not fit the run, a picture of too many pixels or a file of another kind is a ValueError.
+    """
+    files = [Path(one) for one in output]
+    for path in files:
+        if path.suffix.lower() not in ENDINGS:
+            raise ValueError(f"output must end in {', '.join(ENDINGS)}, got {path.name!r}")
+        check_new(path)
+    tie = read_anchor(anchor) if anchor is not None else None
+    if any(path.suffix.lower() == ".tif" for path in files) and tie is None:
+        raise ValueError("a GeoTIFF needs an anchor, got none")
+    held = open_run(run)
+    chosen = _scans(held, view.scans)
+    if view.polarizations:
+        known = [str(label) for label in held["polarization"].values]
+        unknown = [label for label in view.polarizations if label not in known]
+        if unknown:
+            raise ValueError(f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}")
+        held = held.sel(polarization=list(view.polarizations))
+    pose = held["pose"].values[chosen]
+    axes, spacing = _axes(held, view, pose)
+    grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
+    weights = np.zeros(held.sizes["scan"])
+    weights[chosen] = way_weights(pose[:, :3])
+    blocks = aperture_blocks(held, chosen)
+    how: dict[str, Any] = {"window": view.window, "permittivity": view.permittivity, "half_space": view.half_space}
+    if view.band is not None:
+        how["subbands"] = [view.band]
+    values = aperture_image(held, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **how)
+    title = f"{held.attrs.get('title') or Path(run).name}, {chosen.size} scan{'s' * (chosen.size > 1)}"
+    about = {"title": title, "permittivity": view.permittivity, "half_space": view.half_space or 0.0}
+    image = xr.DataArray(
+        values,
+        dims=("polarization", "z", "y", "x"),
+        coords={"polarization": held["polarization"].values.astype(str), **axes},
+        attrs=about | {"window": view.window, "band_hz": list(view.band or held["frequency"].values[[0, -1]])},
+        name="image",
+    )
+    picture = Picture(image, _peaks(image, points), spacing, chosen.size)
+    for path in files:
+        if path.suffix.lower() == ".tif":
+            _write_tiff(image, path, tie)
+        else:
+            _write(picture, path, pose)
+    return picture
+
+
+def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
+    """Give the complete scans within limits, both counted."""
+    count = run.sizes["scan"]
+    first, last = limits or (0, count - 1)
+    if not 0 <= first <= last < count:
+        raise ValueError(f"scans must have 0 <= first <= last < {count}, the run's, got {first}, {last}")
+    scans = np.flatnonzero(complete_scans(run))
+    chosen = scans[(scans >= first) & (scans <= last)]
+    if not chosen.size:
+        raise ValueError(f"scans must hold one without missing sweeps, got none from {first} to {last}")
+    return chosen
+
+
+def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[str, NDArray[np.float64]], float]:
+    """Choose the pixels' axes, m, and their spacing."""
+    frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity)
+    limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
+    height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
+    if all(value is None for value in limits.values()):
+        if height > 0:
+            lane = seen_ground(run, pose)
+            limits = {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
+        else:
+            step = float(np.diff(frequency).mean()) if frequency.size > 1 else math.inf
+            deep = min(SPEED_OF_LIGHT / slow / (4 * step), _DEEPEST)
+            along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
+            ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}
+            limits = {axis: float(ends[axis].mean()) for axis in "xy"} | {"z": (-deep, 0.0)}
+            limits[along] = float(ends[along].min()), float(ends[along].max())
+    elif view.z is None:
+        limits["z"] = 0.0
+    told = {axis: value for axis, value in limits.items() if value is not None}
+    missing = [axis for axis in "xyz" if axis not in told]
+    if missing:
+        raise ValueError(f"{' and '.join(missing)} must be told beside the others, a value or two limits, got none")
+    wide = {axis: value for axis, value in told.items() if isinstance(value, tuple)}
+    if len(wide) < 2:
+        raise ValueError(f"two of x, y and z must have two limits to make a picture, got {', '.join(wide) or 'none'}")
+    for axis, (low, high) in wide.items():
+        if not (math.isfinite(low) and math.isfinite(high) and high > low):
+            raise ValueError(f"{axis} must have limits that increase, got {low:g}, {high:g}")
+    spacing = view.spacing
+    if spacing is None:
+        band = view.band or (frequency[0], frequency[-1])
+        size = math.prod(high - low for low, high in wide.values())
+        spacing = max(SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / _CHOSEN) ** (1 / len(wide)))
+        spacing = float(f"{spacing:.2g}")
+    if not (math.isfinite(spacing) and spacing > 0):
+        raise ValueError(f"spacing must be positive, got {spacing:g} m")
+    counts = {axis: round((high - low) / spacing) + 1 for axis, (low, high) in wide.items()}
+    if math.prod(counts.values()) > _MOST or min(counts.values()) < 2:
+        told_of = " x ".join(f"{axis} {count}" for axis, count in counts.items())
+        raise ValueError(f"spacing must give 2 pixels or more along an axis and {_MOST:g} in all, got {told_of}")
+    axes = {
+        axis: np.round(told[axis][0] + spacing * np.arange(counts[axis]), 9)  # type: ignore[index]
+        if axis in counts
+        else np.array([float(told[axis])])  # type: ignore[arg-type]
+        for axis in "xyz"
+    }
+    return axes, spacing
+
+
+def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
+    """Find the brightest points of the first polarization, apart by more than their own width."""
+    level = np.abs(image.values[0]).astype(np.float64)
+    axes = {axis: image[axis].values for axis in ("z", "y", "x")}
+    grid = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
+    middle, top = float(np.median(level)), float(level.max())
+    rows: list[dict[str, float]] = []
+    if top == 0:
+        return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
+    band = image.attrs["band_hz"]
+    apart = SPEED_OF_LIGHT / max(band[1] - band[0], band[1] / 4)
+    for x, y, z, value in brightest_points(level, grid, count, apart):
+        row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
+        row["over_median"] = 20 * math.log10(value / middle) if middle > 0 else math.inf
+        place = tuple(int(np.argmin(np.abs(axes[axis] - at))) for axis, at in zip("zyx", (z, y, x), strict=True))
+        for number, (axis, values) in reversed(list(enumerate(axes.items()))):
+            if values.size > 1:
+                line = level[tuple(slice(None) if k == number else one for k, one in enumerate(place))]
+                row[f"width_{axis}"] = _width(values, line, place[number])
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> float:
+    """Width of a peak at half its power, m, between pixels; NaN where it does not fall so far."""
+    half, ends = line[top] / math.sqrt(2), []
+    for step in (-1, 1):
+        k = top
+        while 0 <= k + step < line.size and line[k + step] > half:
+            k += step
+        if not 0 <= k + step < line.size:
+            return math.nan
+        part = (line[k] - half) / (line[k] - line[k + step])
+        ends.append(axis[k] + part * (axis[k + step] - axis[k]))
+    return float(ends[1] - ends[0])
+
+
+def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
+    image = picture.image
+    if path.suffix.lower() == ".zarr":
+        partial = path.with_name(f".partial-{path.name}")
+        shutil.rmtree(partial, ignore_errors=True)
+        image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
+        partial.rename(path)
+        return
+    with partial_of(path) as partial:
+        if path.suffix.lower() == ".png":
+            from flgpr.report.image_figure import image_figure
+
+            image_figure(image, picture.peaks, pose).savefig(
+                partial, dpi=110, format="png", metadata={"Software": None}
+            )
+        else:
+            np.savez(partial, image=image.values, **{str(name): axis.values for name, axis in image.coords.items()})
+
+
+def _write_tiff(image: xr.DataArray, path: Path, tie: Any) -> None:
+    if image.sizes["z"] > 1 or min(image.sizes["x"], image.sizes["y"]) < 2:
+        raise ValueError("a GeoTIFF must be of level ground, with limits of x and y and one z")
+    optional("rasterio", "gis")
+    level = image.isel(z=0).copy(data=np.abs(image.values[:, 0]))
+    flat = level.expand_dims(subband=["all"], axis=1)
+    write_geotiff(flat, path, tie, str(image.attrs["title"]))
