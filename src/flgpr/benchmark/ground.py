@@ -164,8 +164,8 @@ class Ground:
                 stored, own = sample_files() if row.run == "sample" else (Path(row.run), Path(row.truth)), row.borders
                 yield GroundLane(f"{site}-{design}-1", site, row.part, Lane(*own), 0, Scene(), preset, stored)
                 continue
-            errors = preset.errors.model_copy(update=row.errors)
-            sensor = preset.model_copy(update={**row.sensor, "errors": errors})
+            whole = preset.model_dump()
+            sensor = Sensor.model_validate({**whole, **row.sensor, "errors": whole["errors"] | row.errors})
             unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
             if unknown:
                 raise ValueError(f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}")

@@ -18,12 +18,14 @@ from flgpr.chain.stages import ClutterNamed, FeaturesNamed, MapNamed, Named, Pos
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane
+from flgpr.model.bounds import Largest, Spacing
 from flgpr.model.faults import describe_fault, no_preset
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FloatArray = NDArray[np.float64]
+MOST_PIXELS, MOST_WINDOW = 50_000_000, 1001  # of an image, and across a window of the background
 HALF_LANE = 1.5  # half width of the lane that a run has where none is given, m
 
 
@@ -45,7 +47,11 @@ def _known_polarization(name: str) -> str:
     return name
 
 
-Limits = Annotated[tuple[float, float], AfterValidator(_increasing)]
+Metre = Annotated[float, Field(ge=-100_000, le=100_000)]
+Limits = Annotated[tuple[Metre, Metre], AfterValidator(_increasing)]
+Band = Annotated[tuple[float, float], AfterValidator(_increasing)]
+Window = Annotated[float, Field(ge=1e-3, le=100)]
+Pixels = Annotated[int, Field(ge=1, le=1001)]
 Polarization = Annotated[str, AfterValidator(_known_polarization)]
 
 
@@ -59,12 +65,12 @@ class ImageTable(Table):
 
     x: Limits
     y: Limits
-    spacing: Positive | tuple[Positive, Positive]
-    subbands: dict[str, Limits] = Field(min_length=1)
+    spacing: Spacing | tuple[Spacing, Spacing]
+    subbands: Annotated[dict[str, Band], Field(min_length=1), Largest(1e12)]
     window: Annotated[str, AfterValidator(_known_window)] = "boxcar"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
     polarizations: tuple[Polarization, ...] = ()
-    frames: Annotated[int, Field(ge=1)] = 1
+    frames: Annotated[int, Field(ge=1, le=1000)] = 1
 
     @property
     def steps(self) -> tuple[float, float]:
@@ -93,9 +99,9 @@ class BackgroundTable(Table):
 
     self_signature: Literal["none", "mean", "median"]
     gain: Literal["smooth", "rows", "none"] = "smooth"
-    median: Positive = 1.05
-    mean: Positive = 2.55
-    median_step: Annotated[int, Field(ge=1)] = 1
+    median: Window = 1.05
+    mean: Window = 2.55
+    median_step: Pixels = 1
     within: Positive | None = None
 
     def windows(self, dx: float, dy: float | None = None) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -118,8 +124,8 @@ class RunViewTable(Table):
 
     x: Limits
     y: Limits | None = None
-    spacing: Positive
-    y_max: Positive
+    spacing: Spacing
+    y_max: Annotated[float, Field(gt=0, le=1000)]
     look: Literal["second-largest", "mean", "ranges"] = "second-largest"
     ranges: tuple[Positive, ...] = ()
     within: Positive = 2.5
@@ -146,8 +152,8 @@ class PrescreenTable(Table):
 
     polarization: str
     subband: str
-    radius: Positive
-    density: Positive
+    radius: Window
+    density: Annotated[float, Field(gt=0, le=10_000)]
     count: Literal["lane", "view"] = "lane"
 
 
@@ -156,10 +162,10 @@ class ContrastTable(Table):
 
     polarization: Polarization
     subband: str
-    size: int = 25
-    spacing: Positive = 0.1
-    inner: tuple[int, int] = (5, 3)
-    guard: tuple[int, int] = (9, 7)
+    size: Pixels = 25
+    spacing: Spacing = 0.1
+    inner: tuple[Pixels, Pixels] = (5, 3)
+    guard: tuple[Pixels, Pixels] = (9, 7)
 
     def patch(self) -> PatchShape:
         """Patch of the contrast feature."""
@@ -174,7 +180,7 @@ class FeaturesTable(Table):
     as the paper normalises and averages them.
     """
 
-    inner: tuple[int, int] = (5, 3)
+    inner: tuple[Pixels, Pixels] = (5, 3)
     psi: Literal["circular", "linear"] = "circular"
     variants: bool = False
 
@@ -224,7 +230,7 @@ class LaneTable(Table):
 class ScoreTable(Table):
     """Scoring: halo radius (m) and how the area of the halos is taken from the lane's."""
 
-    halo: Positive
+    halo: Window
     area: Literal["union", "paper"] = "union"
 
 
@@ -236,9 +242,9 @@ class SuppressionTable(Table):
     """
 
     subband: str
-    spacing: Positive
-    grow: Annotated[float, Field(ge=0)]
-    iterations: Annotated[int, Field(ge=1)]
+    spacing: Spacing
+    grow: Annotated[float, Field(ge=0, le=100)]
+    iterations: Annotated[int, Field(ge=1, le=10_000)]
 
 
 class Variant(Table):
@@ -278,6 +284,17 @@ class Recipe(Table):
     confidence: str = "contrast"
     suppression: SuppressionTable | None = None
     variants: tuple[Variant, ...] = ()
+
+    def _check_size(self) -> None:
+        """Refuse images and windows of more pixels than any image has."""
+        image = self.image.grid()
+        if image.nx * image.ny > MOST_PIXELS:
+            got = f"{image.nx} x {image.ny}"
+            raise ValueError(f"image.spacing must make at most {MOST_PIXELS:g} pixels of image.x and image.y, got {got}")
+        for name, window in zip(("median", "mean"), self.smoothing[:2], strict=True):
+            if max(window) > MOST_WINDOW:
+                got = f"{getattr(self.background, name):g} m, {max(window)} pixels"
+                raise ValueError(f"background.{name} must be at most {MOST_WINDOW} pixels wide, got {got}")
 
     def near_grid(self) -> Grid:
         """Pixels of the scan images as far ahead as counts: what the run-view takes and patches around alarms reach."""
@@ -362,6 +379,7 @@ class Recipe(Table):
         names = [variant.name for variant in self.variants]
         if len(set(names)) != len(names):
             raise ValueError(f"variants must have different names, got {names}")
+        self._check_size()
         self.contrast.patch()
         return self
 

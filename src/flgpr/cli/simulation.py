@@ -29,6 +29,9 @@ def simulate(
     preview: Annotated[Path | None, Option(help="PNG of the scene to write.")] = None,
     truth: Annotated[Path | None, Option(help="CSV of the truth; by default NAME-truth.csv.")] = None,
     restart: Annotated[bool, Option("--restart", help="Begin again where a stopped run left scans.")] = False,
+    force: Annotated[
+        bool, Option("--force", help="Simulate or draw even what is estimated to take very much memory or time.")
+    ] = False,
     engine: Annotated[str, Option(help="flgpr simulates; gprmax writes a full-wave solver's input files.")] = ("flgpr"),
     cells: Annotated[float, Option(help="gprmax: cells per wavelength at the highest tone in the soil.")] = 10.0,
     max_cells: Annotated[float, Option(help="gprmax: largest model that is written.")] = 3e8,
@@ -50,9 +53,9 @@ def simulate(
         if output is None and preview is None:
             raise ValueError("simulate needs --output or --preview, got neither")
         if engine == "gprmax":
-            written, lines = tasks.write_gprmax_lane(scene, sensor, seed, output, preview, cells, max_cells)
+            written, lines = tasks.write_gprmax_lane(scene, sensor, seed, output, preview, cells, max_cells, force)
         else:
-            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart, truth)
+            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart, truth, force)
             lines = []
     if not quiet:
         for line in [*lines, *(f"wrote {path}" for path in written)]:

@@ -57,9 +57,10 @@ class _CommittedFiles:
         except ValueError as error:
             raise RunStoreError(str(error)) from None
         if len(data) != entry["bytes"] or sha256(data) != entry["sha256"]:
+            sizes = f"{len(data)} bytes against {entry['bytes']}"
+            why = sizes if len(data) != entry["bytes"] else "its SHA-256 checksum is another"
             raise RunStoreError(
-                f"{self.root}: {key} differs from what was committed "
-                f"({len(data)} bytes against {entry['bytes']}): the store is truncated or altered"
+                f"{self.root}: {key} differs from what was committed ({why}): the store is truncated or altered"
             )
         return data
 

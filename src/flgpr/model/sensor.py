@@ -8,40 +8,41 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from flgpr.model.bounds import LARGEST, Angle, Decibels, Entries, Hertz, Largest
 from flgpr.model.constants import POLARIZATIONS
 from flgpr.model.faults import load_preset, preset_names
 
 _PRESETS = resources.files("flgpr.model") / "presets"
 Position = tuple[float, float, float]
+MOST_ANTENNAS = 10_000
+"""Most antennas on one side of an array."""
 
 
-class Tones(BaseModel):
+class Tones(Entries):
     """Uniform stepped-frequency tones."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    start: Annotated[float, Field(ge=1e6)]  #: first tone, Hz
-    step: Annotated[float, Field(gt=0)]  #: spacing, Hz
-    count: Annotated[int, Field(ge=1)]
+    start: Annotated[float, Field(ge=1e6), Largest(1e12)]  #: first tone, Hz
+    step: Hertz  #: spacing, Hz
+    count: Annotated[int, Field(ge=1, le=100_000)]
 
     def axis(self) -> NDArray[np.float64]:
         """Tones, Hz, shape (count,)."""
         return np.asarray(self.start + self.step * np.arange(self.count), dtype=np.float64)
 
 
-class Antenna(BaseModel):
+class Antenna(Entries):
     """Directivity of the antennas."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     #: a horn has the power pattern cos^n about its axis, a gain that grows as f² (constant aperture) and receives
     #: waves; H and V are the horizontal and vertical directions across each ray. A dipole is ideal and short, along x
     #: for H and along z for V, and records the field at the receiver over the transmitter's current moment
     kind: Literal["horn", "dipole"] = "horn"
     #: gain_db, gain_frequency: a horn's gain on its axis, dBi, and the frequency at which it holds, Hz
-    gain_db: float = 7.8
-    gain_frequency: Annotated[float, Field(gt=0)] = 1e9
-    exponent: Annotated[float, Field(ge=0)] = 2.0  #: n of a horn's cos^n at ``gain_frequency``
+    gain_db: Decibels = 7.8
+    gain_frequency: Hertz = 1e9
+    exponent: Annotated[float, Field(ge=0, le=1000)] = 2.0  #: n of a horn's cos^n at ``gain_frequency``
     #: whether n is the same at all frequencies, or grows as the gain of a constant aperture does, so that the beam
     #: narrows as 1/f
     beam: Literal["constant", "aperture"] = "constant"
@@ -57,44 +58,45 @@ class Antenna(BaseModel):
         return np.maximum((self.exponent + 1) * (frequency / self.gain_frequency) ** 2 - 1, 0)
 
 
-class SystemErrors(BaseModel):
+class SystemErrors(Entries):
     """What the radar adds to the echoes. Each entry is switched off by leaving it at its zero or None."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     #: leakage between an antenna's polarizations, dB, -20 to -25 for quad-ridge horns
-    isolation_db: float | None = None
+    isolation_db: Decibels | None = None
     #: spacing of tones at which the leakage's coherence is one half, Hz; None is a leakage that is the same at all
-    isolation_bandwidth: Annotated[float, Field(gt=0)] | None = None
+    isolation_bandwidth: Annotated[float | None, Field(gt=0), Largest(1e12)] = None
     #: antenna_gain_db, antenna_phase, antenna_delay: rms error of every antenna's H and V port, dB, rad and s
-    antenna_gain_db: Annotated[float, Field(ge=0)] = 0.0
+    antenna_gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     antenna_phase: Annotated[float, Field(ge=0)] = 0.0
     antenna_delay: Annotated[float, Field(ge=0)] = 0.0
     antenna_drift: Annotated[float, Field(ge=0)] = 0.0  #: slow change of these errors over their fixed part, rms
     #: imbalance_db, imbalance_phase: rms gain, dB, and phase, rad, of V over H that all transmitting, and that all
     #: receiving antennas share
-    imbalance_db: Annotated[float, Field(ge=0)] = 0.0
+    imbalance_db: Annotated[float, Field(ge=0, le=100)] = 0.0
     imbalance_phase: Annotated[float, Field(ge=0)] = 0.0
     #: response of an antenna's resonances over its direct one, each at its own frequency, dB
-    ringing_db: float | None = None
+    ringing_db: Decibels | None = None
     ringing_q: Annotated[float, Field(gt=0)] = 15.0  #: their quality factor: they ring as ``exp(-π·f·t/Q)``
     #: their frequencies, Hz; every port's differ from them by 2 % rms
-    ringing_frequencies: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    ringing_frequencies: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Largest(1e12)] = ()
     #: time of a sweep over all tones, s, in which the vehicle drives on; the pose is that of its middle
     sweep_time: Annotated[float, Field(ge=0)] = 0.0
-    self_signature_db: float | None = None  #: level of the self-signature over the clutter in the image, dB
+    self_signature_db: Decibels | None = None  #: level of the self-signature over the clutter in the image, dB
     self_signature_drift: Annotated[float, Field(ge=0)] = 0.0  #: its relative change from scan to scan, rms
-    gain_db: Annotated[float, Field(ge=0)] = 0.0  #: change of the gain from scan to scan, dB rms
+    gain_db: Annotated[float, Field(ge=0, le=100)] = 0.0  #: change of the gain from scan to scan, dB rms
     #: mean clutter over thermal noise in the image at ``noise_range`` within ``noise_band``, dB
-    clutter_to_noise_db: float | None = None
+    clutter_to_noise_db: Decibels | None = None
     noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
-    noise_band: tuple[float, float] = (0.75e9, 1.35e9)  #: band of that image, Hz
-    interference_tones: Annotated[int, Field(ge=0)] = 0  #: number of tones hit by radio-frequency interference
+    noise_band: Annotated[tuple[float, float], Largest(1e12)] = (0.75e9, 1.35e9)  #: band of that image, Hz
+    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = (
+        0  #: number of tones with interference
+    )
     #: least and greatest level of the interference over the noise, dB
-    interference_db: tuple[float, float] = (10.0, 30.0)
+    interference_db: tuple[Decibels, Decibels] = (10.0, 30.0)
     burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0  #: fraction of sweeps that pulsed interference hits
     #: least and greatest number of consecutive tones that it hits
     burst_tones: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 40)
-    burst_db: tuple[float, float] = (10.0, 30.0)  #: least and greatest level of it over the noise, dB
+    burst_db: tuple[Decibels, Decibels] = (10.0, 30.0)  #: least and greatest level of it over the noise, dB
     #: position, heading, attitude: rms error of the reported position in each axis, m, of the reported heading, and of
     #: pitch and roll, rad
     position: Annotated[float, Field(ge=0)] = 0.0
@@ -111,10 +113,9 @@ class SystemErrors(BaseModel):
         return self
 
 
-class Sensor(BaseModel):
+class Sensor(Entries):
     """An antenna array: every transmitter paired with every receiver, or pairs that a scanned head visits."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: str
     source: str  #: where the figures come from
     tones: Tones
@@ -122,8 +123,8 @@ class Sensor(BaseModel):
     #: tx, rx: antenna positions in the vehicle frame, m. The vehicle frame's origin is the array's reference point
     tx: tuple[Position, ...]
     rx: tuple[Position, ...]
-    height: Annotated[float, Field(gt=0)]  #: height of the reference point over the mean ground, m
-    tilt: float = 0.0  #: downward tilt of the antennas' axes, rad
+    height: Annotated[float, Field(gt=0, le=1000)]  #: height of the reference point over the mean ground, m
+    tilt: Angle = 0.0  #: downward tilt of the antennas' axes, rad
     #: whether one pair is moved over the positions, so that transmitter i goes with receiver i alone
     scanned: bool = False
     #: ground that the simulator fills with clutter, m, in the scan frame; wider than what is imaged
@@ -143,8 +144,12 @@ class Sensor(BaseModel):
                     try:
                         ends = np.asarray([line["first"], line["last"]], dtype=float)
                         count = int(line["count"])
-                    except (KeyError, TypeError, ValueError):
+                    except (KeyError, TypeError, ValueError, OverflowError):
                         raise ValueError(f"{side} must be a list of positions or hold first, last and count") from None
+                    if not 0 <= count <= MOST_ANTENNAS or not (np.abs(ends) <= LARGEST).all():
+                        raise ValueError(
+                            f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}"
+                        )
                     data[side] = [tuple(p) for p in np.linspace(ends[0], ends[1], count).tolist()]
         return data
 

@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from flgpr.model import Lane
+from flgpr.model.bounds import Angle, Decibels
 from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate import soil as soils
 from flgpr.simulate.bodies import Profile, cylinder
@@ -31,6 +32,11 @@ from flgpr.simulate.tables import (
 )
 from flgpr.simulate.tables import Part as _Part
 
+Share = Annotated[float, Field(ge=0, le=1)]
+Percent = Annotated[float, Field(ge=0, le=100)]
+Size = Annotated[float, Field(gt=0, le=100)]
+Stride = Annotated[float, Field(ge=0.001, le=10_000)]
+Beside = Annotated[float, Field(ge=0, le=1000)]
 _SITES = resources.files("flgpr.simulate") / "sites"
 
 
@@ -38,21 +44,21 @@ class Layer(_Part):
     """A layer of soil over the rest."""
 
     thickness: Positive  #: m
-    moisture: NotNegative  #: volumetric, m³/m³
+    moisture: Share  #: volumetric, m³/m³
 
 
 class Soil(_Part):
     """The soil's permittivity."""
 
     model: Literal["mironov", "topp", "peplinski", "fixed"] = "mironov"  #: dielectric model
-    clay: NotNegative = 3.0  #: per cent by weight
-    sand: NotNegative = 90.0  #: per cent by weight
-    moisture: NotNegative = 0.03  #: volumetric, m³/m³, below all layers
+    clay: Percent = 3.0  #: per cent by weight
+    sand: Percent = 90.0  #: per cent by weight
+    moisture: Share = 0.03  #: volumetric, m³/m³, below all layers
     layers: tuple[Layer, ...] = ()  #: layers of other moisture above, from the top down
     #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
-    permittivity: Annotated[float, Field(ge=1)] = 3.0
+    permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
     conductivity: NotNegative = 0.0
-    loss_tangent: NotNegative | None = None  #: overrides the model's loss when given
+    loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None  #: overrides the model's loss when given
 
     def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
         """Complex permittivity at each ``frequency`` (Hz) of every layer from the top down, the half-space last."""
@@ -92,14 +98,14 @@ class Surface(_Part):
     #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
     unevenness: NotNegative = 0.0
     waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
-    slope: NotNegative = math.radians(5)  #: rms tilt of the larger scale, rad
-    cross_db: float = -12.0  #: HV under HH, dB
+    slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(5)  #: rms tilt of the larger scale, rad
+    cross_db: Decibels = -12.0  #: HV under HH, dB
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
     #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
     texture_shape: Positive | None = 4.0
     texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: correlation length of the local power, m
     density: Positive | None = None  #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
-    level_db: float = 0.0  #: added to σ⁰, dB: for sites whose level was measured
+    level_db: Decibels = 0.0  #: added to σ⁰, dB: for sites whose level was measured
 
 
 class Patch(_Part):
@@ -107,8 +113,8 @@ class Patch(_Part):
 
     x: float  #: m
     y: float  #: m
-    radius: Positive  #: m
-    gain_db: float = 4.0  #: by how much σ⁰ is higher in its middle, dB
+    radius: Size  #: m
+    gain_db: Decibels = 4.0  #: by how much σ⁰ is higher in its middle, dB
 
 
 def _sized(data: Any, own: tuple[str, ...]) -> Any:
@@ -136,18 +142,18 @@ class Target(_Part):
     y: float
     depth: float = 0.0
     #: radius, height: of the cylinder, m, unless there is a ``profile``
-    radius: Positive = 0.16
-    height: Positive = 0.15
+    radius: Size = 0.16
+    height: Size = 0.15
     #: corners of the body from its top's centre to its bottom's, m
     profile: tuple[tuple[float, float], ...] | None = None
     #: of a dielectric body; None takes 2.9 for plastic and simulant and makes the rest metal
-    permittivity: Annotated[float, Field(ge=1)] | None = None
+    permittivity: Annotated[float, Field(ge=1, le=1000)] | None = None
     #: air under a dielectric body's top, m; None takes 1.5 cm for plastic and nothing for the rest
     gap: NotNegative | None = None
     #: tilt, azimuth: tilt of the axis and the direction it leans to, clockwise from +y, rad
-    tilt: float = 0.0
-    azimuth: float = 0.0
-    heading: float = 0.0  #: direction of a box's long side, clockwise from +y, rad
+    tilt: Angle = 0.0
+    azimuth: Angle = 0.0
+    heading: Angle = 0.0  #: direction of a box's long side, clockwise from +y, rad
 
     @model_validator(mode="before")
     @classmethod
@@ -185,14 +191,14 @@ class TargetDraw(_Part):
     kind: str  #: as of a target
     body: str | None = None  #: as of a target; boxes lie at any heading
     depth: float  #: depth of the top, m
-    count: Annotated[int, Field(ge=0)]
-    radius: Positive = 0.16  #: m
-    height: Positive = 0.15  #: m
+    count: Annotated[int, Field(ge=0, le=1_000_000)]
+    radius: Size = 0.16  #: m
+    height: Size = 0.15  #: m
     #: depth_jitter, position_jitter, tilt: rms of the depth (m), of the place off an even grid along the lane (m), and
     #: of the tilt (rad) in each axis
     depth_jitter: NotNegative = 0.005
     position_jitter: NotNegative = 0.3
-    tilt: NotNegative = math.radians(4)
+    tilt: Annotated[float, Field(ge=0, le=math.pi)] = math.radians(4)
 
     @model_validator(mode="before")
     @classmethod
@@ -208,9 +214,9 @@ class Thing(_Part):
     kind: Literal["rock", "post", "bush", "fiducial"]
     x: float  #: m
     y: float  #: m
-    radius: Positive = 0.05  #: m
-    height: NotNegative = 0.0  #: m; height above the ground there
-    rcs_db: float | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
+    radius: Size = 0.05  #: m
+    height: Annotated[float, Field(ge=0, le=100)] = 0.0  #: m; height above the ground there
+    rcs_db: Decibels | None = None  #: cross section at 1 GHz of a bush or fiducial, dBsm
 
 
 class Clutter(_Part):
@@ -221,7 +227,7 @@ class Clutter(_Part):
     posts: NotNegative = 0.0  #: per metre of roadside, both sides together
     patches: NotNegative = 0.0  #: wet patches per m²
     #: least and greatest distance of bushes and posts from the lane's middle, m
-    roadside: tuple[float, float] = (3.5, 7.0)
+    roadside: tuple[Beside, Beside] = (3.5, 7.0)
 
 
 class Departure(_Part):
@@ -239,14 +245,14 @@ class Track(_Part):
     #: end
     start: float | None = None
     stop: float | None = None
-    step: tuple[float, float] = (1.0, 3.0)  #: least and greatest distance between scans, m
+    step: tuple[Stride, Stride] = (1.0, 3.0)  #: least and greatest distance between scans, m
     #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading follows it
     wander: NotNegative = 0.0
     wander_length: Positive = 20.0
     attitude: NotNegative = 0.0  #: rms pitch and roll, rad
     bounce: NotNegative = 0.0  #: rms change of height, m
     #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
-    stops: tuple[tuple[float, int], ...] = ()
+    stops: tuple[tuple[float, NonNegativeInt], ...] = ()
     departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters
     positions: tuple[float, ...] | None = None  #: exact positions along the lane, m, instead of drawn ones
 
@@ -266,7 +272,7 @@ class Scene(_Part):
     site: str | None = None
     x_min: float = -1.5  #: m
     x_max: float = 1.5  #: m
-    length: Positive = 60.0  #: m; the lane begins at y = 0
+    length: Annotated[float, Field(gt=0, le=100_000)] = 60.0  #: m; the lane begins at y = 0
     soil: Soil = Soil()
     surface: Surface = Surface()
     clutter: Clutter = Clutter()

@@ -33,7 +33,8 @@ from flgpr.simulate.track import draw_track
 from flgpr.simulate.world import draw_world
 
 _RANKS = 3
-_PER_CELL = 3  # scatterers of the surface in the sensor's finest resolution cell
+PER_CELL = 3
+"""Scatterers of the surface in the sensor's finest resolution cell."""
 _REACH = 45.0  # m beyond which single objects are left out
 
 
@@ -178,7 +179,7 @@ class Simulator:
         """Make all that is summed as point scatterers; further layers are added to this list."""
         layers: list[Layer] = []
         surface = self.scene.surface
-        density = surface.density or _PER_CELL / finest_cell(self.sensor)
+        density = surface.density or PER_CELL / finest_cell(self.sensor)
         if surface.echo:
             field = SurfaceField(surface, self.world.patches, density, self.seed)
             layers.append(SurfaceLayer(field, self._surface_spectra()))

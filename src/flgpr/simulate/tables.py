@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
+
+from flgpr.model.bounds import Decibels, Entries, NotNegative, Positive
 
 
 def _ascending(span: tuple[float, float]) -> tuple[float, float]:
@@ -13,16 +15,12 @@ def _ascending(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Steepness = Annotated[float, Field(gt=-0.5, lt=0.5)]
 Span = Annotated[tuple[float, float], AfterValidator(_ascending)]
 
 
-class Part(BaseModel):
-    """A table of a scene: unknown entries are errors, and nothing changes once it is read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Part(Entries):
+    """A table of a scene: unknown entries are errors, nothing changes once it is read, and numbers have bounds."""
 
 
 class Terrain(Part):
@@ -70,7 +68,7 @@ class Grass(Part):
     #: 2017); growth is 0 for large and 3 for small particles, 1 is assumed
     albedo: Annotated[float, Field(ge=0, le=1)] = 0.02
     growth: Annotated[float, Field(ge=0, le=3)] = 1.0
-    cross_db: float = -7.0  #: HV under HH, dB
+    cross_db: Decibels = -7.0  #: HV under HH, dB
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.2  #: correlation of HH and VV
     texture_shape: Positive | None = 3.0  #: as of the surface
     texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: as of the surface
@@ -156,4 +154,4 @@ class Holes(Part):
     moisture: NotNegative = 0.02  #: rms change of the fill's volumetric moisture, m³/m³
     cap: NotNegative = 0.01  #: rms height by which the fill stands over the surface or is sunk below it, m
     wall: NotNegative = 0.01  #: rms unevenness of the wall, m
-    rough_db: float = 2.0  #: by how much the fill's surface scatters more than that around it, dB
+    rough_db: Decibels = 2.0  #: by how much the fill's surface scatters more than that around it, dB

@@ -20,7 +20,8 @@ ALONE: dict[str, Any] = {"surface": {"echo": False}, "holes": {"on": False}, **E
 """Parts of a scene whose ground returns nothing but its targets."""
 BARE = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
 """Clutter of a lane on which nothing more is to be drawn."""
-_MARGIN = 35.0  # m of ground before and behind the lane that the radar may see
+MARGIN = 35.0
+"""Ground before and behind the lane that the radar may see, m."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,8 @@ def _draw_targets(scene: Scene, seed: int) -> list[Target]:
 
 
 def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
-    rng, side, ends = stream(seed, "rocks"), scene.clutter.roadside[1], (-_MARGIN, scene.length + _MARGIN)
-    count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * _MARGIN))
+    rng, side, ends = stream(seed, "rocks"), scene.clutter.roadside[1], (-MARGIN, scene.length + MARGIN)
+    count = rng.poisson(scene.clutter.rocks * 2 * side * (scene.length + 2 * MARGIN))
     draws = ((rng.uniform(-side, side), rng.uniform(*ends), rng.exponential(0.02)) for _ in range(count))
     return [Thing(kind="rock", x=x, y=y, radius=min(0.02 + size, 0.12)) for x, y, size in draws]
 
@@ -107,12 +108,12 @@ def _draw_rocks(scene: Scene, seed: int) -> list[Thing]:
 def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
     rng = stream(seed, "roadside")
     near, far = scene.clutter.roadside
-    span = scene.length + 2 * _MARGIN
+    span = scene.length + 2 * MARGIN
     things = []
     for kind, density in (("bush", scene.clutter.bushes), ("post", scene.clutter.posts)):
         for _ in range(rng.poisson(density * span)):
             x = rng.uniform(near, far) * rng.choice([-1, 1])
-            y = rng.uniform(-_MARGIN, scene.length + _MARGIN)
+            y = rng.uniform(-MARGIN, scene.length + MARGIN)
             if kind == "bush":
                 radius, height, level = rng.uniform(0.2, 0.7), rng.uniform(0.3, 1.0), rng.uniform(-20, -3)
                 things.append(Thing(kind="bush", x=x, y=y, radius=radius, height=height, rcs_db=level))
@@ -123,8 +124,8 @@ def _draw_roadside(scene: Scene, seed: int) -> list[Thing]:
 
 
 def _draw_patches(scene: Scene, seed: int) -> list[Patch]:
-    rng, side, ends = stream(seed, "patches"), scene.clutter.roadside[1], (-_MARGIN, scene.length + _MARGIN)
-    count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * _MARGIN))
+    rng, side, ends = stream(seed, "patches"), scene.clutter.roadside[1], (-MARGIN, scene.length + MARGIN)
+    count = rng.poisson(scene.clutter.patches * 2 * side * (scene.length + 2 * MARGIN))
     return [
         Patch(x=rng.uniform(-side, side), y=rng.uniform(*ends), radius=rng.uniform(0.4, 1.5), gain_db=rng.uniform(2, 6))
         for _ in range(count)

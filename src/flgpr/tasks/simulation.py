@@ -15,6 +15,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.io import RunWriter, canonical_json, lane_text, sha256, write_geojson, write_table, write_whole
 from flgpr.model import Sensor
 from flgpr.simulate import Scene, Simulator, World, draw_world
+from flgpr.simulate.effort import check_effort
 
 _COLOUR = {"metal": "C3", "plastic": "C0", "simulant": "C2", "rock": "0.5", "post": "black", "bush": "C2"}
 
@@ -29,13 +30,16 @@ def simulate_to_store(
     resume: bool = True,
     truth: str | Path | None = None,
     blind: bool = False,
+    force: bool = False,
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store, and give the paths of all that was written.
 
     Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
     ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same arguments, to the
-    same bits; without ``resume`` it begins again. What another lane's call left is a RunStoreError.
+    same bits; without ``resume`` it begins again. What another lane's call left is a RunStoreError. What would take too
+    much memory or time is a ValueError before anything is made, unless ``force`` is given.
     """
+    check_effort(scene, sensor, force)
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     tx, rx = sensor.pairs()
@@ -72,8 +76,12 @@ def _hash(part: Scene | Sensor) -> str:
     return sha256(canonical_json(content))
 
 
-def preview_figure(scene: Scene, seed: int) -> Figure:
-    """Draw a scene from above, targets and clutter by kind, and in section, before anything is simulated."""
+def preview_figure(scene: Scene, seed: int, force: bool = False) -> Figure:
+    """Draw a scene from above, targets and clutter by kind, and in section, before anything is simulated.
+
+    More things than can be drawn in reasonable memory and time are a ValueError, unless ``force`` is given.
+    """
+    check_effort(scene, None, force)
     world = draw_world(scene, seed)
     lane = scene.lane
     side = max(scene.clutter.roadside[1], abs(lane.x_min), abs(lane.x_max)) + 0.5

@@ -10,6 +10,7 @@ from flgpr.io import import_fullwave, save_run, write_geojson, write_table
 from flgpr.io.files import check_new
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, load_scene
+from flgpr.simulate.effort import check_effort
 from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
 from flgpr.tasks.fullwave import write_gprmax_decks
 from flgpr.tasks.simulation import preview_figure, simulate_to_store
@@ -27,18 +28,20 @@ def simulate_lane(
     track: Track = silent,
     resume: bool = True,
     truth: PathLike | None = None,
+    force: bool = False,
 ) -> list[Path]:
     """Simulate a scene (TOML) seen by a sensor (preset or TOML) into a new run store, or draw it as PNG.
 
     Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of it in place of that beside the
-    store.
+    store. What would take too much memory or time is refused unless ``force`` is given.
     """
     world, array = load_scene(scene), load_sensor(sensor)
+    check_effort(world, None if output is None else array, force)
     written = []
     if preview is not None:
-        written.append(_write_preview(world, seed, preview))
+        written.append(_write_preview(world, seed, preview, force))
     if output is not None:
-        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth)
+        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth, force=force)
     return written
 
 
@@ -91,12 +94,14 @@ def write_gprmax_lane(
     preview: PathLike | None = None,
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
+    force: bool = False,
 ) -> tuple[list[Path], list[str]]:
     """Write a scene file as gprMax input files into a new folder, or draw it; give what was written, and words."""
     world, array = load_scene(scene), load_sensor(sensor)
+    check_effort(world, None, force)
     written, lines = [], []
     if preview is not None:
-        written.append(_write_preview(world, seed, preview))
+        written.append(_write_preview(world, seed, preview, force))
     if output is not None:
         decks = write_gprmax_decks(world, array, seed, output, cells_per_wavelength, max_cells)
         lines = [*decks.summary, *(f"left out: {one}" for one in decks.omissions)]
@@ -104,8 +109,8 @@ def write_gprmax_lane(
     return written, lines
 
 
-def _write_preview(scene: Scene, seed: int, path: PathLike) -> Path:
-    preview_figure(scene, seed).savefig(path, dpi=100, format="png", metadata={"Software": None})
+def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
+    preview_figure(scene, seed, force).savefig(path, dpi=100, format="png", metadata={"Software": None})
     return Path(path)
 
 

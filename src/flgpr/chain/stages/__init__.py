@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
+from flgpr.model.bounds import Entries
+from flgpr.model.bounds import Positive as Positive
 from flgpr.model.faults import describe_fault
 
 if TYPE_CHECKING:
@@ -50,15 +52,12 @@ PACKAGED = {
         "network": "network:ChipNetwork",
     },
 }
-Positive = Annotated[float, Field(gt=0)]
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex64]
 
 
-class Table(BaseModel):
-    """A table of a recipe: unknown entries are refused, values are not changed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Table(Entries):
+    """A table of a recipe: unknown entries are refused, values are not changed, numbers have bounds."""
 
 
 @dataclass(frozen=True)

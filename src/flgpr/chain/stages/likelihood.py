@@ -46,8 +46,8 @@ class LikelihoodSettings(Table):
     soils: tuple[tuple[Annotated[float, Field(ge=1)], Annotated[float, Field(ge=0)]], ...] = Field(
         ((2.7, 0.01), (4.0, 0.02), (6.0, 0.05), (9.0, 0.1), (14.0, 0.15)), min_length=1
     )
-    copies: Annotated[int, Field(ge=1)] = 24
-    step: Positive = 0.2
+    copies: Annotated[int, Field(ge=1, le=10_000)] = 24
+    step: Spacing = 0.2
     clear: Positive = 1.2
     rank: Annotated[int, Field(ge=1)] = 12
     load: Positive = 1e-3

@@ -47,16 +47,16 @@ class MaskSettings(Table):
     """
 
     edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)
-    frames: Annotated[int, Field(ge=1)] = 5
+    frames: Annotated[int, Field(ge=1, le=1000)] = 5
     x: tuple[float, float] | None = None
     y: tuple[float, float] | None = None
-    spacing: Positive | None = None
+    spacing: Spacing | None = None
     roadside: tuple[float, float] = ROADSIDE
     halo: Positive = 0.5
     response_db: Positive = 6.0
     intersect: Intersection = "pixel"
     method: Literal["iteration", "least-squares", "least-squares-spared"] = "iteration"
-    iterations: Annotated[int, Field(ge=1)] = 7
+    iterations: Annotated[int, Field(ge=1, le=10_000)] = 7
     combination: Annotated[int, Field(ge=0, le=6)] = 6
     second: str | None = None
 

@@ -10,18 +10,18 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from flgpr.model.bounds import Entries
 from flgpr.model.faults import load_preset, preset_names
 
 _PRESETS = resources.files("flgpr.simulate.signature") / "bodies"
 Length = Annotated[float, Field(gt=0.001, le=1.0)]
 
 
-class BodyLayer(BaseModel):
+class BodyLayer(Entries):
     """One level layer of a body."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     thickness: Length  #: m
     #: from the axis outwards: radii of a round body, half-widths of a square one, m
     zones: tuple[tuple[Length, Annotated[float, Field(ge=1, le=100)] | Literal["metal"]], ...]
@@ -34,10 +34,9 @@ class BodyLayer(BaseModel):
         return self
 
 
-class Body(BaseModel):
+class Body(Entries):
     """A body in the ground, upright: round about its axis, or a box."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: str
     source: str = ""  #: where its dimensions come from
     shape: Literal["round", "box"] = "round"  #: a box is as long (``aspect`` times) as its layers' widths say
