@@ -48,6 +48,13 @@ def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
     return _PROGRAM + sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
 
 
+def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = MAX_MEMORY) -> None:
+    """Refuse scans (polarization, pair, frequency) one of which would take more than a limit (bytes)."""
+    needed = _at_work(dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe)
+    if needed > limit:
+        raise ValueError(f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB")
+
+
 def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: int | None = None) -> float:
     """Estimate from above the bytes of a process that works on a lane, or on some rows of its run-view at a time.
 

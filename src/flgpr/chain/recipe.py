@@ -290,7 +290,9 @@ class Recipe(Table):
         image = self.image.grid()
         if image.nx * image.ny > MOST_PIXELS:
             got = f"{image.nx} x {image.ny}"
-            raise ValueError(f"image.spacing must make at most {MOST_PIXELS:g} pixels of image.x and image.y, got {got}")
+            raise ValueError(
+                f"image.spacing must make at most {MOST_PIXELS:g} pixels of image.x and image.y, got {got}"
+            )
         for name, window in zip(("median", "mean"), self.smoothing[:2], strict=True):
             if max(window) > MOST_WINDOW:
                 got = f"{getattr(self.background, name):g} m, {max(window)} pixels"

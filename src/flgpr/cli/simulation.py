@@ -55,7 +55,9 @@ def simulate(
         if engine == "gprmax":
             written, lines = tasks.write_gprmax_lane(scene, sensor, seed, output, preview, cells, max_cells, force)
         else:
-            written = tasks.simulate_lane(scene, sensor, seed, output, preview, errors, track, not restart, truth, force)
+            written = tasks.simulate_lane(
+                scene, sensor, seed, output, preview, errors, track, not restart, truth, force
+            )
             lines = []
     if not quiet:
         for line in [*lines, *(f"wrote {path}" for path in written)]:

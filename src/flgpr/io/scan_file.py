@@ -10,10 +10,11 @@ from __future__ import annotations
 import json
 import math
 import struct
+import sys
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import xarray as xr
@@ -29,6 +30,7 @@ _HEAD = struct.Struct("<8sIQ")
 _LONGEST_HEADER = 2**22
 _LARGEST_PAYLOAD = 2**32
 _LARGEST_SCAN = 2**53
+_FARTHEST, _HIGHEST = 1e3, 1e12  # of an antenna from the vehicle, m; of a tone, Hz
 
 
 class ScanFileError(ValueError):
@@ -121,13 +123,20 @@ def parse_description(value: Any) -> RunDescription:
     try:
         tx, rx = (np.asarray(value[name], dtype=np.float64).reshape(-1, 3) for name in ("tx_m", "rx_m"))
         tones = np.asarray(value["frequency_hz"], dtype=np.float64)
+        for name, numbers, most in (
+            ("tx_m", tx, _FARTHEST),
+            ("rx_m", rx, _FARTHEST),
+            ("frequency_hz", tones, _HIGHEST),
+        ):
+            if numbers.size and not np.abs(numbers).max() <= most:
+                raise ScanFileError(f"{name} must hold numbers up to {most:g}, got {np.abs(numbers).max():g}")
         attrs = dict(value.get("attrs") or {})
         labels = [str(one) for one in value["polarization"]]
         found = RunDescription(tones, labels, tx, rx, str(value.get("title", "run")), attrs)
         check_frequency(tones)
         make_run(np.zeros((1, *found.shape[:2], 1), np.complex64), tones[:1], labels, tx, rx, np.zeros((1, 6)))
         canonical_json(attrs)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ScanFileError(f"run description: {error}") from None
     return found
 
@@ -216,14 +225,19 @@ def scan_of(frame: Frame, description: RunDescription) -> Scan:
         )
     signal = np.frombuffer(frame.payload, "<c8").reshape(description.shape).astype(np.complex64)
     time = header.get("time")
-    moment = float(time) if isinstance(time, int | float) and math.isfinite(time) else math.nan
+    moment = float(time) if _is_finite(time) else math.nan
     return Scan(number, moment, _pose(header.get("pose")), signal)
+
+
+def _is_finite(value: Any) -> TypeGuard[float]:
+    """Tell a number from all else; JSON has integers that no float holds."""
+    return isinstance(value, int | float) and abs(value) <= sys.float_info.max
 
 
 def _pose(value: Any) -> NDArray[np.float64] | None:
     if not isinstance(value, list) or len(value) != 6:
         return None
-    if not all(isinstance(one, int | float) and math.isfinite(one) for one in value):
+    if not all(_is_finite(one) for one in value):
         return None
     pose = np.asarray(value, dtype=np.float64)
     sane = abs(pose[3]) <= 2 * math.pi and (np.abs(pose[4:]) <= math.pi / 2).all() and (np.abs(pose[:3]) < 1e7).all()

@@ -37,10 +37,15 @@ class Intake:
         self._seen: list[list[int]] = []  # runs of numbers [first, last], ascending
         self._poses: list[tuple[int, NDArray[np.float64]]] = []
 
-    def admit(self, data: bytes) -> Scan | None:
-        """Give a frame's scan if it is whole, of this run, with a pose and the first of its number; else count it."""
+    def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
+        """Give a frame's scan if it is whole, of this run, with a pose and the first of its number; else count it.
+
+        A ``fault`` that was found before, or one that is found here, is counted and raised.
+        """
         self.counts["received"] += 1
         try:
+            if fault is not None:
+                raise fault
             scan = scan_of(decode_frame(data), self.description)
         except ScanFileError:
             self.counts["corrupt"] += 1

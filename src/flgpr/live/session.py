@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import flgpr
+from flgpr.chain.memory import check_scan_memory
 from flgpr.chain.model import MODEL_FILE, Model, load_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.io import (
@@ -167,7 +168,7 @@ class LiveRun:
                 self._describe(description, events, None)
             elif self._intake.description.run_id != description.run_id:
                 raise ScanFileError("the description is that of another run")
-        except ScanFileError as error:
+        except ValueError as error:
             if arrival.name != SOCKET:
                 raise ValueError(f"{arrival.name}: {error}") from None
             events.append([{"event": "problem", "name": arrival.name, "words": str(error)}])
@@ -175,6 +176,7 @@ class LiveRun:
     def _describe(self, description: RunDescription, events: EventFile, snapshot: Snapshot | None) -> None:
         """Make the detector once the run is known, and go on from a snapshot where there is one."""
         self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
+        check_scan_memory(description.shape, self._recipe)
         detector = LiveDetector(description, self._recipe, self._lane, self._model, self.options.settings)
         intake = Intake(description)
         if snapshot is not None:
@@ -189,7 +191,7 @@ class LiveRun:
         """Process a frame; tell whether a scan was taken in."""
         detector, intake = self._detector, self._intake
         if detector is None or intake is None:
-            words = "left out: it came before the description of its run"
+            words = str(arrival.value or "left out: it came before the description of its run")
             events.append([{"event": "problem", "name": arrival.name, "words": words}])
             return False
         if arrival.name != SOCKET:
@@ -229,7 +231,7 @@ class LiveRun:
         self, arrival: Arrival, detector: LiveDetector, intake: Intake
     ) -> tuple[Scan | None, LiveUpdate | None, str]:
         try:
-            scan = intake.admit(arrival.data)
+            scan = intake.admit(arrival.data, arrival.value)
         except ScanFileError as error:
             return None, None, str(error)
         if scan is None:

@@ -9,16 +9,17 @@ import socket
 import stat
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from flgpr.io import ScanFileError, decode_frame, read_description
-from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.io.scan_file import END_FILE, MAGIC, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
 _LOOK = 0.01  # s between looks at a folder
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
-_PATIENCE = 1.0  # s that a file may stay shorter than it says
+_PATIENCE = 1.0  # s that a file may stay shorter than it says, and a sender may pause within a frame
 _MOST_WAITING = 32
 _LARGEST = 2**28
 SOCKET = "socket"
@@ -27,7 +28,10 @@ SOCKET = "socket"
 
 @dataclass(frozen=True)
 class Arrival:
-    """A description, a frame, the end, or an error that ends the watch, from ``name`` at ``when``, s since 1970."""
+    """A description, a frame, the end, or an error that ends the watch, from ``name`` at ``when``, s since 1970.
+
+    A frame that breaks the format has its ScanFileError as ``value`` in place of ``data``.
+    """
 
     kind: Literal["run", "frame", "end", "failed"]
     name: str
@@ -168,51 +172,74 @@ class SocketWatch(threading.Thread):
 
     def _listen(self, sender: socket.socket) -> None:
         sender.settimeout(0.2)
+        stream, since, closed = _Stream(), time.monotonic(), False
         with sender:
-            while not self._inbox.stop.is_set():
+            while not closed and not self._inbox.stop.is_set():
                 try:
-                    data = self._frame(sender)
-                except (ScanFileError, OSError):
-                    # Where the next frame begins is not known any more.
-                    self._inbox.put(Arrival("frame", SOCKET, time.time(), b""))
-                    return
-                if data is None or not self._inbox.put(self._sorted(data)):
+                    part = sender.recv(2**20)
+                    since, closed = time.monotonic(), not part
+                except TimeoutError:
+                    part = b""
+                except OSError:
+                    part, closed = b"", True
+                over = closed or time.monotonic() - since > _PATIENCE
+                if not all(self._inbox.put(arrival) for arrival in stream.take(part, over)):
                     return
 
-    @staticmethod
-    def _sorted(data: bytes) -> Arrival:
-        now = time.time()
-        with contextlib.suppress(ScanFileError):
-            frame = decode_frame(data)
-            if frame.kind == "run":
-                return Arrival("run", SOCKET, now, value={k: v for k, v in frame.header.items() if k != "kind"})
-            if frame.kind == "end":
-                return Arrival("end", SOCKET, now)
-        return Arrival("frame", SOCKET, now, data)
 
-    def _frame(self, sender: socket.socket) -> bytes | None:
-        """Read a frame; None at the end of the connection or of the watch."""
-        head = self._bytes(sender, head_size())
-        if head is None or len(head) == 0:
-            return None
-        size = frame_size(head)
+class _Stream:
+    """Cuts what a sender sends into frames; after a bad one it goes on where the next frame begins."""
+
+    def __init__(self) -> None:
+        self._kept = bytearray()
+        self._lost = False  # between a bad frame, which was told, and the next beginning
+
+    def take(self, data: bytes, over: bool) -> Iterator[Arrival]:
+        """Give what is whole or bad; with ``over`` nothing more comes of the last frame."""
+        self._kept += data
+        while self._kept:
+            if self._lost and not self._find():
+                break
+            try:
+                arrival, size = self._first()
+            except TruncatedFrameError as error:
+                if not over:
+                    return
+                yield self._bad(error)
+            except ScanFileError as error:
+                yield self._bad(error)
+            else:
+                del self._kept[:size]
+                yield arrival
+        if self._lost and over:  # what comes after a pause is told anew
+            self._kept.clear()
+            self._lost = False
+
+    def _first(self) -> tuple[Arrival, int]:
+        if not MAGIC.startswith(self._kept[: len(MAGIC)]):
+            raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {bytes(self._kept[: len(MAGIC)])!r}")
+        size, now = frame_size(bytes(self._kept[: head_size()])), time.time()
         if size > _LARGEST:
             raise ScanFileError(f"frame must have at most {_LARGEST} bytes, got {size}")
-        rest = self._bytes(sender, size - len(head))
-        return None if rest is None else head + rest
+        if len(self._kept) < size:
+            raise TruncatedFrameError(f"frame must have {size} bytes, got {len(self._kept)}")
+        data = bytes(self._kept[:size])
+        frame = decode_frame(data)
+        if frame.kind == "run":
+            return Arrival("run", SOCKET, now, value={k: v for k, v in frame.header.items() if k != "kind"}), size
+        return (Arrival("end", SOCKET, now) if frame.kind == "end" else Arrival("frame", SOCKET, now, data)), size
 
-    def _bytes(self, sender: socket.socket, count: int) -> bytes | None:
-        """Read bytes, fewer only where the connection ends; None when the watch is over."""
-        parts: list[bytes] = []
-        left = count
-        while left and not self._inbox.stop.is_set():
-            with contextlib.suppress(TimeoutError):
-                part = sender.recv(min(left, 2**20))
-                if not part:
-                    return b"".join(parts)
-                parts.append(part)
-                left -= len(part)
-        return None if left else b"".join(parts)
+    def _bad(self, error: ScanFileError) -> Arrival:
+        del self._kept[:1]  # its length cannot be trusted: the next frame is looked for within it
+        self._lost = True
+        return Arrival("frame", SOCKET, time.time(), value=error)
+
+    def _find(self) -> bool:
+        """Leave out what comes before the beginning of a frame; tell whether there is one."""
+        at = self._kept.find(MAGIC)
+        self._lost = at < 0
+        del self._kept[: at if at >= 0 else max(len(self._kept) - len(MAGIC) + 1, 0)]
+        return at >= 0
 
 
 def _make_room(path: Path) -> None:

@@ -59,4 +59,5 @@ def _numbers(value: Any) -> Iterator[float]:
 
 def _short(number: float) -> str:
     """Write a number, of however many digits, in a few."""
-    return str(number) if isinstance(number, float) or abs(number) < 10**18 else "an integer of more than 18 digits"
+    text = str(number)
+    return text if len(text) < 30 else f"{text[:20]}... of {len(text)} digits"

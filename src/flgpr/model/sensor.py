@@ -88,9 +88,7 @@ class SystemErrors(Entries):
     clutter_to_noise_db: Decibels | None = None
     noise_range: Annotated[float, Field(gt=0)] = 16.0  #: distance ahead of the array, m
     noise_band: Annotated[tuple[float, float], Largest(1e12)] = (0.75e9, 1.35e9)  #: band of that image, Hz
-    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = (
-        0  #: number of tones with interference
-    )
+    interference_tones: Annotated[int, Field(ge=0, le=100_000)] = 0  #: number of tones with interference
     #: least and greatest level of the interference over the noise, dB
     interference_db: tuple[Decibels, Decibels] = (10.0, 30.0)
     burst_probability: Annotated[float, Field(ge=0, le=1)] = 0.0  #: fraction of sweeps that pulsed interference hits
@@ -147,9 +145,7 @@ class Sensor(Entries):
                     except (KeyError, TypeError, ValueError, OverflowError):
                         raise ValueError(f"{side} must be a list of positions or hold first, last and count") from None
                     if not 0 <= count <= MOST_ANTENNAS or not (np.abs(ends) <= LARGEST).all():
-                        raise ValueError(
-                            f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}"
-                        )
+                        raise ValueError(f"{side} must hold finite places, count up to {MOST_ANTENNAS}, got {line}")
                     data[side] = [tuple(p) for p in np.linspace(ends[0], ends[1], count).tolist()]
         return data
 

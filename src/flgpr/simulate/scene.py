@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from flgpr.model import Lane
-from flgpr.model.bounds import Angle, Decibels
+from flgpr.model.bounds import Angle, Decibels, NotNegative, Positive
 from flgpr.model.faults import parse_entries, preset_names
 from flgpr.simulate import soil as soils
 from flgpr.simulate.bodies import Profile, cylinder
@@ -23,8 +23,6 @@ from flgpr.simulate.tables import (
     Heterogeneity,
     Holes,
     Lenses,
-    NotNegative,
-    Positive,
     Roots,
     Shadow,
     Stones,

@@ -19,6 +19,7 @@ from flgpr.chain.passes import Accumulator, Arrays, added
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
+from flgpr.model.bounds import Spacing
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 
 _LEAST = 0.1  # the map stays positive, so that it can be drawn as a magnitude

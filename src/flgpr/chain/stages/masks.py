@@ -31,6 +31,7 @@ from flgpr.clutter import (
 )
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.model import Grid, check_shared_poses, complete_scans, ground_points, lane_to_scan, scan_to_lane
+from flgpr.model.bounds import Spacing
 
 OperatorOn = Callable[[FloatArray], ImagingOperator]
 BLOCKS = "masks"
