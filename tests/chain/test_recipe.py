@@ -13,7 +13,7 @@ def test_packaged_recipes_are_valid(name):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("radius = 0.375", "radius = -1", ["prescreen.radius", "greater than 0"]),
+        ("radius = 0.375", "radius = -1", ["prescreen.radius", "greater than or equal to 0.001"]),
         ("radius = 0.375", "radius = 0.375\ncolour = 1", ["prescreen.colour"]),
         ('polarization = "HH"', 'polarization = "LR"', ["polarization", "'LR'"]),
         ("x_max = 1.0", "x_max = -1.0", ["lane", "empty lane"]),

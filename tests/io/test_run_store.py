@@ -33,6 +33,17 @@ def test_scans_are_read_one_by_one(small_run, tmp_path):
         run["signal"][2].values
 
 
+def test_a_chunk_of_the_same_length_differs_by_its_checksum(small_run, tmp_path):
+    path = save_run(small_run, tmp_path / "a.zarr") / "signal" / "c" / "2" / "0" / "0" / "0"
+    data = path.read_bytes()
+    path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+    with pytest.raises(RunStoreError, match=r"signal/c/2/.*differs.*its SHA-256 checksum is another"):
+        read_all(tmp_path / "a.zarr")
+    path.write_bytes(data[:-1])
+    with pytest.raises(RunStoreError, match=rf"{len(data) - 1} bytes, {len(data)} were committed"):
+        read_all(tmp_path / "a.zarr")
+
+
 def files_of(path):
     return sorted(p for p in path.rglob("*") if p.is_file())
 

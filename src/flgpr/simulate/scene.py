@@ -55,7 +55,7 @@ class Soil(_Part):
     layers: tuple[Layer, ...] = ()  #: layers of other moisture above, from the top down
     #: permittivity, conductivity: ε' and ohmic conductivity (S/m) of the model "fixed"
     permittivity: Annotated[float, Field(ge=1, le=1000)] = 3.0
-    conductivity: NotNegative = 0.0
+    conductivity: Annotated[float, Field(ge=0, le=1000)] = 0.0
     loss_tangent: Annotated[float, Field(ge=0, le=100)] | None = None  #: overrides the model's loss when given
 
     def media(self, frequency: ArrayLike) -> list[NDArray[np.complex128]]:
@@ -90,17 +90,17 @@ class Surface(_Part):
 
     echo: bool = True  #: whether it scatters
     phase_screen: bool = True  #: whether its heights disturb the phase of what lies below
-    rms_height: NotNegative = 0.005  #: s of the exponential correlation, m
-    correlation_length: Positive = 0.05  #: l of the exponential correlation, m
+    rms_height: Annotated[float, Field(ge=0, le=10)] = 0.005  #: s of the exponential correlation, m
+    correlation_length: Size = 0.05  #: l of the exponential correlation, m
     #: spectral density of the ground's profile at 0.1 waves per metre, m³, whose longer waves come on top of these (ISO
     #: 8608: 256e-6 in class C, 1024e-6 in D, 4096e-6 in E); 0 leaves the exponential correlation alone
-    unevenness: NotNegative = 0.0
+    unevenness: Annotated[float, Field(ge=0, le=1)] = 0.0
     waviness: Annotated[float, Field(gt=1, lt=3)] = 2.0  #: exponent with which that density falls
     slope: Annotated[float, Field(ge=0, lt=math.pi / 2)] = math.radians(5)  #: rms tilt of the larger scale, rad
     cross_db: Decibels = -12.0  #: HV under HH, dB
     correlation: Annotated[float, Field(ge=0, le=1)] = 0.65  #: correlation of HH and VV
     #: shape of the gamma-distributed local power (K-distributed amplitudes); None is Rayleigh clutter
-    texture_shape: Positive | None = 4.0
+    texture_shape: Annotated[float, Field(ge=0.01)] | None = 4.0
     texture_length: Annotated[float, Field(gt=0.05)] = 0.5  #: correlation length of the local power, m
     density: Positive | None = None  #: scatterers per m²; None takes 3 per resolution cell of the sensor at 10 m
     level_db: Decibels = 0.0  #: added to σ⁰, dB: for sites whose level was measured
@@ -227,6 +227,12 @@ class Clutter(_Part):
     #: least and greatest distance of bushes and posts from the lane's middle, m
     roadside: tuple[Beside, Beside] = (3.5, 7.0)
 
+    @model_validator(mode="after")
+    def _check(self) -> Clutter:
+        if not self.roadside[0] <= self.roadside[1]:
+            raise ValueError(f"roadside must be the least and the greatest distance, got {self.roadside}")
+        return self
+
 
 class Departure(_Part):
     """A stretch over which the vehicle leaves the lane, with no scans while it is out."""
@@ -245,10 +251,10 @@ class Track(_Part):
     stop: float | None = None
     step: tuple[Stride, Stride] = (1.0, 3.0)  #: least and greatest distance between scans, m
     #: wander, wander_length: rms and length of slow wandering across the lane, m; the heading follows it
-    wander: NotNegative = 0.0
-    wander_length: Positive = 20.0
-    attitude: NotNegative = 0.0  #: rms pitch and roll, rad
-    bounce: NotNegative = 0.0  #: rms change of height, m
+    wander: Annotated[float, Field(ge=0, le=100)] = 0.0
+    wander_length: Annotated[float, Field(ge=0.01)] = 20.0
+    attitude: Annotated[float, Field(ge=0, le=1)] = 0.0  #: rms pitch and roll, rad
+    bounce: Annotated[float, Field(ge=0, le=100)] = 0.0  #: rms change of height, m
     #: positions at which the vehicle stands, m, and how many scans it takes there besides its own
     stops: tuple[tuple[float, NonNegativeInt], ...] = ()
     departures: tuple[Departure, ...] = ()  #: where it leaves the lane and re-enters

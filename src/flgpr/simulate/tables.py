@@ -10,11 +10,13 @@ from flgpr.model.bounds import Decibels, Entries, NotNegative, Positive
 
 
 def _ascending(span: tuple[float, float]) -> tuple[float, float]:
-    if not 0 <= span[0] < span[1]:
-        raise ValueError(f"must have 0 <= least < greatest, got {span}")
+    if not 0 <= span[0] < span[1] <= 50:
+        raise ValueError(f"must have 0 <= least < greatest <= 50, got {span}")
     return span
 
 
+Length = Annotated[float, Field(ge=1e-3, le=1000)]
+Moderate = Annotated[float, Field(ge=0, le=100)]
 Steepness = Annotated[float, Field(gt=-0.5, lt=0.5)]
 Span = Annotated[tuple[float, float], AfterValidator(_ascending)]
 
@@ -32,18 +34,18 @@ class Terrain(Part):
     slope_across: Steepness = 0.0
     #: undulation, undulation_length: rms height s and length l of undulation with correlation ``s²·exp(-r²/l²)``, m.
     #: ISO 8608's class C has 8 mm in waves of 3 to 30 m, D 17 mm and E 33 mm; 2.1 m then gives their slopes
-    undulation: NotNegative = 0.0
+    undulation: Moderate = 0.0
     undulation_length: Annotated[float, Field(ge=0.2)] = 2.1
     #: rut_depth, rut_width, rut_spacing: depth, width at half the depth, and distance of the two wheel tracks along the
     #: lane, m
-    rut_depth: NotNegative = 0.0
+    rut_depth: Moderate = 0.0
     rut_width: Annotated[float, Field(ge=0.05)] = 0.3
-    rut_spacing: Positive = 1.6
+    rut_spacing: Length = 1.6
     #: rut_wander, rut_wander_length: rms and length of the tracks' slow wandering across the lane, m
-    rut_wander: NotNegative = 0.1
-    rut_wander_length: Positive = 20.0
+    rut_wander: Moderate = 0.1
+    rut_wander_length: Length = 20.0
     follow: bool = True  #: whether the vehicle rises, pitches and rolls with the ground
-    wheelbase: Positive = 3.0  #: distance of the axles, m; the wheels run ``rut_spacing`` apart
+    wheelbase: Length = 3.0  #: distance of the axles, m; the wheels run ``rut_spacing`` apart
 
     @property
     def flat(self) -> bool:
@@ -56,13 +58,13 @@ class Grass(Part):
 
     on: bool = True  #: False mows it, whatever the rest says
     height: Annotated[float, Field(ge=0, le=2)] = 0.0  #: of the layer, m; 0 is no grass
-    water: NotNegative = 0.2  #: vegetation water content W, kg/m²
+    water: Moderate = 0.2  #: vegetation water content W, kg/m²
     #: b of the optical depth ``τ = b·W`` at nadir at 1.4 GHz, m²/kg (O'Neill et al. 2019: 0.13 for grassland); it grows
     #: as f (Schmugge & Jackson 1992)
-    loss: NotNegative = 0.13
+    loss: Moderate = 0.13
     #: how much more V is lost than H where rays are level, ``τ_V = τ·(cos²θ + upright·sin²θ)``: 1 for leaves of every
     #: direction, 2 for crops (Wigneron et al. 2017)
-    upright: NotNegative = 2.0
+    upright: Moderate = 2.0
     #: albedo, growth: single-scattering albedo ω at 1.4 GHz, which sets the echo, and the power of frequency it grows
     #: with. Between 0 of SMOS's low vegetation (Fernandez-Moran et al. 2017) and 0.05 of grassland (Wigneron et al.
     #: 2017); growth is 0 for large and 3 for small particles, 1 is assumed
@@ -86,7 +88,7 @@ class Shadow(Part):
     on: bool = False  #: whether they are thrown
     #: one-way loss of a bush at 0.87 GHz, dB per metre of leaves: 12 dB, the median of single trees (Vogel & Goldhirsh
     #: 1986), over some 9 m of crown (assumed). It grows as the root of frequency (Goldhirsh & Vogel 1998)
-    foliage: NotNegative = 1.3
+    foliage: Moderate = 1.3
 
 
 class Stones(Part):
@@ -95,11 +97,13 @@ class Stones(Part):
     on: bool = True  #: False takes them out, whatever the rest says
     density: NotNegative = 0.0  #: stones of at least the least radius per m² of ground, all depths together
     radius: Span = (0.01, 0.08)  #: least and greatest radius of the sphere of equal volume, m
-    exponent: Positive = 2.5  #: D of ``N(>r) ~ r^-D`` (Turcotte 1986: about 2.5 for broken rock)
-    depth: Positive = 0.4  #: they lie anywhere down to here, m, whole below the surface
+    exponent: Annotated[float, Field(gt=0, le=100)] = (
+        2.5  #: D of ``N(>r) ~ r^-D`` (Turcotte 1986: about 2.5 for broken rock)
+    )
+    depth: Length = 0.4  #: they lie anywhere down to here, m, whole below the surface
     permittivity: Span = (4.5, 7.5)  #: each stone's is drawn between these (Ulaby et al. 1990: rocks by density)
     #: each stone is a spheroid whose axis is between 1/stretch and stretch times the others, in any direction
-    stretch: Annotated[float, Field(ge=1)] = 1.8
+    stretch: Annotated[float, Field(ge=1, le=100)] = 1.8
 
 
 class Roots(Part):
@@ -110,11 +114,11 @@ class Roots(Part):
     length: Annotated[float, Field(gt=0, le=2)] = 1.0  #: of each, m
     radius: Span = (0.002, 0.01)  #: least and greatest, m; log-uniform between
     #: depth over which their number falls by e, m (Jackson et al. 1996: 0.17 in temperate grassland, 0.29 in forest)
-    depth: Positive = 0.17
-    plunge: NotNegative = 0.2  #: rms inclination, rad
+    depth: Length = 0.17
+    plunge: Moderate = 0.2  #: rms inclination, rad
     #: permittivity, loss_tangent: of the moist wood (Mavrovic et al. 2018 for living wood at L band)
-    permittivity: Annotated[float, Field(ge=1)] = 22.0
-    loss_tangent: NotNegative = 0.25
+    permittivity: Annotated[float, Field(ge=1, le=1000)] = 22.0
+    loss_tangent: Moderate = 0.25
 
 
 class Lenses(Part):
@@ -124,19 +128,19 @@ class Lenses(Part):
     density: NotNegative = 0.0  #: lenses per m²
     radius: Span = (0.05, 0.25)  #: least and greatest radius, m
     depth: Span = (0.03, 0.3)  #: least and greatest depth, m
-    thickness: Positive = 0.03  #: m
-    contrast: NotNegative = 1.0  #: rms of the Gaussian difference of their permittivity, either sign
+    thickness: Length = 0.03  #: m
+    contrast: Moderate = 1.0  #: rms of the Gaussian difference of their permittivity, either sign
 
 
 class Heterogeneity(Part):
     """Fluctuation of the soil's permittivity without bound: a Gaussian field of exponential correlation."""
 
     on: bool = True  #: False makes the soil even, whatever the rest says
-    deviation: NotNegative = 0.0  #: standard deviation of ε'
+    deviation: Moderate = 0.0  #: standard deviation of ε'
     #: horizontal, vertical: correlation lengths, m (Igel 2008: a few decimetres along sandy soils)
-    horizontal: Positive = 0.2
-    vertical: Positive = 0.1
-    depth: Positive = 0.4  #: down to where it scatters, m
+    horizontal: Length = 0.2
+    vertical: Length = 0.1
+    depth: Length = 0.4  #: down to where it scatters, m
     density: Positive | None = None  #: scatterers per m²; None takes a quarter of the surface's
 
 
@@ -152,6 +156,6 @@ class Holes(Part):
     depth: Span = (0.1, 0.3)
     looseness: Span = (0.85, 0.97)  #: least and greatest density of the fill over that of the soil around it
     moisture: NotNegative = 0.02  #: rms change of the fill's volumetric moisture, m³/m³
-    cap: NotNegative = 0.01  #: rms height by which the fill stands over the surface or is sunk below it, m
-    wall: NotNegative = 0.01  #: rms unevenness of the wall, m
+    cap: Moderate = 0.01  #: rms height by which the fill stands over the surface or is sunk below it, m
+    wall: Moderate = 0.01  #: rms unevenness of the wall, m
     rough_db: Decibels = 2.0  #: by how much the fill's surface scatters more than that around it, dB
