@@ -19,7 +19,7 @@ _PER_POINT, _PER_KEPT = 600.0, 60.0  # a scatterer in view, and one of a tile th
 _PER_SAMPLE = 300.0, 4e-7  # a pair's tone: bytes, seconds in each scan
 _PER_ECHO = 200.0, 1e-8  # a tone of a body in view, bytes; of each of its pairs, seconds
 _PER_PATH = 6e-8  # a scatterer as a pair sees it, seconds
-_PER_SHADOW = 1e-7  # a scatterer behind a thing that throws a shadow, seconds
+_PER_SHADOW = 1e-7, 1e-5  # a scatterer, and a body, behind a thing that throws a shadow, seconds
 _SEEN = 90.0  # m of ground on which single bodies are in view
 _FEWEST = 25.0  # nodes of the relief under the scatterers, per m²
 
@@ -44,7 +44,7 @@ def drawing_effort(scene: Scene) -> Effort:
 
 
 def simulation_effort(scene: Scene, sensor: Sensor) -> Effort:
-    """Estimate what a scene seen by a sensor takes; the factors were measured, see docs/robustness.md."""
+    """Estimate what a scene seen by a sensor takes; the factors are from above of measured ones."""
     drawn, scans = drawing_effort(scene), _scans(scene)
     x_min, x_max, y_min, y_max = sensor.footprint
     reach = max(math.hypot(x, y) for x in (x_min, x_max) for y in (y_min, y_max))
@@ -56,7 +56,7 @@ def simulation_effort(scene: Scene, sensor: Sensor) -> Effort:
     memory = drawn.memory + _PER_POINT * points + _PER_KEPT * density * max(area, TILES_KEPT)
     memory += _PER_SAMPLE[0] * pairs * tones + (_PER_ECHO[0] * tones + 60.0 * pairs) * near + 200.0 * scans
     each = _PER_PATH * points * pairs + _PER_SAMPLE[1] * pairs * tones + _PER_ECHO[1] * pairs * tones * near
-    each += 2e-6 * drawn.things + (_PER_SHADOW * near * points if scene.shadow.on else 0.0)
+    each += 2e-6 * drawn.things + ((_PER_SHADOW[0] * points + _PER_SHADOW[1] * near) * near if scene.shadow.on else 0.0)
     return Effort(scans, drawn.things, points, memory, drawn.seconds + scans * each)
 
 
