@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from flgpr.calibrate import brightest_points, way_weights
 from flgpr.chain.progress import Track, silent
@@ -185,7 +186,7 @@ def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[
 
 
 def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
-    """Find the brightest points of the first polarization, apart by more than their own width."""
+    """Find the brightest local maxima of the first polarization, apart by more than its range resolution."""
     level = np.abs(image.values[0]).astype(np.float64)
     axes = {axis: image[axis].values for axis in ("z", "y", "x")}
     grid = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
@@ -195,7 +196,10 @@ def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
         return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
     band = image.attrs["band_hz"]
     apart = SPEED_OF_LIGHT / max(band[1] - band[0], band[1] / 4)
-    for x, y, z, value in brightest_points(level, grid, count, apart):
+    maxima = np.where(maximum_filter(level, 3) == level, level, 0.0)
+    for x, y, z, value in brightest_points(maxima, grid, count, apart):
+        if value == 0:
+            break
         row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
         row["over_median"] = 20 * math.log10(value / middle) if middle > 0 else math.inf
         place = tuple(int(np.argmin(np.abs(axes[axis] - at))) for axis, at in zip("zyx", (z, y, x), strict=True))
