@@ -384,7 +384,7 @@ def _records(
 def _real(samples: NDArray[Any]) -> NDArray[np.floating[Any]]:
     """Take samples to floating point in which every count is exact."""
     wide = samples.dtype.itemsize == 4 and samples.dtype.kind == "i"
-    real = samples.astype(np.float64 if wide else np.float32)
+    real: NDArray[np.floating[Any]] = samples.astype(np.float64 if wide else np.float32)
     size = np.abs(real[np.isfinite(real)]).max(initial=0.0)
     if size > 1e30:
         raise ValueError(f"samples must be below 1e30 in magnitude, got {size:g}: is the byte order wrong?")
@@ -398,8 +398,8 @@ def _distance(place: FloatArray, step: float | None) -> FloatArray | None:
         if (apart > 0).all():
             return place
         if (apart < 0).all():
-            return np.asarray(place[0] - place)
-    return None if not step else np.arange(place.size) * abs(step)
+            return np.asarray(place[0] - place, dtype=np.float64)
+    return None if not step else np.arange(place.size, dtype=np.float64) * abs(step)
 
 
 def _clock(time: FloatArray) -> FloatArray | None:

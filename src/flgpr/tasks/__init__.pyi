@@ -15,7 +15,7 @@ from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, w
 from flgpr.tasks.bench import bench_imaging, format_bench
 from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
-from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping
+from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_gpr, import_with_mapping
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
 from flgpr.tasks.results import demo, replay
@@ -63,6 +63,7 @@ __all__ = [
     "format_bench",
     "import_cphd",
     "import_fullwave_lane",
+    "import_gpr",
     "import_gprmax_models",
     "import_gprmax_results",
     "import_with_mapping",
