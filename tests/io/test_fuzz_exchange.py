@@ -20,7 +20,7 @@ from flgpr.io.anchor import fit_anchor, read_anchor
 from flgpr.io.arrays import open_arrays
 from flgpr.io.explain import explain_file
 from flgpr.io.gpr_files import read_gpr
-from flgpr.io.gpr_run import gpr_run
+from flgpr.io.gpr_import import gpr_run
 from flgpr.io.mapping import parse_mapping
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
@@ -139,11 +139,6 @@ GPS = "".join(FIX.format(k) for k in range(1, 6)).encode()
 RECORDINGS = {
     "dt1": (write_dt1, ".hd", ".gps", GPS),
     "dzt": (lambda path, one: write_dzt(path, np.stack([one, one], 1), names=("50400", "")), None, ".dzg", GPS),
-        lambda path, counts: write_dzt(path, np.stack([counts, counts], 1), names=("50400", "")),
-        None,
-        ".dzg",
-        GPS,
-    ),
     "rd3": (write_mala, ".RAD", ".cor", COR),
     "rd7": (write_mala, ".RAD", ".cor", COR),
     "iprb": (write_impulse, ".iprh", ".cor", COR),

@@ -16,7 +16,7 @@ from flgpr.io.georeferenced import (
     write_kml,
 )
 from flgpr.io.gpr_files import GprSection, read_gpr
-from flgpr.io.gpr_run import gpr_run
+from flgpr.io.gpr_import import gpr_run
 from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
 from flgpr.io.mapped import Imported, import_mapped, impulse_to_frequency
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run

@@ -48,7 +48,7 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     if re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head):
         return _explain_nmea(path)
     if is_gpr(path):
-        from flgpr.io.gpr_run import explain_gpr
+        from flgpr.io.gpr_import import explain_gpr
 
         return Explanation(path, *explain_gpr(path, limit))
     opened = open_arrays(path, limit)
