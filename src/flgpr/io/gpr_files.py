@@ -27,11 +27,10 @@ _LARGEST_HEADER = 64 * 2**20
 _DZT_HEADER = 1024
 
 NOT_READ = {
-    ".dt": ("IDS GeoRadar recording", "its layout is not published; export SEG-Y from the IDS software"),
-    ".ogpr": ("OpenGPR recording", "there is no reader for it yet; export SEG-Y"),
-    ".3dra": ("3d-radar recording", "its layout is not published; export SEG-Y from the maker's Examiner"),
-    ".vol": ("3d-radar volume", "there is no reader for it; export SEG-Y from the maker's Examiner"),
-    ".gsf": ("Geoscanners recording", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
+    ".dt": ("IDS GeoRadar", "its layout is not published; export SEG-Y from the IDS software"),
+    ".ogpr": ("OpenGPR", "there is no reader for it yet; export SEG-Y"),
+    ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
+    ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
 }
 """Endings of recordings that are known and cannot be read: what they are, and what to do."""
 
@@ -72,12 +71,12 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     path = existing(path)
     suffix = path.suffix.lower()
     if suffix in NOT_READ:
-        raise ValueError("{}: a {} cannot be read: {}".format(path, *NOT_READ[suffix]))
+        raise ValueError("{}: {} files cannot be read: {}".format(path, *NOT_READ[suffix]))
     if suffix in _HEADERS:
         raise ValueError(f"{path}: this is the header of a recording; give the {_HEADERS[suffix]} file beside it")
-    if suffix not in _READERS:
-        raise ValueError(f"{path}: the ending must be one of {', '.join(_READERS)}, got {suffix!r}")
-    words, reader = _READERS[suffix]
+    if suffix not in READERS:
+        raise ValueError(f"{path}: the ending must be one of {', '.join(READERS)}, got {suffix!r}")
+    words, reader = READERS[suffix]
     try:
         found = reader(path, max_memory)
     except MissingHeaderError:
@@ -90,7 +89,7 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
 
 def is_gpr(path: Path) -> bool:
     """Tell by its ending whether a file is a recording of a ground-penetrating radar, or belongs to one."""
-    return path.suffix.lower() in {**_READERS, **NOT_READ, **_HEADERS}
+    return path.suffix.lower() in {**READERS, **NOT_READ, **_HEADERS}
 
 
 @dataclass
@@ -461,7 +460,7 @@ def _fixes(found: list[tuple[float, ...]], count: int, notes: list[str]) -> Floa
     return kept[np.unique(kept[:, 0], return_index=True)[1]]
 
 
-_READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
+READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".dt1": ("Sensors & Software DT1", _read_dt1),
     ".dzt": ("GSSI DZT", _read_dzt),
     ".rd3": ("MALÅ RD3", _read_mala),
@@ -470,4 +469,5 @@ _READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".sgy": ("SEG-Y", _read_segy),
     ".segy": ("SEG-Y", _read_segy),
 }
+"""What each ending is, and how it is read."""
 _HEADERS = {".hd": ".dt1", ".rad": ".rd3 or .rd7", ".iprh": ".iprb"}

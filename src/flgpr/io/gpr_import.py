@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.declared import MAX_MEMORY
-from flgpr.io.gpr_files import NOT_READ, GprSection, MissingHeaderError, read_gpr
+from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, MissingHeaderError, read_gpr
 from flgpr.io.mapped import impulse_to_frequency
 from flgpr.model import make_run
 from flgpr.model.track import course, make_track, poses_at
@@ -89,16 +89,17 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     suffix = path.suffix.lower()
     if suffix in NOT_READ:
         words, advice = NOT_READ[suffix]
-        return words, [f"cannot be read: {advice}"]
+        return f"{words} file", [f"known by its ending {suffix}; it cannot be read: {advice}"]
     try:
         section = read_gpr(path, max_memory)
     except MissingHeaderError as error:
-        return "recording without its header", [str(error).partition(": ")[2]]
+        return READERS[suffix][0], [str(error).partition(": ")[2]]
     count, channels, samples = section.traces.shape
     interval = float(section.delay[1] - section.delay[0])
+    side = "after" if section.delay[0] <= 0 else "before"
     lines = [
         f"{section.title}: {count} traces x {samples} samples" + (f", {channels} channels" if channels > 1 else ""),
-        f"time window {samples * interval * 1e9:.6g} ns, time zero {-section.delay[0] * 1e9:.6g} ns after its start",
+        f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(section.delay[0]) * 1e9:.6g} ns {side} its start",
     ]
     if section.distance is not None and count > 1:
         length = abs(float(section.distance[-1] - section.distance[0]))
