@@ -96,10 +96,11 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         return READERS[suffix][0], [str(error).partition(": ")[2]]
     count, channels, samples = section.traces.shape
     interval = float(section.delay[1] - section.delay[0])
-    side = "after" if section.delay[0] <= 0 else "before"
+    zero = -section.delay[0] * 1e9
+    side = "after" if zero >= 0 else "before"
     lines = [
         f"{section.title}: {count} traces x {samples} samples" + (f", {channels} channels" if channels > 1 else ""),
-        f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(section.delay[0]) * 1e9:.6g} ns {side} its start",
+        f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
     ]
     if section.distance is not None and count > 1:
         length = abs(float(section.distance[-1] - section.distance[0]))
