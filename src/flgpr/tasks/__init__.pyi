@@ -16,7 +16,15 @@ from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, w
 from flgpr.tasks.bench import bench_imaging, format_bench
 from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
-from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping, track_of
+from flgpr.tasks.exchange import (
+    export_result,
+    export_run,
+    export_table,
+    import_cphd,
+    import_gpr,
+    import_with_mapping,
+    track_of,
+)
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
 from flgpr.tasks.picture import Picture, View, make_picture
@@ -74,6 +82,7 @@ __all__ = [
     "format_bench",
     "import_cphd",
     "import_fullwave_lane",
+    "import_gpr",
     "import_gprmax_models",
     "import_gprmax_results",
     "import_with_mapping",
