@@ -27,7 +27,7 @@ from flgpr.tasks.exchange import (
 )
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
-from flgpr.tasks.picture import Picture, View, make_picture
+from flgpr.tasks.picture import GroundFit, Picture, View, find_permittivity, make_picture
 from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
 from flgpr.tasks.preparing import check_steps, prepare_run, read_steps
 from flgpr.tasks.registering import register_recipe
@@ -51,6 +51,7 @@ __all__ = [
     "PASSPHRASE_RULE",
     "SECTIONS",
     "ClockSearch",
+    "GroundFit",
     "How",
     "LiveOptions",
     "LiveReport",
@@ -79,6 +80,7 @@ __all__ = [
     "export_run",
     "export_table",
     "feed",
+    "find_permittivity",
     "format_bench",
     "import_cphd",
     "import_fullwave_lane",
