@@ -8,17 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from flgpr.calibrate.clock import Operator, synthetic_aperture, track_trials, with_track
-from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution, way_weights
-from flgpr.model import SPEED_OF_LIGHT, check_run
+from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
+from flgpr.model import SPEED_OF_LIGHT, check_run, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 
 STANDS_OUT = 3.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""
+_MOVES, _COARSEST = 8, 2.0  # moves to either side that chance is told by; coarsest resolution they allow for, m
 DEFAULT_SEARCH = 3.0
 """How far to either side of zero a range bias is looked for, m, where the unambiguous range allows it."""
 
@@ -35,6 +37,7 @@ class BiasFit:
     over_runner_up: float
     over_median: float
     runner_up: float  #: bias of the best answer elsewhere, m
+    over_moved: float  #: height of the peak over the best answer for reflectors moved sideways, dB
     spread: float  #: greatest less least bias that single reflectors tell, m; 0 for one alone
     searched: tuple[float, float]  #: least and greatest bias tried, m
     #: per reflector: its place x, y, z, where its image peaks (x_peak, y_peak), and the bias it tells, m
@@ -105,35 +108,38 @@ def estimate_joint(
         raise ValueError(f"tolerance must be positive, got {tolerance:g}")
     run = run.compute()
     when, poses = (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, track, offsets)
-    lines = _lines(run, poses[len(poses) // 2], places, tolerance)
-    level, bias = _levels(run, poses, lines, biases)
+    across, fine = _across(run, poses[len(poses) // 2], places)
+    # A quarter wavelength shows every lobe of whatever aperture.
+    lines = places[:, None] + _steps(tolerance, SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4) * across
+    power, bias = _powers(run, poses, lines, biases)
+    level = power.max(axis=2)
     background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
     score = _score(level, background)
     at, step = int(score.max(axis=1).argmax()), float(np.diff(when).mean()) if when.size > 1 else 0.0
     edge = step > 0 and at in (0, when.size - 1)
-    best, first = float(when[at]), (float(score[at].max()), int(score[at].argmax()))
-    width = step
+    best, curve, width = float(when[at]), score[at], step
     for _ in range(refine if step else 0):
         width /= 2
         around, poses = track_trials(run, track, [best - width, best, best + width])
-        fine = _score(_levels(run, poses, lines, biases)[0], background)
-        at = int(fine.max(axis=1).argmax())
-        best, first = float(around[at]), (float(fine[at].max()), int(fine[at].argmax()))
-    height, peak = first
-    elsewhere = np.abs(bias - bias[peak]) > 2 * resolution(run["frequency"].values)
-    over_bias = score.max(axis=0)
-    rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
-    sigma = _sigma(run, track, best, step / 2, lines, (biases, peak), background)
+        close = _score(_powers(run, poses, lines, biases)[0].max(axis=2), background)
+        at = int(close.max(axis=1).argmax())
+        best, curve = float(around[at]), close[at]
     found = run if track is None else with_track(run, track, best)
-    table = _at_reflectors(found, places, operator, float(bias[peak]), tolerance)
+    peak = int(curve.argmax())
+    height, over_bias = float(curve[peak]), score.max(axis=0)
+    elsewhere = np.abs(bias - bias[peak]) > 2 * resolution(run["frequency"].values)
+    rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
+    moved = _score_moved(found, places, across, max(fine, 0.01), tolerance, biases, background)
+    noise = level[..., elsewhere].mean(axis=(0, 2)) if elsewhere.any() else background
+    sigma = _sigma(found, track, best, step / 2, lines, (biases, peak), np.maximum(noise, background))
+    table = _at_reflectors(found, places, operator, _summit(curve, bias, peak), tolerance)
     single = table["bias"].to_numpy()
-    mean, spread = float(single.mean()), float(np.ptp(single))
     if single.size > 1:
         sigma = float(np.hypot(sigma[0], single.std(ddof=1) / np.sqrt(single.size))), sigma[1]
     fit = BiasFit(
-        mean, sigma[0], None if track is None else best, None if track is None else sigma[1],
-        height - float(over_bias[rival]) if elsewhere.any() else np.inf, height - float(np.median(over_bias)),
-        float(bias[rival]), spread, (float(biases[0]), float(biases[1])), table, "",
+        float(single.mean()), sigma[0], None if track is None else best, None if track is None else sigma[1],
+        height - float(over_bias[rival]) if elsewhere.any() else 0.0, height - float(np.median(over_bias)),
+        float(bias[rival]), height - moved, float(np.ptp(single)), (float(biases[0]), float(biases[1])), table, "",
     )  # fmt: skip
     return replace(fit, doubt=_doubt(fit, edge, tolerance, resolution(run["frequency"].values)))
 
@@ -150,6 +156,11 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
             f"no bias stands out from {low:g} to {high:g} m: {fit.bias:.2f} m is but {fit.over_runner_up:.1f} dB better "
             f"than {fit.runner_up:.2f} m, {STANDS_OUT:g} dB are asked for"
         )
+    if fit.over_moved < STANDS_OUT:
+        return (
+            f"{fit.bias:.2f} m is but {fit.over_moved:.1f} dB better than the best answer for reflectors moved sideways, "
+            f"{STANDS_OUT:g} dB are asked for: are their places right, and nothing about as bright near them?"
+        )
     if fit.spread > tolerance:
         told = ", ".join(f"{one:.2f}" for one in fit.points["bias"])
         return f"the reflectors disagree: they tell {told} m, more than {tolerance:g} m apart"
@@ -158,29 +169,66 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
     return ""
 
 
-def _lines(run: xr.Dataset, pose: FloatArray, places: FloatArray, tolerance: float) -> FloatArray:
-    """Points (reflector, point, 3) across the line of sight of every reflector, a quarter wavelength apart at most."""
-    seen = places - np.average(pose[:, :3], axis=0, weights=way_weights(pose[:, :3]))
+def _across(run: xr.Dataset, pose: FloatArray, places: FloatArray) -> tuple[FloatArray, float]:
+    """Unit vectors (reflector, 1, 3) on the level across the line of sight, and the coarsest resolution along them."""
+    tx, rx = (
+        np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
+        for name in ("tx_position", "rx_position")
+    )
+    seen = places - 0.5 * (tx.mean(axis=0) + rx.mean(axis=0))
     across = np.stack([seen[:, 1], -seen[:, 0], np.zeros(len(places))], axis=1)
     size = np.linalg.norm(across, axis=1, keepdims=True)
     across = np.where(size > 0, across / np.where(size > 0, size, 1.0), [1.0, 0.0, 0.0])
-    half = int(np.ceil(tolerance / (SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4)))
-    return np.asarray(places[:, None] + np.linspace(-tolerance, tolerance, 2 * half + 1)[:, None] * across[:, None])
+    spread = [
+        np.ptp(sum((end - place) @ one / np.linalg.norm(end - place, axis=1) for end in (tx, rx)))
+        for place, one in zip(places, across, strict=True)
+    ]
+    middle = SPEED_OF_LIGHT / float(run["frequency"].values.mean())
+    return across[:, None], float(min(middle / max(min(spread), 1e-9), _COARSEST))
 
 
-def _levels(
-    run: xr.Dataset, poses: Sequence[ArrayLike], lines: FloatArray, biases: tuple[float, float]
+def _steps(reach: float, step: float) -> FloatArray:
+    """Even steps (step, 1) of at most ``step`` from minus to plus ``reach``, with one at zero."""
+    half = int(np.ceil(reach / step))
+    return np.linspace(-reach, reach, 2 * half + 1)[:, None]
+
+
+def _score_moved(
+    run: xr.Dataset, places: FloatArray, across: FloatArray, fine: float, tolerance: float,
+    biases: tuple[float, float], background: FloatArray,
+) -> float:  # fmt: skip
+    """Best score of reflectors that are all moved sideways, out of reach of their own echoes: what chance can do."""
+    clear = 2 * tolerance + 1.5 * fine
+    reach = clear + _MOVES * max(2 * tolerance, fine)
+    steps = _steps(reach, min(fine / 4, tolerance))
+    power, _ = _powers(run, [run["pose"].values], places[:, None] + steps * across, biases)
+    half = round(tolerance / float(steps[1, 0] - steps[0, 0]))
+    level = sliding_window_view(power[0], 2 * half + 1, axis=1).max(axis=-1)
+    away = np.abs(steps[half : steps.size - half, 0]) > clear
+    return float(_score(level[:, away].swapaxes(0, 1), background).max())
+
+
+def _powers(
+    run: xr.Dataset, poses: Sequence[ArrayLike], points: FloatArray, biases: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Power (trial, reflector, bias) at the brightest point of each reflector's line, and the biases."""
-    field, bias = fields_over_bias(run, poses, lines.reshape(-1, 3), biases)
+    """Power (trial, reflector, point, bias) at points (reflector, point, 3), and the biases."""
+    field, bias = fields_over_bias(run, poses, points.reshape(-1, 3), biases)
     power = (field.real.astype(np.float64) ** 2 + field.imag.astype(np.float64) ** 2).sum(axis=1)
-    return power.reshape(len(power), *lines.shape[:2], bias.size).max(axis=2), bias
+    return power.reshape(len(power), *points.shape[:2], bias.size), bias
 
 
 def _score(level: FloatArray, background: FloatArray) -> FloatArray:
     """Mean over reflectors of the power over the background, dB: (trial, bias)."""
     floor = np.finfo(np.float32).tiny
     return np.asarray(10 * np.log10(np.maximum(level / background[:, None], floor)).mean(axis=1))
+
+
+def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:
+    """Bias at the top of the parabola through a peak and its neighbours, so that the bias' grid does not matter."""
+    if not 0 < peak < bias.size - 1:
+        return float(bias[peak])
+    left, top, right = curve[peak - 1 : peak + 2]
+    return float(bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * (left - 2 * top + right)))
 
 
 def _sigma(
@@ -192,9 +240,8 @@ def _sigma(
         poses, step = [run["pose"].values] * 3, 1.0
     else:
         poses = [poses_at(track, run["time"].values, offset + k * step) for k in (-1, 0, 1)]
-    level, bias = _levels(run, poses, lines, near[0])
-    # The median of a complex Gaussian background's power is ln 2 times its mean.
-    power = (level / background[:, None]).sum(axis=1) * np.log(2)
+    power, bias = _powers(run, poses, lines, near[0])
+    power = (power.max(axis=2) / background[:, None]).sum(axis=1)
     wide, k = float(bias[2] - bias[0]), int(np.clip(near[1], 2, bias.size - 3))
     curve = [2 * power[1, k] - power[1, k - 2] - power[1, k + 2], 2 * power[1, k] - power[0, k] - power[2, k], 0.0]
     curve[2] = (power[0, k + 2] + power[2, k - 2] - power[0, k - 2] - power[2, k + 2]) / 4
