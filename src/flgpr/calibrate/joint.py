@@ -18,7 +18,7 @@ from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 
-STANDS_OUT = 3.0
+STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""
 _MOVES, _COARSEST = 8, 2.0  # moves to either side that chance is told by; coarsest resolution they allow for, m
 DEFAULT_SEARCH = 3.0
@@ -107,7 +107,8 @@ def estimate_joint(
     if not (tolerance > 0 and np.isfinite(tolerance)):
         raise ValueError(f"tolerance must be positive, got {tolerance:g}")
     run = run.compute()
-    when, poses = (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, track, offsets)
+    way = pd.DataFrame() if track is None else track
+    when, poses = (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, way, offsets)
     across, fine = _across(run, poses[len(poses) // 2], places)
     # A quarter wavelength shows every lobe of whatever aperture.
     lines = places[:, None] + _steps(tolerance, SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4) * across
@@ -120,7 +121,7 @@ def estimate_joint(
     best, curve, width = float(when[at]), score[at], step
     for _ in range(refine if step else 0):
         width /= 2
-        around, poses = track_trials(run, track, [best - width, best, best + width])
+        around, poses = track_trials(run, way, [best - width, best, best + width])
         close = _score(_powers(run, poses, lines, biases)[0].max(axis=2), background)
         at = int(close.max(axis=1).argmax())
         best, curve = float(around[at]), close[at]
@@ -153,13 +154,13 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
         return f"the best bias, {fit.bias:.2f} m, lies at the edge of {low:g} to {high:g} m: look farther"
     if fit.over_runner_up < STANDS_OUT:
         return (
-            f"no bias stands out from {low:g} to {high:g} m: {fit.bias:.2f} m is but {fit.over_runner_up:.1f} dB better "
-            f"than {fit.runner_up:.2f} m, {STANDS_OUT:g} dB are asked for"
+            f"no bias stands out from {low:g} to {high:g} m: {fit.bias:.2f} m is but {fit.over_runner_up:.1f} dB "
+            f"better than {fit.runner_up:.2f} m, {STANDS_OUT:g} dB are asked for"
         )
     if fit.over_moved < STANDS_OUT:
         return (
-            f"{fit.bias:.2f} m is but {fit.over_moved:.1f} dB better than the best answer for reflectors moved sideways, "
-            f"{STANDS_OUT:g} dB are asked for: are their places right, and nothing about as bright near them?"
+            f"{fit.bias:.2f} m is but {fit.over_moved:.1f} dB better than the best answer for reflectors moved "
+            f"sideways, {STANDS_OUT:g} dB are asked for: are their places right, and nothing about as bright near them?"
         )
     if fit.spread > tolerance:
         told = ", ".join(f"{one:.2f}" for one in fit.points["bias"])
@@ -170,7 +171,7 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
 
 
 def _across(run: xr.Dataset, pose: FloatArray, places: FloatArray) -> tuple[FloatArray, float]:
-    """Unit vectors (reflector, 1, 3) on the level across the line of sight, and the coarsest resolution along them."""
+    """Find unit vectors (reflector, 1, 3) on the level across the line of sight, and the coarsest resolution."""
     tx, rx = (
         np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
         for name in ("tx_position", "rx_position")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def remove_standing(run: xr.Dataset) -> xr.Dataset:
     if scans.size < 5:
         raise ValueError(f"run must have five complete scans to tell what stands still in them, got {scans.size}")
     signal = run["signal"].values
-    change = [np.linalg.norm(signal[b] - signal[a]) for a, b in zip(scans, scans[1:], strict=False)]
+    change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
     field = np.tensordot(shares(np.array(change)) / scans.size, signal[scans], axes=1).astype(signal.dtype)
     return run.assign(signal=(run["signal"].dims, signal - field))
 
@@ -110,7 +111,7 @@ def fields_over_bias(
                     near = window[rows, at]
                     total += (turned * (1 - between)).astype(np.complex64) @ near[:, :-1]
                     total += (turned * between).astype(np.complex64) @ near[:, 1:]
-    return field, 0.5 * step * np.arange(first, last + 1)
+    return field, np.asarray(np.arange(first, last + 1) * (0.5 * step), dtype=np.float64)
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:

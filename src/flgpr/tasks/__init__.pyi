@@ -1,3 +1,4 @@
+from flgpr.calibrate.joint import BiasFit
 from flgpr.chain.fitting import recipe_for
 from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
@@ -13,7 +14,7 @@ from flgpr.report import design_report
 from flgpr.results.result import SECTIONS, Result, read_result
 from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
 from flgpr.tasks.bench import bench_imaging, format_bench
-from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
+from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_joint, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
 from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
@@ -36,6 +37,7 @@ from flgpr.tasks.training import train_runs
 __all__ = [
     "COUNTS",
     "SECTIONS",
+    "BiasFit",
     "ClockSearch",
     "How",
     "LiveOptions",
@@ -48,6 +50,7 @@ __all__ = [
     "anchor_from_points",
     "bench_imaging",
     "calibrate_clock",
+    "calibrate_joint",
     "calibrate_range_bias",
     "check_request",
     "demo",
