@@ -157,6 +157,8 @@ def track_trials(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> tu
 
 def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
     time, steps = run["time"].values, np.asarray(offsets)
+    if not (np.isfinite(time).all() and steps.size):
+        return "run must have a time for every scan to take poses from a track, and there must be offsets to try"
     return (
         f"offsets must put the scans inside the track, none from {steps.min():g} to {steps.max():g} s does: scans from "
         f"{time.min():g} to {time.max():g} s, track from {track['time'].iloc[0]:g} to {track['time'].iloc[-1]:g} s"

@@ -21,6 +21,7 @@ from flgpr.model.track import poses_at
 STANDS_OUT = 4.0
 """Least height of a trusted peak over the best answer elsewhere, dB."""
 _MOVES, _COARSEST = 8, 2.0  # moves to either side that chance is told by; coarsest resolution they allow for, m
+_SUMS = 4_000_000  # held at a time, 96 MB with their powers
 DEFAULT_SEARCH = 3.0
 """How far to either side of zero a range bias is looked for, m, where the unambiguous range allows it."""
 
@@ -32,7 +33,7 @@ class BiasFit:
     bias: float  #: by how much one-way ranges are measured too long, m
     bias_sigma: float  #: one standard deviation, m, from the echoes' height over the background and their spread
     offset: float | None  #: time on the track's clock less the radar's, s; None where the run's poses were taken
-    offset_sigma: float | None  #: one standard deviation, s; infinite where the echoes do not tell
+    offset_sigma: float | None  #: one standard deviation, s; 0 of a single offset tried
     #: height of the peak over the best answer elsewhere, two range resolutions away or more, and over the median, dB
     over_runner_up: float
     over_median: float
@@ -93,27 +94,15 @@ def estimate_joint(
         How often the offsets' step is halved around the best.
     """
     check_run(run)
-    places = np.asarray(points, dtype=np.float64)
-    if places.ndim != 2 or places.shape[1:] != (3,) or not len(places):
-        raise ValueError(f"points must have the shape (reflector, 3) with at least one, got {places.shape}")
-    if not (np.isfinite(biases).all() and biases[0] < biases[1]):
-        raise ValueError(f"biases must be finite and increase, got {biases[0]:g} and {biases[1]:g} m")
-    most = unambiguous_range(run["frequency"].values)
-    if biases[1] - biases[0] > most:
-        raise ValueError(
-            f"biases must span at most {most:.3g} m, after which the ranges of this run repeat, got {biases[0]:g} to "
-            f"{biases[1]:g} m"
-        )
-    if not (tolerance > 0 and np.isfinite(tolerance)):
-        raise ValueError(f"tolerance must be positive, got {tolerance:g}")
+    places, cell = np.asarray(points, dtype=np.float64), resolution(run["frequency"].values)
+    _check(places, biases, tolerance, cell, unambiguous_range(run["frequency"].values))
     run = run.compute()
     way = pd.DataFrame() if track is None else track
     when, poses = (np.zeros(1), [run["pose"].values]) if track is None else track_trials(run, way, offsets)
     across, fine = _across(run, poses[len(poses) // 2], places)
     # A quarter wavelength shows every lobe of whatever aperture.
     lines = places[:, None] + _steps(tolerance, SPEED_OF_LIGHT / float(run["frequency"].values[-1]) / 4) * across
-    power, bias = _powers(run, poses, lines, biases)
-    level = power.max(axis=2)
+    level, bias = _levels(run, poses, lines, biases)
     background = np.maximum(np.median(level, axis=(0, 2)), np.finfo(np.float32).tiny)
     score = _score(level, background)
     at, step = int(score.max(axis=1).argmax()), float(np.diff(when).mean()) if when.size > 1 else 0.0
@@ -122,27 +111,41 @@ def estimate_joint(
     for _ in range(refine if step else 0):
         width /= 2
         around, poses = track_trials(run, way, [best - width, best, best + width])
-        close = _score(_powers(run, poses, lines, biases)[0].max(axis=2), background)
+        close = _score(_levels(run, poses, lines, biases)[0], background)
         at = int(close.max(axis=1).argmax())
         best, curve = float(around[at]), close[at]
     found = run if track is None else with_track(run, track, best)
     peak = int(curve.argmax())
     height, over_bias = float(curve[peak]), score.max(axis=0)
-    elsewhere = np.abs(bias - bias[peak]) > 2 * resolution(run["frequency"].values)
+    elsewhere = np.abs(bias - bias[peak]) > 2 * cell
     rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
-    moved = _score_moved(found, places, across, max(fine, 0.01), tolerance, biases, background)
-    noise = level[..., elsewhere].mean(axis=(0, 2)) if elsewhere.any() else background
-    sigma = _sigma(found, track, best, step / 2, lines, (biases, peak), np.maximum(noise, background))
+    moved = _score_moved(found, places, across, fine, tolerance, biases, background)
+    noise = np.maximum(level[..., elsewhere].mean(axis=(0, 2)), background)
+    sigma = (np.inf, np.inf) if edge else _sigma(found, track, best, step / 2, lines, (biases, peak), noise)
     table = _at_reflectors(found, places, operator, _summit(curve, bias, peak), tolerance)
     single = table["bias"].to_numpy()
     if single.size > 1:
         sigma = float(np.hypot(sigma[0], single.std(ddof=1) / np.sqrt(single.size))), sigma[1]
     fit = BiasFit(
         float(single.mean()), sigma[0], None if track is None else best, None if track is None else sigma[1],
-        height - float(over_bias[rival]) if elsewhere.any() else 0.0, height - float(np.median(over_bias)),
+        height - float(over_bias[rival]), height - float(np.median(over_bias)),
         float(bias[rival]), height - moved, float(np.ptp(single)), (float(biases[0]), float(biases[1])), table, "",
     )  # fmt: skip
-    return replace(fit, doubt=_doubt(fit, edge, tolerance, resolution(run["frequency"].values)))
+    return replace(fit, doubt=_doubt(fit, edge, tolerance, cell))
+
+
+def _check(places: FloatArray, biases: tuple[float, float], tolerance: float, cell: float, most: float) -> None:
+    """Refuse a search that cannot be made: ``cell`` is the range resolution, ``most`` the unambiguous range, m."""
+    if places.ndim != 2 or places.shape[1:] != (3,) or not len(places) or not np.isfinite(places).all():
+        raise ValueError(f"points must be finite with the shape (reflector, 3) and at least one, got {places.shape}")
+    low, high = biases
+    if not (np.isfinite(biases).all() and 8 * cell <= high - low <= most):
+        raise ValueError(
+            f"biases must span from {8 * cell:.2g} m, eight times the range resolution, to {most:.3g} m, after which "
+            f"the ranges of this run repeat; got {low:g} to {high:g} m"
+        )
+    if not 0 < tolerance <= _COARSEST:
+        raise ValueError(f"tolerance must be positive and at most {_COARSEST:g} m, got {tolerance:g}")
 
 
 def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
@@ -165,8 +168,8 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
     if fit.spread > tolerance:
         told = ", ".join(f"{one:.2f}" for one in fit.points["bias"])
         return f"the reflectors disagree: they tell {told} m, more than {tolerance:g} m apart"
-    if fit.offset_sigma is not None and not np.isfinite(fit.offset_sigma):
-        return "the echoes do not tell the clock offset: they are as good at other ones"
+    if not np.isfinite([fit.bias_sigma, fit.offset_sigma or 0.0]).all():
+        return "the echoes do not tell clock offset and bias apart: they are as good at others along a line of them"
     return ""
 
 
@@ -218,6 +221,16 @@ def _powers(
     return power.reshape(len(power), *points.shape[:2], bias.size), bias
 
 
+def _levels(
+    run: xr.Dataset, poses: Sequence[ArrayLike], lines: FloatArray, biases: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Power (trial, reflector, bias) at the brightest point of each reflector's line, and biases."""
+    held = lines.shape[0] * lines.shape[1] * (biases[1] - biases[0]) / resolution(run["frequency"].values) * 8
+    few = max(1, int(_SUMS / held))  # trials at a time
+    parts = [_powers(run, poses[k : k + few], lines, biases) for k in range(0, len(poses), few)]
+    return np.concatenate([power.max(axis=2) for power, _ in parts]), parts[0][1]
+
+
 def _score(level: FloatArray, background: FloatArray) -> FloatArray:
     """Mean over reflectors of the power over the background, dB: (trial, bias)."""
     floor = np.finfo(np.float32).tiny
@@ -237,16 +250,18 @@ def _sigma(
     near: tuple[tuple[float, float], int], background: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
     """Cramer-Rao bounds of bias and offset, by the curvature of the echoes' power over the background at the peak."""
-    if track is None:
-        poses, step = [run["pose"].values] * 3, 1.0
+    fixed = track is None or not step
+    if track is None or fixed:
+        poses = [run["pose"].values] * 3
     else:
         poses = [poses_at(track, run["time"].values, offset + k * step) for k in (-1, 0, 1)]
-    power, bias = _powers(run, poses, lines, near[0])
-    power = (power.max(axis=2) / background[:, None]).sum(axis=1)
+    level, bias = _levels(run, poses, lines, near[0])
     wide, k = float(bias[2] - bias[0]), int(np.clip(near[1], 2, bias.size - 3))
+    # Near the peak the echoes' likelihood is the product's curvature times their power over the background in all.
+    power = (level[1, :, k] / background).sum() * np.log(10) / 10 * _score(level, background)
     curve = [2 * power[1, k] - power[1, k - 2] - power[1, k + 2], 2 * power[1, k] - power[0, k] - power[2, k], 0.0]
     curve[2] = (power[0, k + 2] + power[2, k - 2] - power[0, k - 2] - power[2, k + 2]) / 4
-    if track is None:
+    if fixed:
         return (wide / np.sqrt(curve[0]) if curve[0] > 0 else np.inf), 0.0
     certain = curve[0] * curve[1] - curve[2] ** 2
     if certain <= 0 or curve[0] <= 0:

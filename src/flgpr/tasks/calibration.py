@@ -152,7 +152,12 @@ def _offsets(limits: tuple[float, float], step: float) -> FloatArray:
 
 
 def _searched(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
-    return run if keep_standing else remove_standing(run.compute())
+    if keep_standing:
+        return run
+    try:
+        return remove_standing(run.compute())
+    except ValueError as error:
+        raise ValueError(f"{error}: search with it, --keep-standing") from None
 
 
 def _refuse(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
