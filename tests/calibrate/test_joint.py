@@ -125,6 +125,7 @@ def test_a_vehicle_that_waits_leaves_no_ghost_of_where_it_waited():
 def test_without_a_reflector_nothing_is_told():
     for seed in range(5):
         assert found(rail(targets=NOWHERE, seed=seed, noise=1.0)[0]).doubt
+    assert found(rail(targets=NOWHERE, noise=0.0, coupling=0.0)[0]).doubt
 
 
 def test_a_wrong_place_is_noticed_by_two_reflectors():

@@ -126,11 +126,11 @@ def estimate_clock(
     tried = len(trials)
     width = float(np.diff(np.sort(steps)).mean()) if steps.size > 1 else 0.0
     for level in range(refine if width else 0):
-        offset, rate, _ = max(trials, key=lambda trial: trial[-1])
+        offset, rate, _ = max(trials, key=lambda trial: trial[2])
         for sign in (-1, 1):
             attempt(offset + sign * width / 2 ** (level + 1), rate)
     table = pd.DataFrame(trials, columns=["offset", "rate", "sharpness"])
-    offset, rate, top = max(trials, key=lambda trial: trial[-1])
+    offset, rate, top = max(trials, key=lambda trial: trial[2])
     asked = table[:tried]
     lowest = float(asked["sharpness"].min())
     doubt = ""

@@ -121,7 +121,8 @@ def estimate_joint(
     rival = int(np.where(elsewhere, over_bias, -np.inf).argmax())
     moved = _score_moved(found, places, across, fine, tolerance, biases, background)
     noise = np.maximum(level[..., elsewhere].mean(axis=(0, 2)), background)
-    sigma = (np.inf, np.inf) if edge else _sigma(found, track, best, step / 2, lines, (biases, peak), noise)
+    middle = float(np.clip(best, when[0] + step / 2, when[-1] - step / 2))  # both neighbours inside the track
+    sigma = (np.inf, np.inf) if edge else _sigma(found, track, middle, step / 2, lines, (biases, peak), noise)
     table = _at_reflectors(found, places, operator, _summit(curve, bias, peak), tolerance)
     single = table["bias"].to_numpy()
     if single.size > 1:
@@ -242,7 +243,8 @@ def _summit(curve: FloatArray, bias: FloatArray, peak: int) -> float:
     if not 0 < peak < bias.size - 1:
         return float(bias[peak])
     left, top, right = curve[peak - 1 : peak + 2]
-    return float(bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * (left - 2 * top + right)))
+    bend = left - 2 * top + right
+    return float(bias[peak] + (bias[1] - bias[0]) * (left - right) / (2 * bend if bend < 0 else np.inf))
 
 
 def _sigma(

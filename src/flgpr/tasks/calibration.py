@@ -162,7 +162,7 @@ def _searched(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
 
 def _refuse(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
     if fit.doubt:
-        hint = "" if keep_standing else "; what stands still in the scans was left out, unless told to keep it"
+        hint = "" if keep_standing else " (what stands still in the scans was left out; --keep-standing leaves it in)"
         raise ValueError(f"{run}: {fit.doubt}{hint}")
 
 
