@@ -181,6 +181,9 @@ def test_a_file_of_somebody_else_arrives_calibrated_and_leaves_on_earth(followed
     assert float(bias.split("range bias ")[1].split(" m")[0]) == pytest.approx(
         0.44, abs=0.05
     )  # half a wavelength is 0.04
+    (both,) = [text for line, text in printed.items() if "calibrate joint" in line]
+    assert float(both.split("offset ")[1].split(" s")[0]) == pytest.approx(9.28, abs=0.02)
+    assert float(both.split("range bias ")[1].split(" m")[0]) == pytest.approx(0.44, abs=0.02)
     assert space.arrived.run.sizes["scan"] == 70
     assert dict(open_run(folder / "drive.zarr").sizes)["frequency"] == 256
     assert open_run(folder / "run.zarr").sizes["scan"] == 5

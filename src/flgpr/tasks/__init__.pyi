@@ -1,3 +1,4 @@
+from flgpr.calibrate.joint import BiasFit
 from flgpr.chain.fitting import recipe_for
 from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
@@ -14,7 +15,7 @@ from flgpr.results.result import SECTIONS, Result, read_result
 from flgpr.scoring import PASSPHRASE_RULE
 from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
 from flgpr.tasks.bench import bench_imaging, format_bench
-from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
+from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_joint, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
 from flgpr.tasks.exchange import (
     export_result,
@@ -50,6 +51,7 @@ __all__ = [
     "COUNTS",
     "PASSPHRASE_RULE",
     "SECTIONS",
+    "BiasFit",
     "ClockSearch",
     "GroundFit",
     "How",
@@ -65,6 +67,7 @@ __all__ = [
     "anchor_from_points",
     "bench_imaging",
     "calibrate_clock",
+    "calibrate_joint",
     "calibrate_range_bias",
     "check_request",
     "check_steps",
