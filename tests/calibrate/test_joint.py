@@ -9,7 +9,7 @@ from flgpr.calibrate import (
     estimate_range_bias,
     fields_over_bias,
     remove_range_bias,
-    remove_standing,
+    subtract_mean_scan,
     with_track,
 )
 from flgpr.imaging import ImagingOperator
@@ -45,7 +45,7 @@ def turned(bias):
 
 
 def found(run, points=MARKS, **more):
-    return estimate_range_bias(remove_standing(run), points, ImagingOperator, **more)
+    return estimate_range_bias(subtract_mean_scan(run), points, ImagingOperator, **more)
 
 
 @pytest.mark.parametrize("kind", ["even", "gap", "uneven"])
@@ -92,7 +92,7 @@ def test_a_known_bias_added_is_added_to_the_answer():
 
 def test_offset_and_bias_are_found_together():
     run, track = rail(1.92, 0.43)
-    fit = estimate_joint(remove_standing(run), MARKS, ImagingOperator, (-3, 3), track, OFFSETS)
+    fit = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-3, 3), track, OFFSETS)
     assert not fit.doubt
     assert fit.bias == pytest.approx(1.92, abs=0.01)
     assert fit.offset == pytest.approx(0.43, abs=0.02)
@@ -113,13 +113,13 @@ def test_what_stands_still_would_pass_for_an_echo():
 def test_a_vehicle_that_waits_leaves_no_ghost_of_where_it_waited():
     run = rail(noise=0.0, coupling=5.0)[0]
     waited = run.isel(scan=np.r_[np.zeros(300, int), np.arange(90)])
-    left = remove_standing(waited)["signal"].values
+    left = subtract_mean_scan(waited)["signal"].values
     gone = waited["signal"].values - left
     still = 5.0 * (turned(0.3) + 0.6 * turned(8.0))
     ghost = waited["signal"].values.mean(axis=0) - still  # what a plain mean would leave
     assert np.linalg.norm(gone[0, 0, 0] - still) < 0.4 * np.linalg.norm(ghost)
     with pytest.raises(ValueError, match="five complete scans"):
-        remove_standing(run.isel(scan=slice(4)))
+        subtract_mean_scan(run.isel(scan=slice(4)))
 
 
 def test_without_a_reflector_nothing_is_told():
@@ -145,7 +145,7 @@ def test_the_edges_of_the_search_are_not_answers():
     run, track = rail(2.0, 0.3)
     assert found(run, search=1.0).doubt
     assert "edge" in found(run, search=2.03).doubt
-    late = estimate_joint(remove_standing(run), MARKS, ImagingOperator, (-3, 3), track, np.arange(0.3, 1.0, 0.1))
+    late = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-3, 3), track, np.arange(0.3, 1.0, 0.1))
     assert late.doubt.startswith("the best clock offset")
     assert "edge" in late.doubt
 
@@ -159,14 +159,14 @@ def test_a_clock_that_cannot_be_told_from_the_bias_is_not_told():
     mark = np.array([[0.0, 8.0, 0.0]])
     signal = echo(pose[:, :3], pose[:, :3], mark, FREQUENCY)[:, None, None]
     run = make_run(signal, FREQUENCY, ["VV"], [[0, 0, 0]], [[0, 0, 0]], pose, time)
-    assert estimate_joint(remove_standing(run), mark, ImagingOperator, (-2, 2), track, OFFSETS).doubt
+    assert estimate_joint(subtract_mean_scan(run), mark, ImagingOperator, (-2, 2), track, OFFSETS).doubt
 
 
 def test_the_standard_deviations_are_of_the_errors_size():
     errors = []
     for seed in range(12):
         run, track = rail(0.7, 0.2, noise=4.0, seed=seed)
-        fit = estimate_joint(remove_standing(run), MARKS, ImagingOperator, (-2, 2), track, OFFSETS[10:23])
+        fit = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-2, 2), track, OFFSETS[10:23])
         assert not fit.doubt
         errors.append([(fit.bias - 0.7) / fit.bias_sigma, (fit.offset - 0.2) / fit.offset_sigma])
     size = np.sqrt(np.mean(np.square(errors), axis=0))

@@ -20,7 +20,7 @@ from flgpr.calibrate.polarimetry import (
     scattering_matrices,
 )
 from flgpr.calibrate.pose import LeverFit, estimate_lever_arm
-from flgpr.calibrate.profiles import fields_over_bias, remove_standing, way_weights
+from flgpr.calibrate.profiles import fields_over_bias, subtract_mean_scan, way_weights
 from flgpr.calibrate.reflector import PairFit, apply_pairs, estimate_pairs
 from flgpr.calibrate.vna import divide_by_through, remove_delay, subtract_standard
 
@@ -49,9 +49,9 @@ __all__ = [
     "remove_distortion",
     "remove_in_scan_motion",
     "remove_range_bias",
-    "remove_standing",
     "scattering_matrices",
     "sharpness",
+    "subtract_mean_scan",
     "subtract_standard",
     "synthetic_aperture",
     "vehicle_velocity",

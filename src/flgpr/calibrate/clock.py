@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.calibrate.profiles import way_weights
-from flgpr.model import check_run, complete_scans, vehicle_to_lane
+from flgpr.model import as_aperture, check_run, complete_scans
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
@@ -63,12 +63,7 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float6
     if not scans.size:
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
     pose = run["pose"].values[scans]
-    tx, rx = (
-        np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
-        for name in ("tx_position", "rx_position")
-    )
-    data = run["signal"].values[scans] * way_weights(pose[:, :3])[:, None, None, None]
-    return data.transpose(1, 0, 2, 3).reshape(data.shape[1], -1, data.shape[3]), tx, rx
+    return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
 
 
 def sharpness(image: ArrayLike) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from flgpr.calibrate.clock import Operator, synthetic_aperture, track_trials, with_track
 from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
-from flgpr.model import SPEED_OF_LIGHT, check_run, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
@@ -72,7 +72,7 @@ def estimate_joint(
     For every offset the scans are summed coherently at each reflector for all biases at once. The power there over its
     median is multiplied over the reflectors, and the product's peak is refined. An image around each reflector then
     tells a bias of its own: by how much its brightest pixel lies farther from the aperture than the reflector. What
-    stands still in the run should be out of it: see :func:`flgpr.calibrate.remove_standing`.
+    stands still in the run should be out of it: see :func:`flgpr.calibrate.subtract_mean_scan`.
 
     Parameters
     ----------
@@ -176,10 +176,7 @@ def _doubt(fit: BiasFit, edge: bool, tolerance: float, cell: float) -> str:
 
 def _across(run: xr.Dataset, pose: FloatArray, places: FloatArray) -> tuple[FloatArray, float]:
     """Find unit vectors (reflector, 1, 3) on the level across the line of sight, and the coarsest resolution."""
-    tx, rx = (
-        np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
-        for name in ("tx_position", "rx_position")
-    )
+    tx, rx = antennas_in_lane(run, pose)
     seen = places - 0.5 * (tx.mean(axis=0) + rx.mean(axis=0))
     across = np.stack([seen[:, 1], -seen[:, 0], np.zeros(len(places))], axis=1)
     size = np.linalg.norm(across, axis=1, keepdims=True)

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model import SPEED_OF_LIGHT, complete_scans, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 
@@ -34,11 +34,12 @@ def shares(step: FloatArray) -> FloatArray:
     return share / share.mean() if share.sum() > 0 else np.ones(share.size)
 
 
-def remove_standing(run: xr.Dataset) -> xr.Dataset:
-    """Take what is the same in all scans, coupling and echoes of the vehicle itself, out of a run.
+def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
+    """Take the mean scan, coupling and echoes of the vehicle itself, out of a run before a search by echoes.
 
-    It is the mean over complete scans, each weighted by the change to its neighbours: a vehicle that waits would
-    otherwise leave the echoes of where it waited. Of fewer than five scans it would be as much echo as coupling: then
+    Scans are weighted by the change to their neighbours: a vehicle that waits, which nothing but the track tells and
+    its clock is not known yet, would otherwise leave the echoes of where it waited, as a median would
+    (:func:`flgpr.clutter.remove_standing`). Of fewer than five scans the mean would be as much echo as coupling: then
     it is a ValueError.
     """
     scans = np.flatnonzero(complete_scans(run))
@@ -96,10 +97,7 @@ def fields_over_bias(
         rows = np.arange(table.shape[1])
         windows = [sliding_window_view(one, last - first + 2, axis=1) for one in table]
         for way, weight, out in zip(ways, weights, field, strict=True):
-            tx, rx = (
-                np.concatenate([vehicle_to_lane(run[name].values, pose) for pose in way[part]])
-                for name in ("tx_position", "rx_position")
-            )
+            tx, rx = antennas_in_lane(run, way[part])
             share = np.repeat(weight[part], signal.shape[2])
             for k, point in enumerate(places):
                 path = np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1)

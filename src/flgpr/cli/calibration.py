@@ -23,6 +23,10 @@ Reflectors = Annotated[Path, Option(help="CSV of reflectors: x_m, y_m, z_m in th
 Tolerance = Annotated[
     float, Option(help="How far from its place an echo may come, and how far apart reflectors' biases may lie, m.")
 ]
+Offsets = Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")]
+TrackFile = Annotated[Path | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")]
+TrackAnchor = Annotated[Path | None, Option("--anchor", help="Anchor, to read an NMEA log.")]
+Step = Annotated[float, Option(help="First step of the offsets, s; halved four times around the best.")]
 KeepStanding = Annotated[
     bool, Option("--keep-standing", help="Search with what is the same in all scans; it is left out by default.")
 ]
@@ -32,11 +36,11 @@ KeepStanding = Annotated[
 def clock(
     run: Run,
     area: Annotated[tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")],
-    offsets: Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")],
+    offsets: Offsets,
     output: NewRun = None,
-    track: Annotated[Path | None, Option(help="CSV track or NMEA log; NAME-track.csv by default.")] = None,
-    anchor: Annotated[Path | None, Option(help="Anchor, to read an NMEA log.")] = None,
-    step: Annotated[float, Option(help="First step, s; halved four times around the best.")] = 0.05,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
     height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
     spacing: Annotated[float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")] = None,
     rate: Annotated[list[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")] = None,
@@ -88,12 +92,12 @@ def range_bias(
 def joint(
     run: Run,
     reflectors: Reflectors,
-    offsets: Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")],
+    offsets: Offsets,
     biases: Annotated[tuple[float, float], Option(help="Least and greatest range bias, m.")] = (-3.0, 3.0),
     output: NewRun = None,
-    track: Annotated[Path | None, Option(help="CSV track or NMEA log; NAME-track.csv by default.")] = None,
-    anchor: Annotated[Path | None, Option(help="Anchor, to read an NMEA log.")] = None,
-    step: Annotated[float, Option(help="First step of the offsets, s; halved four times around the best.")] = 0.05,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
     tolerance: Tolerance = 0.15,
     keep_standing: KeepStanding = False,
     as_json: Json = False,

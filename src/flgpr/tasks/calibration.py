@@ -17,7 +17,7 @@ from flgpr.calibrate import (
     estimate_joint,
     estimate_range_bias,
     remove_range_bias,
-    remove_standing,
+    subtract_mean_scan,
     with_track,
 )
 from flgpr.imaging import ImagingOperator
@@ -153,7 +153,7 @@ def _searched(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
     if keep_standing:
         return run
     try:
-        return remove_standing(run.compute())
+        return subtract_mean_scan(run.compute())
     except ValueError as error:
         raise ValueError(f"{error}: search with it, --keep-standing") from None
 
