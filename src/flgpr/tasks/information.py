@@ -74,7 +74,7 @@ def run_info(
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "warnings": _doubts(array, height),
+        "warnings": geometry_doubts(antennas, pose),
     }
 
 
@@ -103,9 +103,9 @@ def _faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
     return faults + doubts
 
 
-def _doubts(array: NDArray[np.float64], height: float) -> list[str]:
-    """Warn of an array that is wider than any vehicle, or does not stand over the ground."""
-    told = []
+def geometry_doubts(antennas: NDArray[np.float64], pose: NDArray[np.float64]) -> list[str]:
+    """Warn of antennas (n, 3) that are wider apart than any vehicle, or do not stand over the ground at poses."""
+    told, array, height = [], np.ptp(antennas, axis=0), float(pose[:, 2].mean() + antennas[:, 2].mean())
     if array.max() > _WIDEST:
         told.append(
             f"antennas lie up to {array.max():.4g} m apart, more than {_WIDEST:g} m: are positions metres, and "
