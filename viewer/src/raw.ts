@@ -223,8 +223,7 @@ export class RawPanel {
       line([right, y], [right + 4, y]);
       pen.text(right + 6, y + 4, format(value), text);
     }
-    const shift = Math.max(Math.ceil(scans.length / Math.max(box.width / 60, 1)), 1);
-    for (let i = 0; i < scans.length; i += shift) pen.text(left + (i + 0.5) * wide, bottom + 14, String(scans[i]), { ...text, anchor: "middle" });
+    for (const i of ticks(0, Math.max(scans.length - 1, 1), box.width / 60).filter((one) => one in scans)) pen.text(left + (i + 0.5) * wide, bottom + 14, String(scans[i]), { ...text, anchor: "middle" });
     pen.text(left + box.width / 2, bottom + 28, "scan", { ...text, anchor: "middle" });
     pen.text(2, bottom + 28, "delay, ns", text);
     pen.text(right + 6, bottom + 28, "range, m", text);
@@ -303,10 +302,13 @@ export class RawPanel {
       const { summary, every, channels } = await getJson<Health>("data/0/raw/health");
       const more = every > 1 ? [`Levels and drifts are of every ${every}th scan.`] : [];
       el("health-words").replaceChildren(...[...summary, ...more].map((words) => make("li", {}, words)));
-      const column = (name: string, i: number): string => digits(channels[name]![i] as number | null, 2);
+      const column = (name: string, i: number, count: number): string => {
+        const value = channels[name]![i] as number | null;
+        return value === null ? "–" : fixed(Math.abs(value) < 0.5 * 10 ** -count ? 0 : value, count);
+      };
       el("health-rows").replaceChildren(
         ...channels["pair"]!.map((pair, i) => {
-          const cells = [`${channels["polarization"]![i]} ${pair}`, column("level_db", i), String(channels["missing"]![i]), column("coherence", i), column("gain_drift_db", i), column("phase_drift_rad", i)];
+          const cells = [`${channels["polarization"]![i]} ${pair}`, column("level_db", i, 1), String(channels["missing"]![i]), column("coherence", i, 2), column("gain_drift_db", i, 1), column("phase_drift_rad", i, 2)];
           return make("tr", channels["dead"]![i] ? { class: "dead" } : {}, ...cells.map((cell) => make("td", {}, cell)));
         }),
       );

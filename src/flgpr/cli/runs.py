@@ -52,7 +52,7 @@ def view(
     """Show results in the browser, read-only and on this machine."""
     try:
         shown = paths or []
-        raw = lambda path: tasks.RawRun(path)  # noqa: E731, PLW0108 - what computes is loaded when it is asked
+        raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
         viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw)
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
