@@ -28,6 +28,7 @@ interface Health { summary: string[]; every: number; channels: Record<string, (n
 /** The raw data of a run, as the server has worked it out: B-scan, A-scan, spectrum, health. */
 export class RawPanel {
   private shown: Bscan | null = null;
+  private settings = "";
   private values: Uint16Array = new Uint16Array(0);
   private image: HTMLCanvasElement | null = null;
   private spectrum: Spectrum | null = null;
@@ -107,9 +108,9 @@ export class RawPanel {
     return found;
   }
 
-  private query(more: Record<string, string>): string {
+  private query(): string {
     const value = (id: string): string => el<HTMLInputElement>(id).value;
-    return String(new URLSearchParams({ polarization: value("raw-pol"), pair: value("raw-pair"), steps: JSON.stringify(this.steps()), ...more }));
+    return String(new URLSearchParams({ polarization: value("raw-pol"), pair: value("raw-pair"), steps: JSON.stringify(this.steps()) }));
   }
 
   /** Ask for the B-scan of what is chosen; of changes meanwhile only the last is asked for. */
@@ -120,10 +121,12 @@ export class RawPanel {
     }
     this.busy = true;
     this.canvas.setAttribute("aria-busy", "true");
-    const to = el<HTMLInputElement>("raw-to").value.trim();
+    const [to, query] = [el<HTMLInputElement>("raw-to").value.trim(), this.query()];
+    const more = new URLSearchParams({ scale: el<HTMLInputElement>("raw-scale").value, ...(to && { to_ns: to }) });
     try {
-      const answer = await getJson<Bscan>(`data/0/raw/bscan?${this.query({ scale: el<HTMLInputElement>("raw-scale").value, ...(to && { to_ns: to }) })}`);
+      const answer = await getJson<Bscan>(`data/0/raw/bscan?${query}&${more}`);
       this.shown = answer;
+      this.settings = query;
       this.values = halves(answer.halves);
       this.spectrum = null;
       this.cutOf = "";
@@ -246,16 +249,16 @@ export class RawPanel {
     const column = this.over ?? this.column ?? 0;
     this.curves(column);
     const scan = this.shown.scans[column]!;
-    const key = this.query({ scan: String(scan) });
+    const key = `${this.settings}&scan=${scan}`;
     if (this.asking || this.busy || key === this.cutOf) return;
     this.asking = true;
     try {
       this.spectrum = await getJson<Spectrum>(`data/0/raw/spectrum?${key}`);
-      this.cutOf = key;
-    } catch {
-      this.spectrum = null; // why stands under the B-scan, which has the same settings
-      this.cutOf = key;
+    } catch (error) {
+      this.spectrum = null;
+      el("raw-error").textContent = (error as Error).message;
     }
+    this.cutOf = key;
     this.asking = false;
     void this.cut();
   }
