@@ -79,7 +79,7 @@ class RawRun:
         signal, tones = made["signal"].values[:, 0, 0], made["frequency"].values
         stop, count, fold = _delays(asked, len(signal), tones)
         delay = stop * (np.arange(count * fold) + 0.5) / (count * fold)
-        weight = (np.hanning(tones.size + 2)[1:-1] if tones.size > 1 else np.ones(1)) * _widths(tones)
+        weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(tones)  # times the share of the band of each tone
         weighted = (signal * (weight / weight.sum())).astype(np.complex64)
         values = np.empty((len(signal), count), np.float32)
         block = max(2**22 // (tones.size * fold), 1)
@@ -226,11 +226,6 @@ def _delays(asked: _Query, scans: int, tones: NDArray[np.float64]) -> tuple[floa
     if asked.scale == "signed":
         return stop, MOST_BINS, 1
     return stop, MOST_BINS, max(math.ceil(stop * rate / MOST_BINS), 1)
-
-
-def _widths(tones: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the share of the band that each tone stands for, which differs where tones are uneven."""
-    return np.gradient(tones) if tones.size > 1 else np.ones(1)
 
 
 def _halves(values: NDArray[np.floating]) -> str:
