@@ -31,6 +31,7 @@ from flgpr.tasks.information import run_info
 from flgpr.tasks.picture import GroundFit, Picture, View, find_permittivity, make_picture
 from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
 from flgpr.tasks.preparing import check_steps, prepare_run, read_steps
+from flgpr.tasks.raw import RawRun
 from flgpr.tasks.registering import register_recipe
 from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
@@ -61,6 +62,7 @@ __all__ = [
     "LiveSettings",
     "Picture",
     "Question",
+    "RawRun",
     "Result",
     "Vehicle",
     "View",
