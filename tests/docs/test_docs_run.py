@@ -18,6 +18,7 @@ from flgpr.io import open_run, sample_lane
 from flgpr.model import SPEED_OF_LIGHT, Grid, load_sensor
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import load_scene
+from io_gpr import section, write_dt1
 from reading import FENCE, ROOT, SHELL, file_shown, read, shell_lines
 from take import take_text
 
@@ -84,6 +85,7 @@ def take(made, *names):
 
 def before_exchange(made):
     write_rail("rail_t6.npz")
+    write_dt1(Path("line7.DT1"), section(60))
     take(made, "lane.zarr", "result", "truth.csv")
     Path("drive.mcap").write_bytes(drive(iq=lambda k: np.arange(1024) - 500 + k))
     still = np.tile([0.0, 0.0, 0.0, 1.0], (40, 1))
@@ -129,6 +131,15 @@ BEFORE = {
     "wang2007": before_wang,
 }
 NOT_HERE = (
+    "flgpr info line7",  # tests/tasks/test_picture_lines.py goes from recordings to pictures
+    "flgpr import gpr",
+    "flgpr prepare",
+    "flgpr calibrate permittivity",
+    "flgpr image",
+    "flgpr info own.npz",
+    "flgpr import mapped own.toml",
+    "flgpr import mapped drive.toml --data drive.mcap -o vehicle.zarr",
+    "flgpr import mapped gotcha.toml",
     "sh decks/run.sh",  # needs gprMax; tests/io/test_gprmax_files.py imports what it would write
     "flgpr import gprmax",
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
@@ -181,6 +192,9 @@ def test_a_file_of_somebody_else_arrives_calibrated_and_leaves_on_earth(followed
     assert float(bias.split("range bias ")[1].split(" m")[0]) == pytest.approx(
         0.44, abs=0.05
     )  # half a wavelength is 0.04
+    (both,) = [text for line, text in printed.items() if "calibrate joint" in line]
+    assert float(both.split("offset ")[1].split(" s")[0]) == pytest.approx(9.28, abs=0.02)
+    assert float(both.split("range bias ")[1].split(" m")[0]) == pytest.approx(0.44, abs=0.02)
     assert space.arrived.run.sizes["scan"] == 70
     assert dict(open_run(folder / "drive.zarr").sizes)["frequency"] == 256
     assert open_run(folder / "run.zarr").sizes["scan"] == 5

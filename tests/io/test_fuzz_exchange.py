@@ -21,9 +21,12 @@ from damage import FUZZ, damaged, refusal
 from flgpr.io.anchor import fit_anchor, read_anchor
 from flgpr.io.arrays import open_arrays
 from flgpr.io.explain import explain_file
+from flgpr.io.gpr_files import read_gpr
+from flgpr.io.gpr_import import gpr_run
 from flgpr.io.mapping import parse_mapping
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
+from io_gpr import section, write_dt1, write_dzt, write_impulse, write_mala, write_segy
 from take import take_text
 
 ARRAYS = {"field": np.arange(24).reshape(2, 3, 4) * (1 + 2j), "f": np.linspace(1, 2, 4), "tx": np.ones((3, 3))}
@@ -136,6 +139,45 @@ def test_damaged_cphd(small_run, data, tmp_path):
     for call in (read_cphd, explain_file):
         said = refusal(call, path)
         assert said is None or str(path) in said
+
+
+COR = "".join(f"{k + 1}\t2024-04-04\t12:00:00\t{47.9 + k * 1e-6}\tN\t11.3\tE\t0.0\tM\t1\n" for k in range(6)).encode()
+FIX = "Trace #{0} at position 1\n$GSSIS,{0},0\n$GPGGA,120000.00,4754.0{0},N,1118.0,E,4,9,0.9,0.0,M,0.0,M,,*00\n"
+GPS = "".join(FIX.format(k) for k in range(1, 6)).encode()
+RECORDINGS = {
+    "dt1": (write_dt1, ".hd", ".gps", GPS),
+    "dzt": (lambda path, one: write_dzt(path, np.stack([one, one], 1), names=("50400", "")), None, ".dzg", GPS),
+    "rd3": (write_mala, ".RAD", ".cor", COR),
+    "rd7": (write_mala, ".RAD", ".cor", COR),
+    "iprb": (write_impulse, ".iprh", ".cor", COR),
+    "sgy": (write_segy, None, None, b""),
+    "segy": (lambda path, counts: write_segy(path, counts, code=1, unit=2), None, None, b""),
+}
+
+
+@pytest.mark.parametrize("kind", RECORDINGS)
+@FUZZ
+@given(data=st.data())
+def test_damaged_recordings(kind, data, tmp_path):
+    """Damage to the recording, its header or its positions; what can still be read makes a run or is refused."""
+    write, header, positions, places = RECORDINGS[kind]
+    folder, good = tmp_path / "damaged", tmp_path / "good"
+    path = folder / f"a.{kind}"
+    if not good.exists():
+        folder.mkdir()
+        good.mkdir()
+        write(good / path.name, section(8))
+        if positions:
+            (good / f"a{positions}").write_bytes(places)
+    names = [path.name, *(f"a{suffix}" for suffix in (header, positions) if suffix)]
+    worst = data.draw(st.sampled_from(names))
+    for name in names:
+        raw = (good / name).read_bytes()
+        (folder / name).write_bytes(damaged(raw, data.draw) if name == worst else raw)
+    anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
+    for call in (explain_file, lambda one: gpr_run(read_gpr(one)), lambda one: gpr_run(read_gpr(one), anchor=anchor)):
+        said = refusal(call, path)
+        assert said is None or "\n" not in said
 
 
 TRACK = b"time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n0,1,2,3,0,0,0\n1,2,3,4,0,0,0\n"

@@ -284,7 +284,7 @@ def test_longitude_and_latitude_need_the_anchor(tmp_path):
         (ORIENTED + LEVEL.replace("angle_unit = 'deg'", ""), "pose: angle_unit is missing"),
         (ORIENTED + LEVEL + 'orientation = {variable = "q", body = ["x", "y", "z"]}\n', "either orientation"),
         (ORIENTED + 'orientation = {variable = "q"}\n', "body: is missing"),
-        ('[pose]\nx = {variabel = "p"}\ny = 0\nz = 0\n' + LEVEL, r"pose\.x\.variabel: .*mean variable"),
+        ('[pose]\nx = {variable_ = "p"}\ny = 0\nz = 0\n' + LEVEL, r"pose\.x\.variable_: .*mean variable"),
         ('[pose]\nposition = {variable = "p", x = 0, unit = "m"}\n' + LEVEL, "give one of: variable"),
         ('[pose]\nx = "0?"\ny = 0\nz = 0\nunit = "m?"\n' + LEVEL, r"pose.x is still a guess, got '0\?' .*pose.unit"),
     ],

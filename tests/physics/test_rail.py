@@ -10,8 +10,10 @@ from scipy.optimize import minimize
 from flgpr.calibrate import (
     brightest_points,
     estimate_clock,
+    estimate_joint,
     estimate_range_bias,
     remove_range_bias,
+    subtract_mean_scan,
     synthetic_aperture,
     way_weights,
     with_track,
@@ -66,6 +68,35 @@ def test_the_two_reflectors_are_the_two_brightest_points(focused):
 def test_the_echoes_lie_farther_apart_than_the_marks(focused):
     _, _, _, points = focused
     assert np.linalg.norm(points[0, :3] - points[1, :3]) == pytest.approx(5.11, abs=0.04)
+
+
+@pytest.mark.parametrize("more", [0.0, 1.9, -1.9])
+def test_clock_and_bias_are_found_together_from_a_wide_start(measured, more):
+    arrived, reflectors = measured
+    run = remove_range_bias(subtract_mean_scan(arrived.run.compute()), -more)
+    fit = estimate_joint(run, reflectors, ImagingOperator, (-4, 4), arrived.track, np.arange(7.0, 10.25, 0.05))
+    assert not fit.doubt
+    assert fit.offset == pytest.approx(9.28, abs=0.03)
+    assert fit.bias - more == pytest.approx(0.445, abs=0.015)
+    assert fit.spread < 0.12  # 0.09: the echoes do not come from the marks, see below
+    assert fit.over_runner_up > 8
+    assert fit.over_moved > 8
+
+
+def test_an_added_bias_is_found_before_and_after_the_clock(measured, focused):
+    """A bias added to the run with the right clock, and to that of the recorder: the first is told, not the second."""
+    arrived, reflectors = measured
+    clock, bias, _, _ = focused
+    right = subtract_mean_scan(with_track(arrived.run, arrived.track, clock.offset).compute())
+    again = estimate_range_bias(remove_range_bias(right, -1.9), reflectors, ImagingOperator)
+    assert not again.doubt
+    assert again.bias == pytest.approx(bias.bias + 1.9, abs=0.01)
+    early = subtract_mean_scan(with_track(arrived.run, arrived.track, 0.0).compute())
+    assert estimate_range_bias(remove_range_bias(early, -1.9), reflectors, ImagingOperator).doubt
+    joint = estimate_joint(
+        remove_range_bias(early, -1.9), reflectors, ImagingOperator, (-3, 3), arrived.track, np.arange(8.6, 10.0, 0.05)
+    )
+    assert joint.bias == pytest.approx(again.bias, abs=0.02)
 
 
 class Echoes:

@@ -14,6 +14,7 @@ import type { Live } from "./live";
 import { Notes } from "./notes";
 import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
+import type { RawPanel } from "./raw";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
@@ -34,6 +35,8 @@ export class App {
   selected: number | null = null;
   ticked = new Set<number>();
   live: Live | null = null;
+  raw: RawPanel | null = null;
+  scan: number | null = null;
   readonly following = new Following(this);
   readonly view: View;
   readonly picture: Picture;
@@ -392,6 +395,7 @@ export class App {
       selected: this.selected,
       second: second && { ...second, visible: (row) => second.detection.alarms.confidence[row]! >= level },
       live: this.live,
+      scan: this.scan,
       show: this.show,
     };
   }
@@ -512,6 +516,14 @@ export class App {
   click(px: number, py: number): void {
     const hit = hitTest(this.view, this.overlay(), px, py);
     if (hit?.kind === "alarm") this.select(hit.row);
+    else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
+  }
+
+  /** Mark a scan on the track. */
+  markScan(scan: number | null): void {
+    this.scan = scan;
+    this.redraw();
+    if (scan !== null) this.say(`scan ${scan}`);
   }
 
   say(words: string): void {
@@ -571,5 +583,7 @@ export class App {
     document.documentElement.dataset["theme"] = theme;
     this.scoresChanged();
     this.panel.redraw();
+    this.raw?.redraw();
+    this.raw?.curves();
   }
 }

@@ -59,7 +59,8 @@ const FAULTS: Record<string, string> = {
 };
 const LISTED = 8;
 
-function halves(text: string): Uint16Array {
+/** Half floats of base64. */
+export function halves(text: string): Uint16Array {
   const bytes = Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
   return new Uint16Array(bytes.buffer, 0, bytes.length >> 1);
 }

@@ -5,6 +5,7 @@ import { el } from "./dom";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
 import { overviewTo } from "./overview";
+import { RawPanel } from "./raw";
 import type { Georeference, Source, Verdict } from "./types";
 
 function input(id: string, act: (field: HTMLInputElement) => void, event = "input"): void {
@@ -165,7 +166,7 @@ function liveSource(): Source {
 async function start(): Promise<void> {
   document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   fillHelp();
-  const session = await getJson<{ results: string[]; live: boolean; georeference: Georeference | null }>("data/session.json");
+  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; georeference: Georeference | null }>("data/session.json");
   const sources = await loadSources(session.results);
   let app: App | null = null;
   const live: Live | null = session.live
@@ -189,7 +190,10 @@ async function start(): Promise<void> {
   listenToKeys(app);
   live?.start();
   const run = sources[0]?.index.run;
-  if (run) app.complain(`A run of ${sources[0]!.index.scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones. Pictures come with a result: flgpr detect.`);
+  if (run && session.raw) {
+    app.raw = new RawPanel(sources[0]!, (scan) => app?.markScan(scan));
+    app.resized();
+  } else if (run) app.complain(`A run of ${sources[0]!.index.scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones. Pictures come with a result: flgpr detect.`);
 }
 
 start().catch((error: Error) => {

@@ -20,9 +20,10 @@ export interface Overlay {
   selected: number | null;
   second: { source: Source; detection: Detection; visible: (row: number) => boolean } | null;
   live: Live | null;
+  scan: number | null;
   show: Shown;
 }
-export interface Hit { kind: "alarm" | "target" | "object"; row: number; words: string }
+export interface Hit { kind: "alarm" | "target" | "object" | "scan"; row: number; words: string }
 
 export function labelOf(source: Source, detection: Detection | undefined, row: number): string {
   return (detection && source.score?.detections[detection.name]?.label[row]) || "plain";
@@ -78,6 +79,10 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
     const name = detection.alarms.alarm_id?.[overlay.selected] ?? "";
     const atEnd = px > view.box.left + view.box.width - 90;
     pen.text(px + (atEnd ? -r - 4 : r + 4), py - r + 6, name, { anchor: atEnd ? "end" : "start", fill: "#fff7c2", halo: SHADOW, size: 12, bold: true });
+  }
+  if (overlay.scan !== null) {
+    const [px, py] = view.toScreen(scans.x[overlay.scan]!, scans.y[overlay.scan]!);
+    for (const [stroke, width] of [[SHADOW, 5], ["#ffe45c", 2.4]] as const) pen.ellipse(px, py, 12, 12, { stroke, width });
   }
   if (overlay.live) drawLive(pen, view, overlay, overlay.live);
 }
@@ -190,6 +195,10 @@ export function hitTest(view: View, overlay: Overlay, px: number, py: number): H
     const objects = score.objects;
     const other = objects ? near(objects.x, objects.y, () => true) : -1;
     if (objects && other >= 0) return { kind: "object", row: other, words: `${objects.object_id[other]}: ${objects.kind[other]} (no target)` };
+  }
+  if (source.index.run) {
+    const row = near(source.index.scans.x, source.index.scans.y, () => true);
+    if (row >= 0) return { kind: "scan", row, words: `scan ${row}` };
   }
   return null;
 }

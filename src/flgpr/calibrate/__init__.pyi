@@ -1,16 +1,14 @@
 from flgpr.calibrate.clock import (
-    BiasFit,
     ClockFit,
     brightest_points,
     estimate_clock,
-    estimate_range_bias,
     remove_range_bias,
     sharpness,
     synthetic_aperture,
-    way_weights,
     with_track,
 )
 from flgpr.calibrate.health import channel_health, health_summary
+from flgpr.calibrate.joint import BiasFit, estimate_joint, estimate_range_bias
 from flgpr.calibrate.motion import remove_in_scan_motion, vehicle_velocity
 from flgpr.calibrate.polarimetry import (
     DIHEDRAL,
@@ -22,6 +20,7 @@ from flgpr.calibrate.polarimetry import (
     scattering_matrices,
 )
 from flgpr.calibrate.pose import LeverFit, estimate_lever_arm
+from flgpr.calibrate.profiles import fields_over_bias, subtract_mean_scan, way_weights
 from flgpr.calibrate.reflector import PairFit, apply_pairs, estimate_pairs
 from flgpr.calibrate.vna import divide_by_through, remove_delay, subtract_standard
 
@@ -40,9 +39,11 @@ __all__ = [
     "divide_by_through",
     "estimate_clock",
     "estimate_distortion",
+    "estimate_joint",
     "estimate_lever_arm",
     "estimate_pairs",
     "estimate_range_bias",
+    "fields_over_bias",
     "health_summary",
     "remove_delay",
     "remove_distortion",
@@ -50,6 +51,7 @@ __all__ = [
     "remove_range_bias",
     "scattering_matrices",
     "sharpness",
+    "subtract_mean_scan",
     "subtract_standard",
     "synthetic_aperture",
     "vehicle_velocity",

@@ -1,8 +1,9 @@
-"""Clock offset and range bias between a radar and the instrument that tells its positions."""
+"""Clock offset, by focus alone, between a radar and the instrument that tells its positions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,15 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model import check_run, complete_scans, vehicle_to_lane
+from flgpr.calibrate.profiles import way_weights
+from flgpr.model import as_aperture, check_run, complete_scans
+from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
 
 Operator = Callable[..., Any]
 """Makes an imaging operator from frequency, tx_position, rx_position and pixels: ``flgpr.imaging.ImagingOperator``."""
+_SHARPER = 1.3  # least sharpness of a trusted image over that of the worst; of noise alone 1.13 was the most seen
 
 
 @dataclass(frozen=True)
@@ -26,16 +30,9 @@ class ClockFit:
     #: offset, rate: time on the track's clock is ``offset + rate·(radar's time)``, s and 1
     offset: float
     rate: float
+    lowest: float  #: least sharpness of the offsets asked for; the greatest is to stand out from it
     trials: pd.DataFrame  #: what was tried: offset (s), rate, sharpness
-
-
-@dataclass(frozen=True)
-class BiasFit:
-    """Range bias of a radar."""
-
-    bias: float  #: by how much one-way ranges are measured too long, m
-    #: per reflector: its place x, y, z, where its image peaks (x_peak, y_peak), and the bias it tells, m
-    points: pd.DataFrame
+    doubt: str  #: why the answer is not to be trusted; empty if it is
 
 
 def with_track(run: xr.Dataset, track: pd.DataFrame, offset: float, rate: float = 1.0) -> xr.Dataset:
@@ -66,20 +63,7 @@ def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float6
     if not scans.size:
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
     pose = run["pose"].values[scans]
-    tx, rx = (
-        np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
-        for name in ("tx_position", "rx_position")
-    )
-    data = run["signal"].values[scans] * way_weights(pose[:, :3])[:, None, None, None]
-    return data.transpose(1, 0, 2, 3).reshape(data.shape[1], -1, data.shape[3]), tx, rx
-
-
-def way_weights(position: ArrayLike) -> NDArray[np.float64]:
-    """Share of the way that each position (scan, 3) stands for, half the way to both neighbours over the mean."""
-    points = np.asarray(position, dtype=np.float64)
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    share = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
-    return share / share.mean() if share.sum() > 0 else np.ones(len(points))
+    return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
 
 
 def sharpness(image: ArrayLike) -> float:
@@ -108,6 +92,12 @@ def estimate_clock(
         Clock offsets (s) and rates to try. Offsets that leave the track are passed over; if all do, it is a ValueError.
     operator : callable
         ``flgpr.imaging.ImagingOperator``.
+
+    Returns
+    -------
+    ClockFit
+        With the reason in ``doubt`` if the sharpest image is less than 1.3 times as sharp as the worst one, or lies at
+        the edge of the offsets. That the ranges are right it cannot tell: see :func:`estimate_joint`.
     """
     trials: list[tuple[float, float, float]] = []
     grid = np.asarray(pixels, dtype=np.float64)
@@ -127,61 +117,47 @@ def estimate_clock(
         for offset in steps:
             attempt(float(offset), float(rate))
     if not trials:
-        raise ValueError(f"offsets must put the scans inside the track, none from {steps.min():g} to {steps.max():g} s")
+        raise ValueError(_outside(run, track, steps))
+    tried = len(trials)
     width = float(np.diff(np.sort(steps)).mean()) if steps.size > 1 else 0.0
     for level in range(refine if width else 0):
         offset, rate, _ = max(trials, key=lambda trial: trial[2])
         for sign in (-1, 1):
             attempt(offset + sign * width / 2 ** (level + 1), rate)
     table = pd.DataFrame(trials, columns=["offset", "rate", "sharpness"])
-    best = max(trials, key=lambda trial: trial[2])
-    return ClockFit(best[0], best[1], table)
+    offset, rate, top = max(trials, key=lambda trial: trial[2])
+    asked = table[:tried]
+    lowest = float(asked["sharpness"].min())
+    doubt = ""
+    if steps.size > 1 and top < _SHARPER * lowest:
+        doubt = (
+            f"no offset stands out: the sharpest image is but {top / lowest:.2f} times as sharp as the worst, "
+            f"{_SHARPER:g} times are asked for: is there anything bright in the area?"
+        )
+    elif steps.size > 1 and not asked["offset"].min() < offset < asked["offset"].max():
+        doubt = f"the best offset, {offset:.3f} s, lies at the edge of those tried: look farther"
+    return ClockFit(offset, rate, lowest, table, doubt)
 
 
-def estimate_range_bias(
-    run: xr.Dataset, points: ArrayLike, operator: Operator, search: float = 0.6, spacing: float = 0.02, passes: int = 3
-) -> BiasFit:
-    """Find the range bias from reflectors at known places.
+def track_trials(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> tuple[FloatArray, list[FloatArray]]:
+    """Clock offsets at which all scans lie within the track, and the poses there; no such offset is a ValueError."""
+    found: list[tuple[float, FloatArray]] = []
+    for offset in np.asarray(offsets, dtype=np.float64):
+        with suppress(ValueError):
+            found.append((float(offset), poses_at(track, run["time"].values, float(offset))))
+    if not found:
+        raise ValueError(_outside(run, track, offsets))
+    return np.array([offset for offset, _ in found]), [pose for _, pose in found]
 
-    Around each reflector the image's brightest pixel is found; the bias is by how much it lies farther from the
-    aperture than the reflector, on average over the aperture and the reflectors. Where the brightest pixel lies across
-    the line of sight does not enter, so the reflectors' separation across it remains a check.
 
-    Parameters
-    ----------
-    run : xarray.Dataset
-        A run with the poses of the right clock; one without a complete scan is a ValueError.
-    points : (reflector, 3) array_like
-        Places of the reflectors in the lane frame, m, at least one.
-    operator : callable
-        ``flgpr.imaging.ImagingOperator``.
-    search, spacing : float
-        Half width of the squares searched and their pixel spacing, m.
-    passes : int
-        How often the bias found is removed and looked for again.
-    """
-    places = np.asarray(points, dtype=np.float64)
-    if places.ndim != 2 or places.shape[1] != 3 or not len(places):
-        raise ValueError(f"points must have the shape (reflector, 3) with at least one, got {places.shape}")
-    data, tx, rx = synthetic_aperture(run)
-    weight = np.abs(data).sum(axis=(0, 2)) + np.finfo(float).tiny
-    side = np.arange(-search, search + spacing / 2, spacing)
-    square = np.stack([*np.meshgrid(side, side), np.zeros((side.size, side.size))], axis=-1)
-    bias = 0.0
-    rows: list[tuple[float, ...]] = []
-    for _ in range(passes):
-        rows, found = [], []
-        moved = lengthen(data, run["frequency"].values, -2.0 * bias)
-        for place in places:
-            pixels = place + square
-            image = operator(run["frequency"].values, tx, rx, pixels).adjoint(moved)
-            power = (np.abs(image) ** 2).sum(axis=(0, 1))
-            peak = pixels[np.unravel_index(power.argmax(), power.shape)]
-            off = float(np.average(_paths(tx, rx, peak) - _paths(tx, rx, place), weights=weight)) / 2
-            found.append(off)
-            rows.append((*place, *peak[:2], bias + off))
-        bias += float(np.mean(found))
-    return BiasFit(bias, pd.DataFrame(rows, columns=["x", "y", "z", "x_peak", "y_peak", "bias"]))
+def _outside(run: xr.Dataset, track: pd.DataFrame, offsets: ArrayLike) -> str:
+    time, steps = run["time"].values, np.asarray(offsets)
+    if not (np.isfinite(time).all() and steps.size):
+        return "run must have a time for every scan to take poses from a track, and there must be offsets to try"
+    return (
+        f"offsets must put the scans inside the track, none from {steps.min():g} to {steps.max():g} s does: scans from "
+        f"{time.min():g} to {time.max():g} s, track from {track['time'].iloc[0]:g} to {track['time'].iloc[-1]:g} s"
+    )
 
 
 def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: float) -> NDArray[np.float64]:
@@ -197,7 +173,3 @@ def brightest_points(image: ArrayLike, pixels: ArrayLike, count: int, apart: flo
         points.append([*places[top], level[top]])
         level[np.linalg.norm(places - places[top], axis=1) < apart] = -np.inf
     return np.array(points).reshape(-1, 4)
-
-
-def _paths(tx: NDArray[np.float64], rx: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1), dtype=np.float64)

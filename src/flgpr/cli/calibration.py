@@ -19,61 +19,135 @@ calibrate_app = typer.Typer(
 Run = Annotated[Path, Argument(help="Run store.")]
 NewRun = Annotated[Path | None, Option("-o", "--output", help="Run store to make with what was found.")]
 
+Reflectors = Annotated[Path, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")]
+Tolerance = Annotated[
+    float, Option(help="How far from its place an echo may come, and how far apart reflectors' biases may lie, m.")
+]
+Offsets = Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")]
+TrackFile = Annotated[Path | None, Option("--track", help="CSV track or NMEA log; NAME-track.csv by default.")]
+TrackAnchor = Annotated[Path | None, Option("--anchor", help="Anchor, to read an NMEA log.")]
+Step = Annotated[float, Option(help="First step of the offsets, s; halved four times around the best.")]
+KeepStanding = Annotated[
+    bool, Option("--keep-standing", help="Search with what is the same in all scans; it is left out by default.")
+]
+
 
 @calibrate_app.command("clock")
 def clock(
     run: Run,
     area: Annotated[tuple[float, float, float, float], Option(help="Ground to focus: x and y limits, m.")],
-    offsets: Annotated[tuple[float, float], Option(help="Least and greatest offset of the track's clock, s.")],
+    offsets: Offsets,
     output: NewRun = None,
-    track: Annotated[Path | None, Option(help="CSV track or NMEA log; NAME-track.csv by default.")] = None,
-    anchor: Annotated[Path | None, Option(help="Anchor, to read an NMEA log.")] = None,
-    step: Annotated[float, Option(help="First step, s; halved four times around the best.")] = 0.05,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
     height: Annotated[float, Option(help="z of the area, m.")] = 0.0,
     spacing: Annotated[float | None, Option(help="Pixel spacing, m; a quarter wavelength by default.")] = None,
     rate: Annotated[list[float] | None, Option(help="Clock rate to try; may repeat, 1 by default.")] = None,
+    keep_standing: KeepStanding = False,
     as_json: Json = False,
 ) -> None:
-    """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known."""
+    """Find the offset between the radar's clock and the track's by focus alone; no reflector need be known.
+
+    Ranges must be right to about their resolution: where they may be biased and reflectors are known, take joint. An
+    answer at the edge of the offsets, or one that does not stand out, is refused.
+    """
     with plain_errors():
         search = tasks.ClockSearch(area, offsets, step, height, spacing, tuple(rate or [1.0]))
-        fit = tasks.calibrate_clock(run, search, track, output, anchor)
-    best, median = float(fit.trials["sharpness"].max()), float(fit.trials["sharpness"].median())
-    edge = not offsets[0] < fit.offset < offsets[1]
+        fit = tasks.calibrate_clock(run, search, track, output, anchor, keep_standing)
+    best = float(fit.trials["sharpness"].max())
     if as_json:
-        found = {"clock_offset_s": fit.offset, "clock_rate": fit.rate, "sharpness": best, "median_sharpness": median}
-        typer.echo(json.dumps({**found, "at_the_edge": edge, "trials": len(fit.trials)}))
+        found = {"clock_offset_s": fit.offset, "clock_rate": fit.rate, "sharpness": best, "least_sharpness": fit.lowest}
+        typer.echo(json.dumps({**found, "trials": len(fit.trials), "standing_part_removed": not keep_standing}))
         return
     typer.echo(f"clock offset {fit.offset:.4f} s, rate {fit.rate:g}, from {len(fit.trials)} trials")
-    typer.echo(f"sharpness there is {best / median:.2f} times the median of all trials")
-    if edge:
-        typer.echo("warning: the best offset lies at the edge of what was tried: search farther")
-    elif best < 1.2 * median:
-        typer.echo("warning: no offset stands out: is there anything bright in the area?")
+    typer.echo(f"sharpness there is {best / fit.lowest:.2f} times the least of the offsets asked for")
+    _tell_standing(keep_standing)
     tell_written(False, output)
 
 
 @calibrate_app.command("range-bias")
 def range_bias(
     run: Run,
-    reflectors: Annotated[Path, Option(help="CSV of reflectors: x_m, y_m, z_m in the lane frame.")],
+    reflectors: Reflectors,
     output: NewRun = None,
-    search: Annotated[float, Option(help="How far from a reflector its echo is looked for, m.")] = 0.6,
+    search: Annotated[
+        float | None,
+        Option(help="How far to either side of zero the bias is looked for, m; 3, or what unambiguous ranges allow."),
+    ] = None,
+    tolerance: Tolerance = 0.15,
+    keep_standing: KeepStanding = False,
     as_json: Json = False,
 ) -> None:
-    """Find by how much ranges are measured too long, from reflectors at known places."""
+    """Find by how much ranges are measured too long, from reflectors at known places; the clock must be right.
+
+    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+    """
     with plain_errors():
-        fit = tasks.calibrate_range_bias(run, reflectors, output, search)
+        fit = tasks.calibrate_range_bias(run, reflectors, output, search, tolerance, keep_standing)
+    _tell_bias(fit, keep_standing, as_json, output)
+
+
+@calibrate_app.command("joint")
+def joint(
+    run: Run,
+    reflectors: Reflectors,
+    offsets: Offsets,
+    biases: Annotated[tuple[float, float], Option(help="Least and greatest range bias, m.")] = (-3.0, 3.0),
+    output: NewRun = None,
+    track: TrackFile = None,
+    anchor: TrackAnchor = None,
+    step: Step = 0.05,
+    tolerance: Tolerance = 0.15,
+    keep_standing: KeepStanding = False,
+    as_json: Json = False,
+) -> None:
+    """Find clock offset and range bias together, from reflectors at known places, when neither is known.
+
+    An answer that does not stand out, lies at the edge of the search, or that reflectors disagree on is refused.
+    """
+    with plain_errors():
+        fit = tasks.calibrate_joint(
+            run, reflectors, offsets, biases, output, track, anchor, step, tolerance, keep_standing
+        )
+    _tell_bias(fit, keep_standing, as_json, output)
+
+
+def _tell_bias(fit: tasks.BiasFit, keep_standing: bool, as_json: bool, output: Path | None) -> None:
     if as_json:
-        typer.echo(json.dumps({"range_bias_m": fit.bias, "reflectors": fit.points.to_dict("records")}))
+        clock = {} if fit.offset is None else {"clock_offset_s": fit.offset, "clock_offset_sigma_s": fit.offset_sigma}
+        figures = {
+            "range_bias_m": fit.bias, "range_bias_sigma_m": fit.bias_sigma, "over_runner_up_db": fit.over_runner_up,
+            "runner_up_m": fit.runner_up, "over_moved_db": fit.over_moved, "over_median_db": fit.over_median,
+            "spread_m": fit.spread, "searched_m": fit.searched, "standing_part_removed": not keep_standing,
+        }  # fmt: skip
+        typer.echo(json.dumps({**clock, **figures, "reflectors": fit.points.to_dict("records")}))
         return
-    typer.echo(f"range bias {fit.bias:.4f} m")
+    if fit.offset is not None:
+        typer.echo(f"clock offset {fit.offset:.4f} s, one standard deviation {fit.offset_sigma:.4f} s")
+    low, high = fit.searched
+    typer.echo(
+        f"range bias {fit.bias:.4f} m, one standard deviation {fit.bias_sigma:.4f} m, looked for from {low:g} to "
+        f"{high:g} m"
+    )
+    typer.echo(
+        f"the peak stands {fit.over_runner_up:.1f} dB over the next best bias ({fit.runner_up:.2f} m), "
+        f"{fit.over_moved:.1f} dB over reflectors moved sideways, {fit.over_median:.1f} dB over the median"
+    )
     for row in fit.points.to_dict("records"):
         typer.echo(
             f"reflector at ({row['x']:.3f}, {row['y']:.3f}) m: its echo peaks at ({row['x_peak']:.3f}, "
             f"{row['y_peak']:.3f}) m and tells {row['bias']:.4f} m"
         )
+    if len(fit.points) == 1:
+        typer.echo("one reflector alone does not tell whether its place is wrong along the line of sight")
+    _tell_standing(keep_standing)
     tell_written(False, output)
+
+
+def _tell_standing(kept: bool) -> None:
+    part = "what stands still in the scans (coupling, the vehicle's own echoes)"
+    typer.echo(f"{part} was {'kept' if kept else 'left out of the search'}")
 
 
 def anchor(

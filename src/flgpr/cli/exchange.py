@@ -102,6 +102,36 @@ def import_cphd(
     tell_written(quiet, output)
 
 
+@import_app.command("gpr")
+def import_gpr(
+    file: Annotated[Path, Argument(help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy or .segy.")],
+    output: Output,
+    channel: Annotated[int, Option(help="Channel of a file that has several, from 0.")] = 0,
+    step: Annotated[float | None, Option(help="Trace spacing, m, in place of the header's.")] = None,
+    time_zero: Annotated[float | None, Option(help="Time zero, ns after the first sample.")] = None,
+    window: Annotated[float | None, Option(help="Time window, ns, in place of the header's.")] = None,
+    band: Annotated[tuple[float, float] | None, Option(help="First and last frequency to keep, Hz.")] = None,
+    separation: Annotated[float | None, Option(help="Between transmitter and receiver, m.")] = None,
+    across: Annotated[bool, Option("--across", help="The antennas lie side by side, not along the way.")] = False,
+    height: Annotated[float, Option(help="Antennas over the ground, m; 0 is coupled to the ground.")] = 0.0,
+    polarization: Annotated[str, Option(help="HH (dipoles across the way), HV, VH or VV.")] = "HH",
+    anchor: Anchor = None,
+    max_memory: Annotated[str, Option(help="Largest array that is read.")] = "2GB",
+    quiet: Quiet = False,
+) -> None:
+    """Import a line that a commercial ground-penetrating radar recorded; `flgpr info FILE` tells what it holds."""
+    with plain_errors():
+        run = tasks.import_gpr(
+            file, output, channel, anchor, tasks.parse_size(max_memory), step=step, band=band, separation=separation,
+            time_zero=None if time_zero is None else time_zero * 1e-9, window=None if window is None else window * 1e-9,
+            across=across, height=height, polarization=polarization,
+        )  # fmt: skip
+    if not quiet:
+        for note in run.attrs["import_notes"]:
+            typer.echo(f"note: {note}")
+    tell_written(quiet, output)
+
+
 def export(
     source: Annotated[Path, Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
     output: Output,

@@ -10,6 +10,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
+from flgpr.cli.calibration import calibrate_app
 from flgpr.cli.common import Json, Output, Quiet, plain_errors, progress, tell_written
 
 if TYPE_CHECKING:
@@ -72,7 +73,9 @@ def image(
     polarization: Annotated[list[str] | None, Option(help="May repeat; all by default.")] = None,
     band: Annotated[Pair | None, Option(help="GHz; all tones by default.")] = None,
     window: Annotated[str, Option(help="boxcar, hann, hamming or taylor.")] = "hann",
-    permittivity: Annotated[float, Option(help="Of all that waves go through; for antennas on the ground.")] = 1.0,
+    permittivity: Annotated[
+        float | None, Option(help="Of all that waves go through: the ground's, for antennas on it.")
+    ] = None,
     ground: Annotated[float | None, Option(help="Permittivity of ground below z = 0 that refracts.")] = None,
     reach: Annotated[float | None, Option(help="How far antennas may be from what they help to image, m.")] = None,
     anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth, for .tif.")] = None,
@@ -104,6 +107,30 @@ def image(
         for line in _point_lines(made.peaks):
             typer.echo(line)
     tell_written(quiet, *output)
+
+
+@calibrate_app.command("permittivity")
+def permittivity(
+    run: Run,
+    along: Annotated[Pair | None, Option(help="Stretch of the line that holds hyperbolas, m; all by default.")] = None,
+    delays: Annotated[Pair, Option(help="Delays that hold them, ns.")] = (1.0, 30.0),
+    limits: Annotated[Pair, Option(help="Least and greatest permittivity to try.")] = (2.0, 36.0),
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Find the ground's permittivity by the focus of hyperbolas, for antennas that are coupled to the ground."""
+    with plain_errors(), progress(quiet or as_json) as track:
+        if not 1 <= limits[0] < limits[1]:
+            raise ValueError(f"limits must increase from 1 or more, got {limits[0]:g}, {limits[1]:g}")
+        steps = [limits[0] * (limits[1] / limits[0]) ** (k / 40) for k in range(41)]
+        fit = tasks.find_permittivity(run, along, (delays[0] * 1e-9, delays[1] * 1e-9), steps, track)
+    speed = 0.299792458 / fit.permittivity**0.5
+    if as_json:
+        told = {"permittivity": fit.permittivity, "speed_m_per_ns": speed, "sharpness_over_median": fit.contrast}
+        typer.echo(json.dumps(told))
+    else:
+        typer.echo(f"permittivity {fit.permittivity:.2f}: {speed:.4f} m/ns")
+        typer.echo(f"sharpness there is {fit.contrast:.2f} times the median of all trials")
 
 
 def _point_lines(peaks: pd.DataFrame) -> list[str]:

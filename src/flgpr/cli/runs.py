@@ -51,7 +51,9 @@ def view(
 ) -> None:
     """Show results in the browser, read-only and on this machine."""
     try:
-        viewer.serve(paths or [], host, port, not no_browser, allow_remote, live, anchor=anchor, announce=typer.echo)
+        shown = paths or []
+        raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
+        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw)
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None

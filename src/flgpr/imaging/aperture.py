@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.imaging.operator import ImagingOperator
-from flgpr.model import check_run, vehicle_to_lane
+from flgpr.model import antennas_in_lane, as_aperture, check_run
 
 FloatArray = NDArray[np.float64]
 _PAIRS = 256  # pairs whose operator is made at once
@@ -53,11 +53,7 @@ def aperture_image(
     share = np.ones(run.sizes["scan"]) if weights is None else np.asarray(weights, dtype=np.float64)
     total = np.zeros((run.sizes["polarization"], len(flat)), np.complex64)
     for block in blocks:
-        pose = run["pose"].values[block]
-        tx, rx = (
-            np.concatenate([vehicle_to_lane(run[name].values, one) for one in pose])
-            for name in ("tx_position", "rx_position")
-        )
+        tx, rx = antennas_in_lane(run, run["pose"].values[block])
         near: Any = slice(None)
         limits: dict[str, Any] = {}
         if np.isfinite(reach):
@@ -66,8 +62,7 @@ def aperture_image(
             limits = {"tx_pattern": _within(reach)}
         if not len(flat[near]):
             continue
-        data = np.asarray(run["signal"].isel(scan=block).values) * share[block, None, None, None]
-        data = data.transpose(1, 0, 2, 3).reshape(data.shape[1], -1, data.shape[3])
+        data, _, _ = as_aperture(run.isel(scan=block), share[block])
         made = ImagingOperator(run["frequency"].values, tx, rx, flat[near], **limits, **operator)
         total[:, near] += made.adjoint(data)[:, 0]
     return total.reshape(-1, *pixels.shape[:-1])

@@ -16,6 +16,8 @@ from flgpr.io.georeferenced import (
     write_gpx,
     write_kml,
 )
+from flgpr.io.gpr_files import GprSection, read_gpr
+from flgpr.io.gpr_import import gpr_run
 from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
 from flgpr.io.mapped import Imported, import_mapped, impulse_to_frequency
 from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
@@ -47,6 +49,7 @@ __all__ = [
     "BundleError",
     "Explanation",
     "FullwaveLane",
+    "GprSection",
     "GprmaxOutput",
     "GprmaxRun",
     "Imported",
@@ -66,6 +69,7 @@ __all__ = [
     "explain_file",
     "fit_anchor",
     "georeference",
+    "gpr_run",
     "import_fullwave",
     "import_mapped",
     "impulse_to_frequency",
@@ -79,6 +83,7 @@ __all__ = [
     "read_anchor",
     "read_cphd",
     "read_description",
+    "read_gpr",
     "read_gprmax",
     "read_lane",
     "read_limited",

@@ -15,6 +15,7 @@ import numpy as np
 from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
+from flgpr.io.gpr_files import is_gpr
 from flgpr.io.gprmax import explain_gprmax, is_gprmax
 from flgpr.io.mapping import UNITS
 from flgpr.model import POLARIZATIONS
@@ -47,8 +48,8 @@ class Explanation:
 def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
     """Tell what a file holds and draft the mapping that imports it; file and arrays may take ``limit`` bytes.
 
-    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP or a take of OptiTrack Motive; another or
-    damaged one is a ValueError.
+    It may be HDF5, gprMax, MATLAB, NPZ, CSV, Touchstone, CPHD, NMEA, MCAP, a take of OptiTrack Motive or the recording
+    of a commercial radar (:func:`flgpr.io.read_gpr`); another or damaged one is a ValueError.
     """
     path = existing(path)
     with path.open("rb") as file:
@@ -57,6 +58,10 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
         return _explain_cphd(path)
     if re.match(rb"\s*\$[A-Z]{2}[A-Z]{3},", head):
         return _explain_nmea(path)
+    if is_gpr(path):
+        from flgpr.io.gpr_import import explain_gpr
+
+        return Explanation(path, *explain_gpr(path, limit))
     opened = open_arrays(path, limit)
     if opened.kind == "HDF5 file" and is_gprmax(path):
         return Explanation(path, "result of gprMax", explain_gprmax(path))

@@ -177,7 +177,7 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
     if kind == "gaussiandot":
         return np.asarray(-2 * width * late * bell)
     if kind == "gaussiandotnorm":
-        return np.asarray(-np.sqrt(2 * width * np.e) * late * bell)
+        return np.asarray(-np.sqrt(2 * width * np.exp(1.0)) * late * bell)
     raise ValueError(f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}")
 
 

@@ -11,6 +11,8 @@ from flgpr.model.frames import (
 )
 from flgpr.model.lane import Lane, as_lane
 from flgpr.model.run import (
+    antennas_in_lane,
+    as_aperture,
     check_frequency,
     check_run,
     check_shared_poses,
@@ -44,6 +46,8 @@ __all__ = [
     "Sensor",
     "SystemErrors",
     "Tones",
+    "antennas_in_lane",
+    "as_aperture",
     "as_lane",
     "attitude_matrix",
     "check_alarms",

@@ -1,3 +1,4 @@
+from flgpr.calibrate.joint import BiasFit
 from flgpr.chain.fitting import recipe_for
 from flgpr.chain.memory import parse_size
 from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
@@ -14,14 +15,23 @@ from flgpr.results.result import SECTIONS, Result, read_result
 from flgpr.scoring import PASSPHRASE_RULE
 from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
 from flgpr.tasks.bench import bench_imaging, format_bench
-from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_range_bias
+from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_joint, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
-from flgpr.tasks.exchange import export_result, export_run, export_table, import_cphd, import_with_mapping, track_of
+from flgpr.tasks.exchange import (
+    export_result,
+    export_run,
+    export_table,
+    import_cphd,
+    import_gpr,
+    import_with_mapping,
+    track_of,
+)
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
 from flgpr.tasks.information import run_info
-from flgpr.tasks.picture import Picture, View, make_picture
+from flgpr.tasks.picture import GroundFit, Picture, View, find_permittivity, make_picture
 from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
 from flgpr.tasks.preparing import check_steps, prepare_run, read_steps
+from flgpr.tasks.raw import RawRun
 from flgpr.tasks.registering import register_recipe
 from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
@@ -42,7 +52,9 @@ __all__ = [
     "COUNTS",
     "PASSPHRASE_RULE",
     "SECTIONS",
+    "BiasFit",
     "ClockSearch",
+    "GroundFit",
     "How",
     "LiveOptions",
     "LiveReport",
@@ -50,12 +62,14 @@ __all__ = [
     "LiveSettings",
     "Picture",
     "Question",
+    "RawRun",
     "Result",
     "Vehicle",
     "View",
     "anchor_from_points",
     "bench_imaging",
     "calibrate_clock",
+    "calibrate_joint",
     "calibrate_range_bias",
     "check_request",
     "check_steps",
@@ -71,9 +85,11 @@ __all__ = [
     "export_run",
     "export_table",
     "feed",
+    "find_permittivity",
     "format_bench",
     "import_cphd",
     "import_fullwave_lane",
+    "import_gpr",
     "import_gprmax_models",
     "import_gprmax_results",
     "import_with_mapping",

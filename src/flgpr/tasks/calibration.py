@@ -7,18 +7,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from flgpr.calibrate import BiasFit, ClockFit, estimate_clock, estimate_range_bias, remove_range_bias, with_track
+from flgpr.calibrate import (
+    BiasFit,
+    ClockFit,
+    estimate_clock,
+    estimate_joint,
+    estimate_range_bias,
+    remove_range_bias,
+    subtract_mean_scan,
+    with_track,
+)
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
 from flgpr.io.files import check_new, existing
 from flgpr.io.textarrays import read_text_table
 from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model.arrays import FloatArray
 from flgpr.tasks.exchange import track_of
 
 PathLike = str | Path
 _LARGEST = 2_000_000  # pixels of the area that is focused for every trial
+_MOST_OFFSETS = 10_000
 
 
 @dataclass(frozen=True)
@@ -39,23 +51,22 @@ def calibrate_clock(
     track: PathLike | None = None,
     output: PathLike | None = None,
     anchor: PathLike | None = None,
+    keep_standing: bool = False,
 ) -> ClockFit:
     """Find the clock offset at which a run focuses best, and store the run with the poses that follow.
 
     ``track`` is a CSV, or an NMEA log with the anchor it needs, of the array's reference point; by default
-    ``NAME-track.csv`` beside the run, whose times it must cover.
+    ``NAME-track.csv`` beside the run, whose times it must cover. What stands still in the run is left out of the search
+    unless ``keep_standing``; what is stored has it still. An answer not to be trusted is a ValueError with the reason.
     """
-    store = Path(run)
     check_new(output)
-    held = open_run(store)
-    way = track_of(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
+    held = open_run(run)
+    way = _track_of_run(run, track, anchor)
     x_min, x_max, y_min, y_max = search.area
     spacing = search.spacing or SPEED_OF_LIGHT / float(held["frequency"].values[-1]) / 4
-    low, high = search.offsets
     if not (x_max > x_min and y_max > y_min and spacing > 0):
         raise ValueError(f"area must have x_max > x_min and y_max > y_min, got {search.area}")
-    if not (high >= low and search.step > 0):
-        raise ValueError(f"offsets must increase and step be positive, got {search.offsets} and {search.step:g}")
+    offsets = _offsets(search.offsets, search.step)
     x, y = np.arange(x_min, x_max + spacing / 2, spacing), np.arange(y_min, y_max + spacing / 2, spacing)
     if x.size * y.size > _LARGEST:
         raise ValueError(
@@ -63,8 +74,8 @@ def calibrate_clock(
             "one or a wider spacing"
         )
     pixels = np.stack([*np.meshgrid(x, y), np.full((y.size, x.size), search.height)], axis=-1)
-    offsets = np.arange(low, high + search.step / 2, search.step)
-    fit = estimate_clock(held, way, pixels, offsets, ImagingOperator, search.rates)
+    fit = estimate_clock(_searched(held, keep_standing), way, pixels, offsets, ImagingOperator, search.rates)
+    _refuse(fit, run, keep_standing)
     if output is not None:
         moved = with_track(held, way, fit.offset, fit.rate)
         _save(moved, output, {"clock_offset_s": fit.offset, "clock_rate": fit.rate})
@@ -72,29 +83,107 @@ def calibrate_clock(
 
 
 def calibrate_range_bias(
-    run: PathLike, reflectors: PathLike, output: PathLike | None = None, search: float = 0.6
+    run: PathLike,
+    reflectors: PathLike,
+    output: PathLike | None = None,
+    search: float | None = None,
+    tolerance: float = 0.15,
+    keep_standing: bool = False,
 ) -> BiasFit:
     """Find by how much ranges are measured too long, from reflectors at known places, and store the run without it.
 
-    ``reflectors`` is a CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame, ``search`` how far from one its echo is
-    looked for, m. The poses must have the right clock.
+    ``reflectors`` is a CSV with ``x_m``, ``y_m``, ``z_m`` in the lane frame, ``search`` how far to either side of zero
+    the bias is looked for, m; for ``tolerance`` see :func:`flgpr.calibrate.estimate_joint`. The poses must have the
+    right clock. What stands still in the run is left out of the search unless ``keep_standing``; what is stored has it
+    still. An answer not to be trusted is a ValueError with the reason.
     """
     check_new(output)
     held = open_run(run).compute()
-    path = existing(reflectors, "file of reflectors")
-    columns = read_text_table(path)
-    missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
-    if missing:
-        raise ValueError(f"{path}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}")
-    places = np.stack([np.asarray(columns[name], dtype=np.float64) for name in ("x_m", "y_m", "z_m")], axis=1)
-    if not np.isfinite(places).all():
-        raise ValueError(f"{path}: places must be finite, got {places[~np.isfinite(places).all(axis=1)][0].tolist()}")
-    if not search > 0:
+    places = _reflectors(reflectors)
+    if search is not None and not search > 0:
         raise ValueError(f"search must be positive, got {search:g}")
-    fit = estimate_range_bias(held, places, ImagingOperator, search)
+    fit = estimate_range_bias(_searched(held, keep_standing), places, ImagingOperator, search, tolerance)
+    _refuse(fit, run, keep_standing)
     if output is not None:
         _save(remove_range_bias(held, fit.bias), output, {"range_bias_m": fit.bias})
     return fit
+
+
+def calibrate_joint(
+    run: PathLike,
+    reflectors: PathLike,
+    offsets: tuple[float, float],
+    biases: tuple[float, float],
+    output: PathLike | None = None,
+    track: PathLike | None = None,
+    anchor: PathLike | None = None,
+    step: float = 0.05,
+    tolerance: float = 0.15,
+    keep_standing: bool = False,
+) -> BiasFit:
+    """Find clock offset and range bias together, and store the run with the poses and ranges that follow.
+
+    ``offsets`` (s) and ``biases`` (m) are least and greatest, ``step`` the offsets' first step. All else is as in
+    :func:`calibrate_clock` and :func:`calibrate_range_bias`.
+    """
+    check_new(output)
+    held = open_run(run).compute()
+    places, way = _reflectors(reflectors), _track_of_run(run, track, anchor)
+    fit = estimate_joint(
+        _searched(held, keep_standing), places, ImagingOperator, biases, way, _offsets(offsets, step), tolerance
+    )
+    _refuse(fit, run, keep_standing)
+    if output is not None and fit.offset is not None:
+        ready = remove_range_bias(with_track(held, way, fit.offset), fit.bias)
+        _save(ready, output, {"clock_offset_s": fit.offset, "clock_rate": 1.0, "range_bias_m": fit.bias})
+    return fit
+
+
+def _offsets(limits: tuple[float, float], step: float) -> FloatArray:
+    """Offsets to try; a single one for equal limits."""
+    low, high = limits
+    if not (np.isfinite(limits).all() and high >= low and step > 0):
+        raise ValueError(f"offsets must increase and step be positive, got {limits} and {step:g}")
+    if (high - low) / step > _MOST_OFFSETS:
+        raise ValueError(f"offsets must be at most {_MOST_OFFSETS:,}, got {low:g} to {high:g} s by {step:g} s")
+    return np.arange(low, high + step / 2, step)
+
+
+def _searched(run: xr.Dataset, keep_standing: bool) -> xr.Dataset:
+    if keep_standing:
+        return run
+    try:
+        return subtract_mean_scan(run.compute())
+    except ValueError as error:
+        raise ValueError(f"{error}: search with it, --keep-standing") from None
+
+
+def _refuse(fit: ClockFit | BiasFit, run: PathLike, keep_standing: bool) -> None:
+    if fit.doubt:
+        hint = "" if keep_standing else " (what stands still in the scans was left out; --keep-standing leaves it in)"
+        raise ValueError(f"{run}: {fit.doubt}{hint}")
+
+
+def _reflectors(path: PathLike) -> FloatArray:
+    """Places (reflector, 3) in the lane frame, m, of a CSV."""
+    file = existing(path, "file of reflectors")
+    try:
+        columns = read_text_table(file)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    missing = [name for name in ("x_m", "y_m", "z_m") if name not in columns]
+    if missing:
+        raise ValueError(f"{file}: must have the columns x_m, y_m, z_m; missing: {', '.join(missing)}")
+    places = np.stack([np.asarray(columns[name]) for name in ("x_m", "y_m", "z_m")], axis=1)
+    if np.iscomplexobj(places) or not np.isfinite(places).all():
+        bad = int(np.argmax(~np.isfinite(places).all(axis=1) | (places.imag != 0).any(axis=1)))
+        raise ValueError(f"{file}: places must be finite, got {places[bad].tolist()} for reflector {bad + 1}")
+    return places
+
+
+def _track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None) -> pd.DataFrame:
+    store = Path(run)
+    return track_of(Path(track) if track else store.with_name(f"{store.stem}-track.csv"), anchor)
 
 
 def _save(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import xarray as xr
 
-from flgpr.io import MAX_MEMORY, georeferenced, open_run, read_table, save_run, sha256, write_table
+from flgpr.io import MAX_MEMORY, georeferenced, gpr_run, open_run, read_gpr, read_table, save_run, sha256, write_table
 from flgpr.io.anchor import Anchor, read_anchor
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.files import check_new, existing
@@ -62,6 +63,26 @@ def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None
     """Import a CPHD file and store the run; files of other makers need the anchor. A store that exists is refused."""
     _fresh(Path(output))
     run = _tied(read_cphd(path, _anchor(anchor)), anchor)
+    save_run(run, output, resume=True)
+    return run
+
+
+def import_gpr(
+    path: PathLike,
+    output: PathLike,
+    channel: int = 0,
+    anchor: PathLike | None = None,
+    max_memory: int = MAX_MEMORY,
+    **options: Any,
+) -> xr.Dataset:
+    """Import the recording of a commercial radar (:func:`flgpr.io.read_gpr`) and store the run.
+
+    ``options`` are those of :func:`flgpr.io.gpr_run`: ``step``, ``time_zero``, ``window``, ``band``, ``separation``,
+    ``across``, ``height``, ``polarization``. A store that exists is refused.
+    """
+    _fresh(Path(output))
+    section = read_gpr(path, max_memory)
+    run = _tied(gpr_run(section, channel, anchor=_anchor(anchor), max_memory=max_memory, **options), anchor)
     save_run(run, output, resume=True)
     return run
 

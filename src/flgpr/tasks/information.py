@@ -74,7 +74,7 @@ def run_info(
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "warnings": _doubts(array, height),
+        "warnings": geometry_doubts(dataset),
     }
 
 
@@ -103,15 +103,17 @@ def _faults(run: xr.Dataset, recipe: Recipe) -> list[str]:
     return faults + doubts
 
 
-def _doubts(array: NDArray[np.float64], height: float) -> list[str]:
-    """Warn of an array that is wider than any vehicle, or does not stand over the ground."""
-    told = []
+def geometry_doubts(run: xr.Dataset) -> list[str]:
+    """Warn of antennas that lie wider apart than any vehicle, or do not stand over the ground at the poses."""
+    antennas = np.concatenate([run["tx_position"].values, run["rx_position"].values])
+    told, array = [], np.ptp(antennas, axis=0)
+    height = float(run["pose"].values[:, 2].mean() + antennas[:, 2].mean())
     if array.max() > _WIDEST:
         told.append(
             f"antennas lie up to {array.max():.4g} m apart, more than {_WIDEST:g} m: are positions metres, and "
             "relative to the vehicle, not to the Earth?"
         )
-    if height <= 0:
+    if height <= 0 and run.attrs.get("sounding") != "ground-coupled":
         told.append(
             f"antennas stand {height:.3g} m above the ground on average: heights of poses and antennas add up, and "
             "count upwards from the ground"

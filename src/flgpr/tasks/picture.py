@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from flgpr.calibrate import brightest_points, way_weights
+from flgpr.calibrate import brightest_points, sharpness, way_weights
 from flgpr.chain.progress import Track, silent
 from flgpr.imaging import aperture_blocks, aperture_image
 from flgpr.io import open_run
@@ -40,7 +41,8 @@ class View:
     What is not told follows from the run: the ground ahead of antennas that stand above it, else the section below the
     line, down to half the unambiguous range. ``scans`` are the first and the last that are summed, default all;
     ``spacing`` (m) is by default a quarter of the wavelength, or what gives 300 000 pixels. ``permittivity`` is that of
-    all between antennas and pixels, ``half_space`` that of ground below z = 0, at whose surface paths are refracted.
+    all between antennas and pixels, 1 by default; for antennas that are coupled to the ground it must be told.
+    ``half_space`` is that of ground below z = 0, at whose surface paths are refracted.
     Antennas farther than ``reach`` (m) from a pixel, level with the ground, do not help to image it.
     """
 
@@ -52,7 +54,7 @@ class View:
     polarizations: tuple[str, ...] = ()
     band: tuple[float, float] | None = None  #: Hz
     window: str = "hann"
-    permittivity: float = 1.0
+    permittivity: float | None = None
     half_space: float | None = None
     reach: float = math.inf
 
@@ -95,6 +97,13 @@ def make_picture(
             raise ValueError(f"polarization must be one of the run's, {', '.join(known)}, got {', '.join(unknown)}")
         held = held.sel(polarization=list(view.polarizations))
     pose = held["pose"].values[chosen]
+    if view.permittivity is None:
+        if held.attrs.get("sounding") == "ground-coupled":
+            raise ValueError(
+                "permittivity must be told for antennas that are coupled to the ground; `flgpr calibrate permittivity` "
+                "finds it by focus"
+            )
+        view = replace(view, permittivity=1.0)
     axes, spacing = _axes(held, view, pose)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
     weights = np.zeros(held.sizes["scan"])
@@ -122,6 +131,55 @@ def make_picture(
     return picture
 
 
+@dataclass(frozen=True)
+class GroundFit:
+    """Permittivity of the ground below a line, by focus."""
+
+    permittivity: float
+    contrast: float  #: sharpness there over the median of all trials
+    trials: pd.DataFrame  #: permittivity, sharpness
+
+
+def find_permittivity(
+    run: PathLike, along: tuple[float, float] | None = None, delays: tuple[float, float] = (1e-9, 30e-9),
+    trials: Sequence[float] = tuple(np.geomspace(2.0, 36.0, 41)), track: Track = silent,
+) -> GroundFit:  # fmt: skip
+    """Find the permittivity at which hyperbolas of a line on the ground focus best, all of them together.
+
+    Sections of the same delays (s) and stretch of the line (m, default all) are migrated with every trial, and the
+    sharpest is taken (:func:`flgpr.calibrate.sharpness`), between trials by a parabola. What does not stand out (1.3
+    times the median of the trials) or lies at the edge of what was tried is refused as a ValueError.
+    """
+    held = open_run(run)
+    scans = _scans(held, None)
+    pose, frequency = held["pose"].values[scans], held["frequency"].values
+    axis = int(np.ptp(pose[:, 1]) >= np.ptp(pose[:, 0]))
+    low, high = along or (float(pose[:, axis].min()), float(pose[:, axis].max()))
+    values = np.asarray(trials, dtype=np.float64)
+    if not (high > low and 0 <= delays[0] < delays[1]) or values.size < 3 or (np.diff(values) <= 0).any():
+        raise ValueError(f"along and delays must have limits that increase, got {low:g}, {high:g} m and {delays} s")
+    place = np.linspace(low, high, max(round((high - low) / 0.03), 2))
+    delay = np.arange(*delays, 1 / (4 * frequency[-1]))
+    weights = np.zeros(held.sizes["scan"])
+    weights[scans] = way_weights(pose[:, :3])
+    blocks, found = aperture_blocks(held, scans), []
+    for value in track(values, "permittivities tried", values.size):
+        points = np.zeros((delay.size, place.size, 3))
+        points[..., 0], points[..., 1] = pose[:, 0].mean(), pose[:, 1].mean()
+        points[..., axis], points[..., 2] = place, -delay[:, None] * SPEED_OF_LIGHT / math.sqrt(value) / 2
+        image = aperture_image(held, points, blocks, weights, permittivity=float(value), window="hann", tolerance=1e-2)
+        found.append(sharpness(image))
+    sharp = np.array(found)
+    best, contrast = int(sharp.argmax()), float(sharp.max() / np.median(sharp))
+    if best in (0, values.size - 1):
+        raise ValueError(f"permittivity lies at or beyond the edge of what was tried, {values[0]:g} to {values[-1]:g}")
+    if contrast < 1.3:
+        raise ValueError(f"no permittivity stands out: the sharpest is {contrast:.2f} times the median, 1.3 are needed")
+    curve = np.polyfit(np.log(values[best - 1 : best + 2]), sharp[best - 1 : best + 2], 2)
+    table = pd.DataFrame({"permittivity": values, "sharpness": sharp})
+    return GroundFit(float(np.exp(-curve[1] / (2 * curve[0]))), contrast, table)
+
+
 def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
     """Give the complete scans within limits, both counted."""
     count = run.sizes["scan"]
@@ -137,7 +195,7 @@ def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
 
 def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[str, NDArray[np.float64]], float]:
     """Choose the pixels' axes, m, and their spacing."""
-    frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity)
+    frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity or 1.0)
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
     height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
     if all(value is None for value in limits.values()):
@@ -185,7 +243,7 @@ def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[
 
 
 def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
-    """Find the brightest points of the first polarization, apart by more than their own width."""
+    """Find the brightest local maxima of the first polarization, apart by more than its range resolution."""
     level = np.abs(image.values[0]).astype(np.float64)
     axes = {axis: image[axis].values for axis in ("z", "y", "x")}
     grid = np.stack(np.meshgrid(*axes.values(), indexing="ij")[::-1], axis=-1)
@@ -195,7 +253,10 @@ def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:
         return pd.DataFrame(columns=["x", "y", "z", "level", "over_median"])
     band = image.attrs["band_hz"]
     apart = SPEED_OF_LIGHT / max(band[1] - band[0], band[1] / 4)
-    for x, y, z, value in brightest_points(level, grid, count, apart):
+    maxima = np.where(maximum_filter(level, 3) == level, level, 0.0)
+    for x, y, z, value in brightest_points(maxima, grid, count, apart):
+        if value == 0:
+            break
         row = {"x": x, "y": y, "z": z, "level": 20 * math.log10(value / top)}
         row["over_median"] = 20 * math.log10(value / middle) if middle > 0 else math.inf
         place = tuple(int(np.argmin(np.abs(axes[axis] - at))) for axis, at in zip("zyx", (z, y, x), strict=True))

@@ -1,4 +1,4 @@
-"""The viewer: a read-only page on this machine. It reads what detection wrote and never computes."""
+"""The viewer: a read-only page on this machine. It shows what it reads or is handed and never computes."""
 
 from flgpr.lazy import face
 

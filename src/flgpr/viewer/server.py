@@ -9,9 +9,10 @@ import socket
 import threading
 import warnings
 import webbrowser
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
+from typing import Any, Protocol
 
 import uvicorn
 from starlette.applications import Starlette
@@ -21,9 +22,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import read_anchor
+from flgpr.io import RunStoreError, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.session import LIVE_FILE, LiveFile, ViewError, open_source
+from flgpr.viewer.session import LIVE_FILE, LiveFile, RunFiles, ViewError, open_source
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -34,6 +35,17 @@ STATIC = {
 _JSON, _BYTES = "application/json", "application/octet-stream"
 
 Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+class Raw(Protocol):
+    """What works out raw data of a run, handed in by whoever starts the viewer, which computes nothing itself."""
+
+    def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
+        """Answer a query for a ``bscan``, a ``spectrum`` or the ``health``; a ValueError says what is wrong in it."""
+        ...
+
+
+OpenRaw = Callable[[str | Path], Raw]
 
 
 class Viewer:
@@ -48,6 +60,7 @@ class Viewer:
         live: str | Path | None = None,
         score: str | Path | None = None,
         anchor: str | Path | None = None,
+        raw: OpenRaw | None = None,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -64,6 +77,7 @@ class Viewer:
         if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)
+        self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
@@ -104,6 +118,7 @@ class Viewer:
             "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
             "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
             "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
+            "/data/{source:int}/raw/{what:str}": self._raw_data,
             "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
@@ -112,7 +127,27 @@ class Viewer:
     def _session(self, request: Request) -> Response:  # noqa: ARG002
         titles = [source.title for source in self._sources]
         told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
         return _answer(json.dumps(told).encode(), _JSON)
+
+    def _raw_data(self, request: Request) -> Response:
+        """Answer with what is worked out of a run's raw data; a query that breaks a rule is told so (400)."""
+        number, what = request.path_params["source"], request.path_params["what"]
+        source = self._sources[number] if number < len(self._sources) else None
+        if self._open_raw is None or not isinstance(source, RunFiles) or what not in ("bscan", "spectrum", "health"):
+            raise HTTPException(404)
+        pairs = request.query_params.multi_items()
+        try:
+            if len({name for name, _ in pairs}) < len(pairs):
+                raise ValueError("query must give every name once")
+            with self._opening:
+                if number not in self._raw:
+                    self._raw[number] = self._open_raw(source.folder)
+            return _answer(json.dumps(self._raw[number].answer(what, dict(pairs)), allow_nan=False).encode(), _JSON)
+        except RunStoreError as error:
+            raise ViewError(str(error)) from None
+        except ValueError as error:
+            return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
 
     def _of(self, read: Callable[..., bytes | None], kind: str = _BYTES) -> Callable[[Request], Response]:
         """Answer with what is read of the source that the path names, at the numbers that it names."""
@@ -145,10 +180,11 @@ def serve(
     score: str | Path | None = None,
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
+    raw: OpenRaw | None = None,
 ) -> None:
-    """Show results in the browser until interrupted."""
+    """Show results in the browser until interrupted; ``raw`` opens the raw data of a run that is shown."""
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()

@@ -1,0 +1,178 @@
+"""A line of traces of a commercial ground-penetrating radar as a run, and told in words."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flgpr.io.anchor import Anchor
+from flgpr.io.declared import MAX_MEMORY
+from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, MissingHeaderError, read_gpr
+from flgpr.io.mapped import impulse_to_frequency
+from flgpr.model import make_run
+from flgpr.model.track import course, make_track, poses_at
+
+_BLOCK = 512  # traces that are transformed at a time
+_MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the square of their number
+_LOWEST = 1e6  # Hz, below which no run has tones
+
+
+def gpr_run(
+    section: GprSection,
+    channel: int = 0,
+    *,
+    step: float | None = None,
+    time_zero: float | None = None,
+    window: float | None = None,
+    band: tuple[float, float] | None = None,
+    separation: float | None = None,
+    across: bool = False,
+    height: float = 0.0,
+    polarization: str = "HH",
+    anchor: Anchor | None = None,
+    max_memory: int = MAX_MEMORY,
+) -> xr.Dataset:
+    """Make a run of a line: one scan per trace, one pair, along +y of the lane from the line's start, at x = 0.
+
+    In place of what the headers tell stand ``step`` between traces, m, ``time_zero`` after the first sample and the
+    time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
+    side by side with ``across``, ``height`` m above the ground. ``band``, Hz, is by default a quarter to twice the
+    antenna's nominal frequency. With an ``anchor`` the satellite receiver's positions put the traces in the lane;
+    traces before its first and after its last are left out. ``import_notes`` say what was assumed. What the headers do
+    not tell and is not given, or does not fit, is a ValueError.
+    """
+    channels, samples = section.traces.shape[1:]
+    if not 0 <= channel < channels:
+        raise ValueError(f"channel must be from 0 to {channels - 1}, got {channel}")
+    notes = list(section.history)
+    if channels > 1:
+        notes.append(f"channel {channel} of {channels}: the file does not tell where their antennas are")
+    delay = _delay(section.delay, time_zero, window)
+    apart = section.separation if separation is None else separation
+    if apart is None:
+        apart = 0.0
+        notes.append("no antenna separation is told: transmitter and receiver are put at one place")
+    if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
+        raise ValueError(f"separation and height must not be negative, the first at most 100 m, got {apart}, {height}")
+    nominal = section.frequencies[channel]
+    chosen = _band(band, nominal, delay)
+    told = "given" if band is not None else "a quarter to twice the antenna's" if nominal else "by the sampling"
+    notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
+    keep, pose = _poses(section, step, height, anchor, notes)
+    tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
+    if len(keep) * tones.size * 8 > max_memory:
+        size = len(keep) * tones.size * 8 / 1e9
+        raise ValueError(f"the run must fit into {max_memory / 1e9:.3g} GB, it takes {size:.3g} GB: narrow the band")
+    signal = _spectra(section.traces[keep, channel], delay, chosen)[0]
+    half = np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
+    attrs = {
+        "title": section.title,
+        "source": f"{section.format}, {section.path.name}",
+        "import_notes": notes,
+        "sounding": "air-launched" if height > 0 else "ground-coupled",
+        # What takes the tones back to traces: a record of this length that begins at this delay.
+        "time_window_s": float((delay[1] - delay[0]) * samples),
+        "first_sample_s": float(delay[0]),
+        "samples": samples,
+    } | ({"antenna_frequency_hz": nominal} if nominal else {})
+    time = None if section.time is None else section.time[keep]
+    return make_run(signal[:, None, None], tones, [polarization], -half, half, pose, time, attrs)
+
+
+def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str]]:
+    """Tell a recording's format, and in lines what it holds, or why it cannot be read, and the command to import it."""
+    suffix = path.suffix.lower()
+    if suffix in NOT_READ:
+        words, advice = NOT_READ[suffix]
+        return f"{words} file", [f"known by its ending {suffix}; it cannot be read: {advice}"]
+    try:
+        section = read_gpr(path, max_memory)
+    except MissingHeaderError as error:
+        return READERS[suffix][0], [str(error).partition(": ")[2]]
+    count, channels, samples = section.traces.shape
+    interval = float(section.delay[1] - section.delay[0])
+    zero = -section.delay[0] * 1e9
+    side = "after" if zero >= 0 else "before"
+    lines = [
+        f"{section.title}: {count} traces x {samples} samples" + (f", {channels} channels" if channels > 1 else ""),
+        f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
+    ]
+    if section.distance is not None and count > 1:
+        length = abs(float(section.distance[-1] - section.distance[0]))
+        lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
+    else:
+        lines.append("trace spacing unknown: give --step" + (" or --anchor" if len(section.fixes) > 1 else ""))
+    antennas = ", ".join("unknown" if one is None else f"{one / 1e6:g} MHz" for one in section.frequencies)
+    apart = "unknown" if section.separation is None else f"{section.separation:g} m"
+    lines.append(f"antenna {antennas}, separation {apart}")
+    lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
+    lines += section.history
+    lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr")
+    return section.format, lines
+
+
+def _delay(told: NDArray[np.float64], zero: float | None, window: float | None) -> NDArray[np.float64]:
+    """Lay a given time window and time zero over the delays that the headers tell."""
+    interval = (told[1] - told[0]) if window is None else window / told.size
+    if not 1e-13 <= interval <= 1e-6:
+        raise ValueError(f"window must make the samples 1e-4 to 1e3 ns apart, got {interval * 1e9:g} ns")
+    first = -told[0] * interval / (told[1] - told[0]) if zero is None else zero
+    if not abs(first) <= 100 * interval * told.size:
+        raise ValueError(f"time zero must lie near the record of {interval * told.size:g} s, got {first:g} s")
+    return np.arange(told.size) * interval - first
+
+
+def _band(given: tuple[float, float] | None, nominal: float | None, delay: NDArray[np.float64]) -> tuple[float, float]:
+    interval = float(delay[1] - delay[0])
+    nyquist, lowest = 0.5 / interval, max(_LOWEST, 1 / (interval * delay.size))
+    low, high = given or ((nominal / 4, 2 * nominal) if nominal else (lowest, 0.5 * nyquist))
+    if given is None:
+        low, high = max(low, lowest), min(high, 0.9 * nyquist)
+    if not lowest * (1 - 1e-9) <= low < high <= nyquist:
+        raise ValueError(
+            f"band must lie between {lowest / 1e6:g} MHz and half the sampling rate, {nyquist / 1e6:g} MHz, got "
+            f"{low / 1e6:g} to {high / 1e6:g} MHz: give the band, or is the time window right?"
+        )
+    return low, high
+
+
+def _poses(
+    section: GprSection, step: float | None, height: float, anchor: Anchor | None, notes: list[str]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Give the traces that have a pose, and their poses."""
+    count = len(section.traces)
+    if anchor is not None:
+        if len(section.fixes) < 2:
+            got = len(section.fixes)
+            raise ValueError(f"{section.path}: an anchor needs positions of two traces or more, got {got}")
+        place = anchor.from_geodetic(section.fixes[:, 1:])
+        place[:, 2] = height
+        at = section.fixes[:, 0]
+        some = slice(None, None, 1 + len(at) // _MOST_HEADINGS)
+        heading = np.interp(at, at[some], np.unwrap(course(place[some])))
+        track = make_track(at, place, heading)
+        keep = np.arange(math.ceil(section.fixes[0, 0]), math.floor(section.fixes[-1, 0]) + 1)
+        notes.append(f"{len(keep)} of {count} traces lie between positions of the satellite receiver and are kept")
+        return keep, poses_at(track, keep)
+    if step is not None and not 1e-5 <= step <= 1e3:
+        raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
+    along = section.distance if step is None else step * np.arange(count)
+    if along is None:
+        more = " or the anchor" if len(section.fixes) > 1 else ""
+        raise ValueError(f"{section.path}: its headers tell no trace spacing: give the step{more}")
+    pose = np.zeros((count, 6))
+    pose[:, 1], pose[:, 2] = along, height
+    return np.arange(count), pose
+
+
+def _spectra(
+    traces: NDArray[np.floating], delay: NDArray[np.float64], band: tuple[float, float]
+) -> tuple[NDArray[np.complex64], NDArray[np.float64]]:
+    """Take traces to frequency in blocks, for a transform of all at once takes many times their room."""
+    parts = [impulse_to_frequency(traces[k : k + _BLOCK], delay, band) for k in range(0, len(traces), _BLOCK)]
+    return np.concatenate([part.astype(np.complex64) for part, _ in parts]), parts[0][1]

@@ -1,0 +1,242 @@
+"""Raw data of a run for a screen: range profiles of a channel after steps of ``flgpr prepare``, spectra, health."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from flgpr.calibrate import channel_health, health_summary
+from flgpr.io import MAX_MEMORY, open_run
+from flgpr.model import complete_scans
+from flgpr.model.faults import first_fault
+from flgpr.tasks.information import geometry_doubts
+from flgpr.tasks.preparing import Background, Step, Subtract, check_steps
+
+MOST_SCANS, MOST_BINS = 1200, 800
+_MOST_STEPS = 16
+_COPIES = 5  # of what is read, while a step and the transform are at work
+_MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
+_MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
+
+
+class _Query(BaseModel):
+    """What a page may ask for; numbers come as text."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    polarization: str
+    pair: int = Field(ge=0)
+    scale: Literal["db", "signed"] = "db"
+    to_ns: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    scan: int = Field(default=0, ge=0)
+    steps: str = Field(default="[]", max_length=4000)
+
+
+class RawRun:
+    """The raw data of a stored run, asked channel by channel; one answer is worked out at a time.
+
+    Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes hold, every so many are taken, and a
+    background is estimated from these. Every query is a mapping of texts, as an address has them: ``polarization``,
+    ``pair``, ``steps`` (JSON, a list of what stands in ``[[step]]`` of a file of steps) and, for a B-scan, ``scale``
+    ("db" or "signed") and ``to_ns``, for a spectrum ``scan``. One that breaks a rule is a ValueError, a store that has
+    changed a RunStoreError.
+    """
+
+    def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
+        self._run, self._max_memory = open_run(path, max_memory), max_memory
+        self._lock = threading.Lock()
+        self._read: tuple[str, xr.Dataset] | None = None
+        self._made: tuple[tuple[str, int, str], xr.Dataset] | None = None
+        self._complete = complete_scans(self._run)
+
+    def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
+        """Answer a query for a ``bscan``, a ``spectrum`` or the ``health``; see the methods of these names."""
+        with self._lock:
+            if what == "health":
+                return self.health()
+            try:
+                asked = _Query.model_validate(dict(query))
+            except ValidationError as error:
+                raise ValueError(first_fault(error, _Query)) from None
+            return self.bscan(asked) if what == "bscan" else self.spectrum(asked)
+
+    def bscan(self, asked: _Query) -> dict[str, Any]:
+        """Work out range profiles: sums of the tones under a Hann window, which need not be even.
+
+        ``halves`` are ``count`` delays of each scan, scan by scan: dB (the greatest amplitude in a bin), or the real
+        part over ``unit``. NaN is a sweep that is missing.
+        """
+        made = self._channel(asked)
+        signal, tones = made["signal"].values[:, 0, 0], made["frequency"].values
+        stop, count, fold = _delays(asked, len(signal), tones)
+        delay = stop * (np.arange(count * fold) + 0.5) / (count * fold)
+        weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(tones)  # times the share of the band of each tone
+        weighted = (signal * (weight / weight.sum())).astype(np.complex64)
+        values = np.empty((len(signal), count), np.float32)
+        block = max(2**22 // (tones.size * fold), 1)
+        for first in range(0, count, block):
+            here = delay[first * fold : (first + block) * fold]
+            turns = np.outer(tones, here) % 1.0
+            profile = weighted @ np.exp(2j * np.pi * turns).astype(np.complex64)
+            part = np.abs(profile).reshape(len(signal), -1, fold).max(axis=2) if asked.scale == "db" else profile.real
+            values[:, first : first + block] = part
+        missing = ~made["known"].values
+        values[missing] = np.nan
+        known = np.abs(values[~missing])
+        top = float(np.percentile(known, 99.8)) if known.size else 0.0
+        unit = top if top > 0 and asked.scale == "signed" else 1.0
+        if asked.scale == "db":
+            with np.errstate(divide="ignore"):
+                values = np.maximum(20 * np.log10(values), -999.0)
+        steps = self._steps(asked.steps)
+        return {
+            "scans": made["number"].values.tolist(),
+            "delays_ns": {"stop": stop * 1e9, "count": count},
+            "scale": asked.scale,
+            "unit": unit,
+            "top_db": 20 * math.log10(top) if top > 0 else None,
+            "missing": np.flatnonzero(missing).tolist(),
+            "incomplete": np.flatnonzero(~made["valid"].values[:, 0, 0]).tolist(),
+            "halves": _halves(np.clip(values / unit, -6e4, 6e4)),
+            "toml": _toml(steps),
+        }
+
+    def spectrum(self, asked: _Query) -> dict[str, Any]:
+        """Tell the tones of a scan after the steps, dB, beside the median over all scans that are shown."""
+        made = self._channel(asked)
+        [places] = np.nonzero(made["number"].values == asked.scan)
+        if not places.size:
+            raise ValueError(f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}")
+        with np.errstate(divide="ignore"):
+            level = np.maximum(20 * np.log10(np.abs(made["signal"].values[:, 0, 0]).astype(np.float64)), -999.0)
+        known = made["known"].values
+        median = np.median(level[known], axis=0) if known.any() else np.full(level.shape[1], np.nan)
+        own = level[places[0]] if known[places[0]] else np.full(level.shape[1], np.nan)
+        return {
+            "frequency_ghz": (made["frequency"].values * 1e-9).tolist(),
+            "level_db": _numbers(own),
+            "median_db": _numbers(median),
+        }
+
+    def health(self) -> dict[str, Any]:
+        """Tell of every channel what ``flgpr info`` looks at, of as many scans as fit, and what it would warn of."""
+        every = self._stride(self._run["signal"].nbytes)
+        table = channel_health(self._run.isel(scan=slice(None, None, every)).compute())
+        table["missing"] = (~self._run["valid"].values).sum(axis=0).ravel()
+        columns = {name: table[name].tolist() for name in ("polarization", "pair", "missing", "dead")}
+        measured = ("level_db", "coherence", "gain_drift_db", "phase_drift_rad")
+        return {
+            "summary": health_summary(table) + geometry_doubts(self._run),
+            "every": every,
+            "channels": columns | {name: _numbers(table[name].to_numpy(float)) for name in measured},
+        }
+
+    def _stride(self, size: int) -> int:
+        """Tell every how many scans to take of those that hold so many bytes."""
+        scans = self._run.sizes["scan"]
+        room = max(int(self._max_memory * scans / (_COPIES * size)), 1)
+        return math.ceil(scans / min(room, MOST_SCANS))
+
+    def _steps(self, text: str) -> list[Step]:
+        try:
+            entries = json.loads(text)
+        except (ValueError, RecursionError):
+            entries = None
+        if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
+            raise ValueError("steps must be a JSON list of steps")
+        if len(entries) > _MOST_STEPS:
+            raise ValueError(f"steps must be at most {_MOST_STEPS}, got {len(entries)}")
+        steps = check_steps(entries)
+        if any(isinstance(step, Subtract) for step in steps):
+            raise ValueError("steps may not subtract another run: a page may name no files")
+        return steps
+
+    def _channel(self, asked: _Query) -> xr.Dataset:
+        """Take a channel through the steps; the last one is kept.
+
+        A background is fitted to all pairs of a polarization, so that then they all go through the steps. ``valid``
+        tells complete scans, as the steps take them; ``known`` which sweeps of the channel are there.
+        """
+        key = (asked.polarization, asked.pair, asked.steps)
+        if self._made is not None and self._made[0] == key:
+            return self._made[1]
+        labels = [str(label) for label in self._run["polarization"].values]
+        if asked.polarization not in labels:
+            raise ValueError(f"polarization must be one of {', '.join(labels)}, got {asked.polarization!r}")
+        if asked.pair >= self._run.sizes["pair"]:
+            raise ValueError(f"pair must be less than {self._run.sizes['pair']}, got {asked.pair}")
+        steps = self._steps(asked.steps)
+        made, own = self._polarization(asked.polarization), slice(asked.pair, asked.pair + 1)
+        together = any(isinstance(step, Background) for step in steps)
+        if not together:
+            made = made.isel(pair=own)
+        for number, step in enumerate(steps, 1):
+            if isinstance(step, Background) and step.scans and step.scans * made["signal"].size > _MOST_RUNNING:
+                raise ValueError(f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare")
+            try:
+                made = step.apply(made)
+            except ValueError as error:
+                raise ValueError(f"step {number}, {step.do}: {error}") from None
+        self._made = key, made.isel(pair=own) if together else made
+        self._made[1]["known"] = ("scan", self._known(asked))
+        return self._made[1]
+
+    def _known(self, asked: _Query) -> NDArray[np.bool_]:
+        here = self._run["valid"].sel(polarization=asked.polarization).values[:, asked.pair]
+        return np.asarray(here[self._polarization(asked.polarization)["number"].values])
+
+    def _polarization(self, label: str) -> xr.Dataset:
+        """Read the scans that are shown of a polarization, all pairs; the last one is kept."""
+        if self._read is None or self._read[0] != label:
+            self._read = self._made = None  # before others are read
+            every = self._stride(self._run["signal"].nbytes // self._run.sizes["polarization"])
+            number = np.arange(0, self._run.sizes["scan"], every)
+            where = [str(one) for one in self._run["polarization"].values].index(label)
+            run = self._run.isel(scan=slice(None, None, every), polarization=[where]).compute()
+            valid = np.broadcast_to(self._complete[number][:, None, None], run["valid"].shape)
+            run = run.assign(valid=(run["valid"].dims, valid), number=("scan", number))
+            self._read = label, run
+        return self._read[1]
+
+
+def _delays(asked: _Query, scans: int, tones: NDArray[np.float64]) -> tuple[float, int, int]:
+    """Tell the last delay (s), how many bins there are, and how many delays are summed for each."""
+    width = float(np.ptp(tones))
+    if not width > 0:
+        raise ValueError("a B-scan needs at least two tones")
+    rate = 4 * width if asked.scale == "db" else 4 * float(tones[-1])
+    most = MOST_BINS / rate if asked.scale == "signed" else _MOST_SUMMED / (scans * tones.size * rate)
+    unambiguous = 1 / float(np.median(np.diff(tones)))
+    stop = min(unambiguous, most) if asked.to_ns is None else asked.to_ns * 1e-9
+    if stop > min(unambiguous, most) * (1 + 1e-9):
+        why = "the tones' unambiguous delay" if unambiguous < most else f"what {asked.scale} pictures of this run hold"
+        raise ValueError(f"to_ns must be at most {min(unambiguous, most) * 1e9:.4g}, {why}, got {asked.to_ns:g}")
+    if stop * width < 1:
+        raise ValueError(f"to_ns must be at least {1e9 / width:.3g}, what the band resolves, got {stop * 1e9:g}")
+    if asked.scale == "signed":
+        return stop, MOST_BINS, 1
+    return stop, MOST_BINS, max(math.ceil(stop * rate / MOST_BINS), 1)
+
+
+def _halves(values: NDArray[np.floating]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, "<f2").tobytes()).decode()
+
+
+def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+    return [round(float(one), 4) if np.isfinite(one) else None for one in values]
+
+
+def _toml(steps: list[Step]) -> str:
+    """Write steps as ``flgpr prepare --steps`` reads them."""
+    tables = [step.model_dump(exclude_none=True, exclude_defaults=True) | {"do": step.do} for step in steps]
+    lines = [[f"{name} = {json.dumps(value)}" for name, value in sorted(one.items())] for one in tables]
+    return "\n".join("\n".join(["[[step]]", *one]) + "\n" for one in lines)

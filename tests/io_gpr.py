@@ -1,0 +1,136 @@
+"""Recordings of commercial radars, written byte by byte from the formats' descriptions, and a line with reflectors."""
+
+import struct
+
+import numpy as np
+
+SAMPLES, INTERVAL, ZERO = 256, 0.2e-9, 20  # 5 GHz sampling; time zero at this sample
+NOMINAL, STEP, SEPARATION = 500e6, 0.05, 0.2
+WINDOW = SAMPLES * INTERVAL * 1e9  # ns
+SPEED = 1e8  # m/s in the ground
+REFLECTORS = ((0.5, 0.4), (1.4, 0.8))  # along the line and below it, m
+
+
+def delay_of(along):
+    """Delays (trace, reflector) of the echoes, transmitter behind and receiver ahead of the trace's place."""
+    x, depth = np.array(REFLECTORS).T
+    ways = [np.hypot(along[:, None] + side * SEPARATION / 2 - x, depth) for side in (-1, 1)]
+    return sum(ways) / SPEED
+
+
+def section(count=40, scale=12000):
+    """Counts (trace, sample) of a line over the reflectors: Ricker pulses at the nominal frequency."""
+    time = (np.arange(SAMPLES) - ZERO) * INTERVAL
+    late = time - delay_of(STEP * np.arange(count))[..., None]
+    square = (np.pi * NOMINAL * late) ** 2
+    return np.round(scale * ((1 - 2 * square) * np.exp(-square)).sum(axis=1)).astype(np.int32)
+
+
+def gga(lat, lon, height, quality=4):
+    """NMEA's sentence of a position."""
+
+    def cell(value, width):
+        return f"{int(abs(value)):0{width}d}{(abs(value) % 1) * 60:010.7f}"
+
+    sides = "N" if lat >= 0 else "S", "E" if lon >= 0 else "W"
+    place = f"{cell(lat, 2)},{sides[0]},{cell(lon, 3)},{sides[1]}"
+    return f"$GPGGA,120000.00,{place},{quality},9,0.9,{height:.3f},M,0.0,M,,*00"
+
+
+def write_dt1(path, counts, real=False, order="<", comment=None, dead=None, hd=True, step=STEP, **entries):
+    data = b""
+    for k, trace in enumerate(counts):
+        head = np.zeros(25)
+        head[[0, 1, 2, 5, 6, 7]] = k + 1, step * k, len(trace), 4 if real else 2, WINDOW, 8
+        head[21], head[23], head[24] = k == dead, 36000 + k, k == comment
+        data += head.astype(order + "f4").tobytes() + b"note".ljust(28, b"\0")
+        data += trace.astype(order + ("f4" if real else "i2")).tobytes()
+    path.write_bytes(data)
+    told = {
+        "NUMBER OF TRACES": len(counts), "NUMBER OF PTS/TRC": counts.shape[1], "TIMEZERO AT POINT": ZERO + 1,
+        "TOTAL TIME WINDOW": f"{WINDOW:.6f}", "STARTING POSITION": 0, "FINAL POSITION": step * (len(counts) - 1),
+        "STEP SIZE USED": step, "POSITION UNITS": "m", "NOMINAL FREQUENCY": NOMINAL / 1e6,
+        "ANTENNA SEPARATION": SEPARATION, "DATA TYPE": "F*4" if real else "I*2",
+    }  # fmt: skip
+    told |= {name.replace("_", " "): value for name, value in entries.items()}
+    lines = ["1234", "line - pulseEKKO", "2024-Apr-04", *(f"{name:<19}= {value}" for name, value in told.items())]
+    if hd:
+        path.with_suffix(".hd").write_bytes("\r\n".join(lines).encode())
+    return path
+
+
+def write_dzt(path, channels, bits=16, names=("50400",), per_metre=1 / STEP, data=None):
+    """Channels (trace, channel, sample) of signed counts; the first two samples give way to scan number and marks."""
+    many, samples = channels.shape[1:]
+    head = bytearray(1024 * many)
+    for k in range(many):
+        start = many if data is None else data
+        struct.pack_into("<HHHHh", head, 1024 * k, 0x00FF, start, samples, bits, 0)
+        struct.pack_into("<5f", head, 1024 * k + 10, 50.0, per_metre, 5.0, -ZERO * INTERVAL * 1e9, WINDOW)
+        struct.pack_into("<H", head, 1024 * k + 52, many)
+        name = names[k].encode()
+        head[1024 * k + 98 : 1024 * k + 98 + len(name)] = name
+    kind, offset = {8: ("u1", 128), 16: ("<u2", 32768), 32: ("<i4", 0)}[bits]
+    raw = (channels.astype(np.int64) + offset).astype(kind)
+    raw[..., 0], raw[..., 1] = np.arange(len(raw))[:, None] % 200, 7
+    raw[5, :, 1] = 9
+    path.write_bytes(bytes(head) + raw.tobytes())
+    return path
+
+
+def write_mala(path, counts, rad=True, **entries):
+    path.write_bytes(counts.astype("<i4" if path.suffix.lower() == ".rd7" else "<i2").tobytes())
+    told = {
+        "SAMPLES": counts.shape[1], "FREQUENCY": 1e-6 / INTERVAL, "DISTANCE FLAG": 1, "TIME INTERVAL": 0.1,
+        "DISTANCE INTERVAL": STEP, "SITE": "meadow", "ANTENNAS": "500 MHz shielded", "ANTENNA SEPARATION": SEPARATION,
+        "TIMEWINDOW": WINDOW, "LAST TRACE": len(counts),
+    } | {name.replace("_", " "): value for name, value in entries.items()}  # fmt: skip
+    if rad:
+        path.with_suffix(".RAD").write_text("\r\n".join(f"{name}:{value}" for name, value in told.items()))
+    return path
+
+
+def write_impulse(path, counts, bits=16, **entries):
+    path.write_bytes(counts.astype(f"<i{bits // 8}").tobytes())
+    told = {
+        "HEADER VERSION": 20, "DATA VERSION": bits, "ANTENNA": "500 MHz", "ANTENNA SEPARATION": SEPARATION,
+        "SAMPLES": counts.shape[1], "FREQUENCY": 1e-6 / INTERVAL, "LAST TRACE": len(counts), "TRIG SOURCE": "wheel",
+        "DISTANCE INTERVAL": STEP, "ZERO LEVEL": ZERO,
+    } | {name.replace("_", " "): value for name, value in entries.items()}  # fmt: skip
+    path.with_suffix(".iprh").write_text("\n".join(f"{name}: {value}" for name, value in told.items()))
+    return path
+
+
+def ibm(value):
+    """IBM's floating point of one number: sign, exponent of 16 less 64, 24 bits of fraction."""
+    if value == 0:
+        return 0
+    exponent = 0
+    size = abs(value)
+    while size >= 1:
+        size, exponent = size / 16, exponent + 1
+    while size < 1 / 16:
+        size, exponent = size * 16, exponent - 1
+    return (int(value < 0) << 31) | ((exponent + 64) << 24) | round(size * 2**24)
+
+
+def write_segy(path, counts, code=3, order=">", unit=1, scalar=-100, place=None, interval=None):
+    head = bytearray(3600)
+    picoseconds = round(INTERVAL * 1e12) if interval is None else interval
+    struct.pack_into(order + "H", head, 3216, picoseconds)
+    struct.pack_into(order + "H", head, 3220, counts.shape[1])
+    struct.pack_into(order + "H", head, 3224, code)
+    data = bytes(head)
+    for k, trace in enumerate(counts):
+        x, y = (round(100 * STEP * k), 0) if place is None else place[k]
+        one = bytearray(240)
+        struct.pack_into(order + "i", one, 0, k + 1)
+        struct.pack_into(order + "hii", one, 70, scalar, x, y)
+        struct.pack_into(order + "h", one, 88, unit)
+        if code == 1:
+            values = np.array([ibm(float(value)) for value in trace], dtype=order + "u4")
+        else:
+            values = trace.astype(order + {2: "i4", 3: "i2", 5: "f4", 8: "i1"}[code])
+        data += bytes(one) + values.tobytes()
+    path.write_bytes(data)
+    return path

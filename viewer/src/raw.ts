@@ -1,0 +1,322 @@
+import uPlot from "uplot";
+import { colourAt, colourTable } from "./colour";
+import { getJson, HALF } from "./data";
+import { colour, digits, el, fitted, fixed, make, options } from "./dom";
+import { format } from "./lane";
+import { halves } from "./live";
+import { CanvasPen } from "./pen";
+import type { Source } from "./types";
+import { ticks, type Box } from "./view";
+
+const METRES = 0.149896229; // of range per nanosecond, there and back in air
+const MAP = { db: "viridis", signed: "grey" };
+
+interface Bscan {
+  scans: number[];
+  delays_ns: { stop: number; count: number };
+  scale: "db" | "signed";
+  unit: number;
+  top_db: number | null;
+  missing: number[];
+  incomplete: number[];
+  halves: string;
+  toml: string;
+}
+interface Spectrum { frequency_ghz: number[]; level_db: (number | null)[]; median_db: (number | null)[] }
+interface Health { summary: string[]; every: number; channels: Record<string, (number | string | boolean | null)[]> }
+
+/** The raw data of a run, as the server has worked it out: B-scan, A-scan, spectrum, health. */
+export class RawPanel {
+  private shown: Bscan | null = null;
+  private settings = "";
+  private values: Uint16Array = new Uint16Array(0);
+  private image: HTMLCanvasElement | null = null;
+  private spectrum: Spectrum | null = null;
+  private plots: uPlot[] = [];
+  private busy = false;
+  private again = false;
+  private over: number | null = null;
+  column: number | null = null;
+  private readonly canvas = el<HTMLCanvasElement>("bscan");
+
+  constructor(
+    private readonly source: Source,
+    private readonly marked: (scan: number | null) => void,
+  ) {
+    el("raw").hidden = el("raw-side").hidden = false;
+    const run = source.index.run!;
+    const same = (value: string): { value: string; label: string } => ({ value, label: value });
+    options(el<HTMLSelectElement>("raw-pol"), run.polarizations.map(same), run.polarizations[0]!);
+    options(el<HTMLSelectElement>("raw-pair"), Array.from({ length: run.pairs }, (_, i) => same(String(i))), "0");
+    const { scans } = source.index;
+    el("raw-facts").textContent = `${scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones from ${digits(run.frequency_hz[0] / 1e9)} to ${digits(run.frequency_hz[1] / 1e9)} GHz`;
+    el("raw").querySelectorAll("select, input").forEach((field) =>
+      field.addEventListener("change", () => (field.id === "raw-range" ? this.painted() : void this.ask())),
+    );
+    el("raw-range").addEventListener("input", () => this.painted());
+    el("raw-copy").addEventListener("click", () => void this.copy());
+    this.canvas.addEventListener("pointermove", (event) => this.hover(this.columnAt(event)));
+    this.canvas.addEventListener("pointerleave", () => this.hover(null));
+    this.canvas.addEventListener("click", (event) => this.mark(this.columnAt(event)));
+    this.canvas.addEventListener("keydown", (event) => {
+      const step = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
+      if (!step || !this.shown) return;
+      event.preventDefault();
+      event.stopPropagation();
+      this.mark(Math.min(Math.max((this.column ?? -step) + step, 0), this.shown.scans.length - 1));
+    });
+    new ResizeObserver(() => this.redraw()).observe(this.canvas);
+    void this.ask().then(() => this.health());
+  }
+
+  /** Mark the scan that is shown nearest to one of the run. */
+  markScan(scan: number): void {
+    const scans = this.shown?.scans ?? [];
+    let best = 0;
+    scans.forEach((one, i) => (best = Math.abs(one - scan) < Math.abs(scans[best]! - scan) ? i : best));
+    if (scans.length) this.mark(best);
+  }
+
+  private mark(column: number | null): void {
+    this.column = column;
+    this.marked(column === null ? null : this.shown!.scans[column]!);
+    void this.cut();
+    this.redraw();
+  }
+
+  private hover(column: number | null): void {
+    if (this.over === column) return;
+    this.over = column;
+    void this.cut();
+  }
+
+  /** The steps that are filled in, in the order in which they are taken. */
+  private steps(): Record<string, unknown>[] {
+    const number = (id: string): number | null => {
+      const { value } = el<HTMLInputElement>(id);
+      return value.trim() === "" ? null : Number(value);
+    };
+    const [zero, wow, low, high, gate, power] = ["zero", "dewow", "low", "high", "gate", "power"].map((name) => number(`step-${name}`));
+    const found: Record<string, unknown>[] = [];
+    if (zero != null) found.push({ do: "time-zero", delay_ns: zero });
+    if (wow != null) found.push({ do: "dewow", length_ns: wow });
+    if (el<HTMLInputElement>("step-background").checked) found.push({ do: "background" });
+    const [first, last] = this.source.index.run!.frequency_hz;
+    if (low != null || high != null) found.push({ do: "band", low_ghz: low ?? first / 1e9, high_ghz: high ?? last / 1e9 });
+    if (gate != null) found.push({ do: "gate", start_ns: gate });
+    if (power != null) found.push({ do: "power", exponent: power });
+    return found;
+  }
+
+  private query(): string {
+    const value = (id: string): string => el<HTMLInputElement>(id).value;
+    return String(new URLSearchParams({ polarization: value("raw-pol"), pair: value("raw-pair"), steps: JSON.stringify(this.steps()) }));
+  }
+
+  /** Ask for the B-scan of what is chosen; of changes meanwhile only the last is asked for. */
+  private async ask(): Promise<void> {
+    if (this.busy) {
+      this.again = true;
+      return;
+    }
+    this.busy = true;
+    this.canvas.setAttribute("aria-busy", "true");
+    const [to, query] = [el<HTMLInputElement>("raw-to").value.trim(), this.query()];
+    const more = new URLSearchParams({ scale: el<HTMLInputElement>("raw-scale").value, ...(to && { to_ns: to }) });
+    try {
+      const answer = await getJson<Bscan>(`data/0/raw/bscan?${query}&${more}`);
+      this.shown = answer;
+      this.settings = query;
+      this.values = halves(answer.halves);
+      this.spectrum = null;
+      this.cutOf = "";
+      el("raw-toml").textContent = answer.toml || "none: as recorded";
+      el<HTMLButtonElement>("raw-copy").disabled = !answer.toml;
+      el("raw-error").textContent = "";
+      if (this.column !== null && this.column >= answer.scans.length) this.column = null;
+    } catch (error) {
+      el("raw-error").textContent = (error as Error).message;
+    }
+    this.busy = false;
+    if (this.again) {
+      this.again = false;
+      return this.ask();
+    }
+    this.painted();
+    this.canvas.setAttribute("aria-busy", "false");
+    await this.cut();
+  }
+
+  private async copy(): Promise<void> {
+    const pre = el("raw-toml");
+    try {
+      await navigator.clipboard.writeText(this.shown?.toml ?? "");
+      el("said").textContent = el("raw-copied").textContent = "copied";
+    } catch {
+      getSelection()?.selectAllChildren(pre);
+      el("said").textContent = el("raw-copied").textContent = "selected: copy by hand";
+    }
+  }
+
+  private range(): [low: number, span: number] {
+    const span = Number(el<HTMLInputElement>("raw-range").value);
+    return this.shown?.scale === "signed" ? [-40 / span, 80 / span] : [(this.shown?.top_db ?? 0) - span, span];
+  }
+
+  /** Colour the picture by look-up. */
+  private painted(): void {
+    el("raw-range-out").textContent = this.shown?.scale === "signed" ? `× ${fixed(Number(el<HTMLInputElement>("raw-range").value) / 40, 1)}` : `${el<HTMLInputElement>("raw-range").value} dB`;
+    if (!this.shown) return;
+    const { scans, delays_ns, scale } = this.shown;
+    const [low, span] = this.range();
+    const table = colourTable({ map: MAP[scale], floor: low, range: span }, 0);
+    this.image = document.createElement("canvas");
+    [this.image.width, this.image.height] = [scans.length, delays_ns.count];
+    const context = this.image.getContext("2d")!;
+    const data = context.createImageData(scans.length, delays_ns.count);
+    const pixels = new Uint32Array(data.data.buffer);
+    for (let i = 0; i < scans.length; i++) for (let k = 0; k < delays_ns.count; k++) pixels[k * scans.length + i] = table[this.values[i * delays_ns.count + k]!]!;
+    context.putImageData(data, 0, 0);
+    this.redraw();
+  }
+
+  private box(): Box {
+    return { left: 46, top: 14, width: Math.max(this.canvas.clientWidth - 46 - 104, 10), height: Math.max(this.canvas.clientHeight - 14 - 34, 10) };
+  }
+
+  private columnAt(event: MouseEvent): number | null {
+    if (!this.shown) return null;
+    const { left, width } = this.box();
+    const column = Math.floor(((event.offsetX - left) / width) * this.shown.scans.length);
+    return column < 0 || column >= this.shown.scans.length ? null : column;
+  }
+
+  redraw(): void {
+    const { context, width, height } = fitted(this.canvas);
+    context.clearRect(0, 0, width, height);
+    if (!this.shown || !this.image) return;
+    const { scans, delays_ns, scale, missing, incomplete } = this.shown;
+    const box = this.box();
+    const { left, top } = box;
+    const [right, bottom] = [left + box.width, top + box.height];
+    context.fillStyle = colour("unseen");
+    context.fillRect(left, top, box.width, box.height);
+    context.imageSmoothingEnabled = scans.length > box.width;
+    context.drawImage(this.image, left, top, box.width, box.height);
+    const wide = box.width / scans.length;
+    for (const [columns, name] of [[incomplete, "false"], [missing, "missed"]] as const) {
+      context.fillStyle = colour(name);
+      for (const i of columns) context.fillRect(left + i * wide, top - 7, Math.max(wide, 1.5), 5);
+    }
+    if (this.column !== null) {
+      context.strokeStyle = "#ffe45c";
+      context.lineWidth = 2;
+      context.strokeRect(left + this.column * wide, top, Math.max(wide, 1), box.height);
+    }
+    const pen = new CanvasPen(context);
+    const text = { fill: colour("soft"), size: 10.5 };
+    const line = (a: [number, number], b: [number, number]): void => pen.path([a, b], false, { stroke: colour("soft"), width: 1 });
+    for (const value of ticks(0, delays_ns.stop, box.height / 40)) {
+      const y = top + (value / delays_ns.stop) * box.height;
+      line([left - 4, y], [left, y]);
+      pen.text(left - 6, y + 4, format(value), { ...text, anchor: "end" });
+    }
+    for (const value of ticks(0, delays_ns.stop * METRES, box.height / 40)) {
+      const y = top + (value / METRES / delays_ns.stop) * box.height;
+      line([right, y], [right + 4, y]);
+      pen.text(right + 6, y + 4, format(value), text);
+    }
+    for (const i of ticks(0, Math.max(scans.length - 1, 1), box.width / 60).filter((one) => one in scans)) pen.text(left + (i + 0.5) * wide, bottom + 14, String(scans[i]), { ...text, anchor: "middle" });
+    pen.text(left + box.width / 2, bottom + 28, "scan", { ...text, anchor: "middle" });
+    pen.text(2, bottom + 28, "delay, ns", text);
+    pen.text(right + 6, bottom + 28, "range, m", text);
+    const [low, span] = this.range();
+    const bar = right + 48;
+    for (let i = 0; i < 64; i++) {
+      const y = top + box.height * (1 - (i + 1) / 64);
+      pen.path([[bar, y], [bar + 10, y], [bar + 10, y + box.height / 64 + 0.6], [bar, y + box.height / 64 + 0.6]], true, { fill: `rgb(${colourAt(MAP[scale], i / 63).join(",")})` });
+    }
+    for (const value of ticks(low, low + span, box.height / 40)) pen.text(bar + 13, top + box.height * (1 - (value - low) / span) + 4, format(value), text);
+    pen.text(bar, bottom + 14, scale === "db" ? "dB" : "signed", text);
+  }
+
+  private cutOf = "";
+  private asking = false;
+
+  /** A-scan and spectrum of the scan under the cursor, else of the marked one, else of the first. */
+  private async cut(): Promise<void> {
+    if (!this.shown) return;
+    const column = this.over ?? this.column ?? 0;
+    this.curves(column);
+    const scan = this.shown.scans[column]!;
+    const key = `${this.settings}&scan=${scan}`;
+    if (this.asking || this.busy || key === this.cutOf) return;
+    this.asking = true;
+    try {
+      this.spectrum = await getJson<Spectrum>(`data/0/raw/spectrum?${key}`);
+    } catch (error) {
+      this.spectrum = null;
+      el("raw-error").textContent = (error as Error).message;
+    }
+    this.cutOf = key;
+    this.asking = false;
+    void this.cut();
+  }
+
+  curves(column = this.over ?? this.column ?? 0): void {
+    this.plots.forEach((plot) => plot.destroy());
+    this.plots = [];
+    if (!this.shown) return;
+    const { delays_ns, scale, scans } = this.shown;
+    el("raw-scan").textContent = `scan ${scans[column]}`;
+    const delays = Array.from({ length: delays_ns.count }, (_, k) => ((k + 0.5) / delays_ns.count) * delays_ns.stop);
+    const trace = delays.map((_, k) => {
+      const value = HALF[this.values[column * delays_ns.count + k]!]!;
+      return Number.isFinite(value) ? value : null;
+    });
+    const top = this.shown.top_db ?? 0;
+    this.plot("ascan", "delay, ns", scale === "db" ? "dB" : "of the scale", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
+    if (this.spectrum) this.plot("spectrum", "frequency, GHz", "dB", [this.spectrum.frequency_ghz, this.spectrum.level_db, this.spectrum.median_db], null);
+  }
+
+  private plot(id: string, x: string, y: string, data: (number | null)[][], range: [number, number] | null): void {
+    const home = el(id);
+    const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), size: 4 }, font: "11px system-ui", labelFont: "11px system-ui" };
+    const line = { width: 1.5, points: { show: false } };
+    this.plots.push(
+      new uPlot(
+        {
+          width: Math.max(home.clientWidth, 120),
+          height: 150,
+          legend: { show: false },
+          cursor: { show: false },
+          scales: { x: { time: false }, y: range ? { range } : {} },
+          axes: [{ ...axis, label: x, labelSize: 14, size: 26 }, { ...axis, label: y, labelSize: 14, size: 44 }],
+          series: [{}, { ...line, stroke: colour("accent") }, { ...line, stroke: colour("false"), dash: [5, 4] }].slice(0, data.length),
+        },
+        data as uPlot.AlignedData,
+        home,
+      ),
+    );
+  }
+
+  private async health(): Promise<void> {
+    try {
+      const { summary, every, channels } = await getJson<Health>("data/0/raw/health");
+      const more = every > 1 ? [`Levels and drifts are of every ${every}th scan.`] : [];
+      el("health-words").replaceChildren(...[...summary, ...more].map((words) => make("li", {}, words)));
+      const column = (name: string, i: number, count: number): string => {
+        const value = channels[name]![i] as number | null;
+        return value === null ? "–" : fixed(Math.abs(value) < 0.5 * 10 ** -count ? 0 : value, count);
+      };
+      el("health-rows").replaceChildren(
+        ...channels["pair"]!.map((pair, i) => {
+          const cells = [`${channels["polarization"]![i]} ${pair}`, column("level_db", i, 1), String(channels["missing"]![i]), column("coherence", i, 2), column("gain_drift_db", i, 1), column("phase_drift_rad", i, 2)];
+          return make("tr", channels["dead"]![i] ? { class: "dead" } : {}, ...cells.map((cell) => make("td", {}, cell)));
+        }),
+      );
+    } catch (error) {
+      el("health-words").replaceChildren(make("li", {}, (error as Error).message));
+    }
+  }
+}
