@@ -8,11 +8,10 @@ from flgpr.calibrate import (
     estimate_range_bias,
     sharpness,
     synthetic_aperture,
-    way_weights,
     with_track,
 )
 from flgpr.imaging import ImagingOperator
-from flgpr.model import make_run
+from flgpr.model import make_run, way_weights
 from flgpr.model.track import make_track
 
 FREQUENCY = np.linspace(1.0e9, 2.5e9, 60)

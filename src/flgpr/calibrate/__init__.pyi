@@ -20,7 +20,7 @@ from flgpr.calibrate.polarimetry import (
     scattering_matrices,
 )
 from flgpr.calibrate.pose import LeverFit, estimate_lever_arm
-from flgpr.calibrate.profiles import fields_over_bias, subtract_mean_scan, way_weights
+from flgpr.calibrate.profiles import fields_over_bias, subtract_mean_scan
 from flgpr.calibrate.reflector import PairFit, apply_pairs, estimate_pairs
 from flgpr.calibrate.vna import divide_by_through, remove_delay, subtract_standard
 
@@ -55,6 +55,5 @@ __all__ = [
     "subtract_standard",
     "synthetic_aperture",
     "vehicle_velocity",
-    "way_weights",
     "with_track",
 ]

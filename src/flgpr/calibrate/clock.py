@@ -12,8 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.calibrate.profiles import way_weights
-from flgpr.model import as_aperture, check_run, complete_scans
+from flgpr.model import as_aperture, check_run, complete_scans, way_weights
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at

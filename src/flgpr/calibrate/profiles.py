@@ -11,7 +11,8 @@ import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans
+from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans, way_weights
+from flgpr.model.aperture import half_steps
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import path_phase
 
@@ -21,17 +22,6 @@ _TABLE = 1 << 23  # samples of the profiles held at a time, 64 MiB
 def resolution(frequency: ArrayLike) -> float:
     """Range resolution c/2B of a band of tones, one way, m."""
     return SPEED_OF_LIGHT / max(float(np.ptp(np.asarray(frequency))), 1.0) / 2
-
-
-def way_weights(position: ArrayLike) -> FloatArray:
-    """Share of the way that each position (scan, 3) stands for, half the way to both neighbours over the mean."""
-    return shares(np.linalg.norm(np.diff(np.asarray(position, dtype=np.float64), axis=0), axis=1))
-
-
-def shares(step: FloatArray) -> FloatArray:
-    """Half of both steps around each of their ends, over the mean; ones if there is no step."""
-    share = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
-    return share / share.mean() if share.sum() > 0 else np.ones(share.size)
 
 
 def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
@@ -47,7 +37,7 @@ def subtract_mean_scan(run: xr.Dataset) -> xr.Dataset:
         raise ValueError(f"run must have five complete scans to tell what stands still in them, got {scans.size}")
     signal = run["signal"].values
     change = [np.linalg.norm(signal[b] - signal[a]) for a, b in pairwise(scans)]
-    field = np.tensordot(shares(np.array(change)) / scans.size, signal[scans], axes=1).astype(signal.dtype)
+    field = np.tensordot(half_steps(np.array(change)) / scans.size, signal[scans], axes=1).astype(signal.dtype)
     return run.assign(signal=(run["signal"].dims, signal - field))
 
 
@@ -56,7 +46,7 @@ def fields_over_bias(
 ) -> tuple[NDArray[np.complex64], FloatArray]:
     """Sum a run coherently at points, for poses that may be right and range biases that may be.
 
-    Tones have a Hann window, scans the weights of :func:`way_weights`. The sum is
+    Tones have a Hann window, scans the weights of :func:`flgpr.model.way_weights`. The sum is
     ``Σ w·s(f)·exp(+j2πf(L + 2·bias)/c)`` but for a phase that is the same for all of a bias.
 
     Parameters

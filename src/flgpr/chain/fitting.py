@@ -12,9 +12,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.recipe import HALF_LANE, Recipe, lane_of, parse_recipe
+from flgpr.chain.recipe import HALF_LANE, Recipe, as_imaged, lane_of, parse_recipe
 from flgpr.io import MAX_MEMORY, open_run, write_whole
-from flgpr.model import SPEED_OF_LIGHT, Lane, complete_scans, vehicle_to_scan
+from flgpr.model import (
+    SPEED_OF_LIGHT,
+    Lane,
+    aperture_pose,
+    aperture_run,
+    complete_scans,
+    lane_to_scan,
+    scan_to_lane,
+    vehicle_to_scan,
+)
 
 FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
@@ -31,6 +40,8 @@ _SCANS, _APART = 5, 0.5  # scans, and m between them on average, from which on t
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _GAP = 20  # usual steps without a tone that divide two bands
+_ACROSS = 0.5, 2.0  # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
+_FAR_APERTURE = 8.0  # antenna heights up to which such an aperture looks: it is as wide as what it looks at
 _OUTSIDE = 0.1  # part of a sub-band that may lie outside the run's band
 _HEIGHTS = (0.5, 3.5)  # antenna heights ahead at which an image may begin without a warning
 
@@ -44,6 +55,7 @@ class _Setup:
     tx: FloatArray
     rx: FloatArray
     poses: FloatArray
+    aperture: bool = False  #: whether the run is taken as one scan
 
     @property
     def height(self) -> float:
@@ -80,13 +92,23 @@ class _Setup:
         return float(sum(np.linalg.norm(corners - ends, axis=-1) for ends in (self.tx, self.rx)).max())
 
 
-def _setup_of(run: xr.Dataset) -> _Setup:
+def _setup_of(run: xr.Dataset, aperture: bool = False) -> _Setup:
     poses = run["pose"].values[complete_scans(run)]
     if not len(poses):
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
     tx, rx = (vehicle_to_scan(run[f"{end}_position"].values, np.median(poses, axis=0)) for end in ("tx", "rx"))
     labels = [str(label) for label in run["polarization"].values]
-    return _Setup(labels, run["frequency"].values, tx, rx, poses)
+    return _Setup(labels, run["frequency"].values, tx, rx, poses, aperture)
+
+
+def _goes_across(run: xr.Dataset) -> bool:
+    """Tell whether a radar moves past what it looks at, much farther than its array is wide."""
+    pose = run["pose"].values[complete_scans(run)]
+    if not len(pose):
+        return False
+    across, ahead = np.ptp(lane_to_scan(pose[:, :3], aperture_pose(run)), axis=0)[:2]
+    width = max(float(np.ptp(run[f"{end}_position"].values[:, 0])) for end in ("tx", "rx"))
+    return bool(across > max(_ACROSS[0], _ACROSS[1] * width) and across > 2 * ahead)
 
 
 def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
@@ -104,7 +126,7 @@ def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
 
 def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
     """Tell what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
-    setup, image = _setup_of(run), recipe.image
+    setup, image = _setup_of(as_imaged(run, recipe)), recipe.image
     faults, doubts = _channel_faults(recipe, setup.polarizations, setup.tones), []
     longest = setup.longest_path(image.x, image.y)
     if longest * setup.step >= SPEED_OF_LIGHT:
@@ -177,7 +199,8 @@ def fit_recipe(run: xr.Dataset) -> str:
     Lengths that belong to a mine are those of Wang et al. 2007; the rest follows from the run, and a comment beside
     every entry says how. The same run gives the same text: with the table features where the run has HH, VV and HV
     or VH, with a lane where it is shorter than its images. A run without a complete scan or height, or with tones
-    too few or too far apart to make an image, is a ValueError.
+    too few or too far apart to make an image, is a ValueError. A radar that moves past what it looks at, farther than
+    twice its array's width, gets an image over the whole run (``frames = "all"``).
 
     Examples
     --------
@@ -188,7 +211,8 @@ def fit_recipe(run: xr.Dataset) -> str:
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])
     """
-    setup = _setup_of(run)
+    across = _goes_across(run)
+    setup = _setup_of(aperture_run(run) if across else run, across)
     text = _text(setup, _choose(setup))
     parse_recipe(text, "fitted")
     return text
@@ -217,7 +241,9 @@ def _choose(setup: _Setup) -> _Choice:
     parts = [name for name in bands if name != "F0"]
     subband = next((name for name in parts if setup.reach(bands[name]) >= middle), parts[-1])
     half = min(max(near, _VIEW), 2 * _VIEW)
-    reach = min(_FAR * height, max(setup.reach(bands[subband]), middle))
+    if setup.aperture:
+        half = float(np.ptp(setup.tx[:, 0])) / 2 + max(near, _VIEW) + _PATCH / 2
+    reach = min((_FAR_APERTURE if setup.aperture else _FAR) * height, max(setup.reach(bands[subband]), middle))
     far = _clear(setup, half, middle, reach + (_PATCH + _MEAN) / 2)
     reach = min(reach, max(far - _PATCH / 2, middle))
     own, widest = bands[subband], max(high - low for low, high in bands.values())
@@ -274,6 +300,17 @@ def _text(setup: _Setup, choice: _Choice) -> str:
     features, labels = _allow_features(setup.polarizations), ", ".join(setup.polarizations)
     polarization = next(label for label in ("HH", "VV", "HV", "VH") if label in setup.polarizations)
     x, y = float(np.median(setup.poses[:, 0])), np.sort(setup.poses[:, 1])
+    sides = f"{_NEAR} antenna heights to either side, but {_VIEW:g} to {2 * _VIEW:g} m"
+    view, beside, frames = (x - _VIEW, x + _VIEW), f"{_VIEW:g} m to either side of the vehicle's course", ""
+    heights = _FAR_APERTURE if setup.aperture else _FAR
+    counts = f"{len(setup.poses)} complete scans and {len(setup.tx)} pairs"
+    if setup.aperture:
+        counts = f"{len(setup.tx)} places of antennas, one aperture"
+        ground = [(side, ahead, 0.0) for side in (-choice.half, choice.half) for ahead in (near, reach)]
+        covered = scan_to_lane(ground, setup.poses[0])[:, 0]
+        view, beside = (float(covered.min()), float(covered.max())), "what the image covers"
+        sides = f"half the way across, and {_VIEW:g} m or {_NEAR} antenna heights and half a patch to either side of it"
+        frames = '\nframes = "all"  # the radar moves across what it looks at: all scans are one synthetic aperture'
     band = f"{setup.tones[0] / 1e9:.6g} to {setup.tones[-1] / 1e9:.6g} GHz"
     fine, coarse, paper = choice.fine, choice.coarse, "as in Wang et al. 2007"
     bands = "\n".join(f"{name} = [{low / 1e9:.6g}e9, {high / 1e9:.6g}e9]" for name, (low, high) in choice.bands.items())
@@ -291,7 +328,7 @@ def _text(setup: _Setup, choice: _Choice) -> str:
 inner = {_pixels(_COHERENT, fine)}  # {_COHERENT[0]} m x {_COHERENT[1]} m of the image, {paper}
 psi = "circular"  # angles are averaged as directions
 """
-    if y[-1] - y[0] < reach - near:
+    if y[-1] - y[0] < reach - near and not setup.aperture:
         more += f"""
 [lane]  # the run is shorter than its images, so ground ahead of its end is searched, too
 x_min = {x - HALF_LANE:.2f}  # {HALF_LANE} m to either side of the vehicle's course
@@ -299,7 +336,7 @@ x_max = {x + HALF_LANE:.2f}
 y_min = {y[0] + near:.2f}  # nearest row of the first scan's image
 y_max = {y[-2:][0] + reach:.2f}  # run_view.y_max ahead of the last scan but one, so that two scans see it
 """
-    return f"""# Made by `flgpr recipe for` from a run of {len(setup.poses)} complete scans and {len(setup.tx)} pairs, \
+    return f"""# Made by `flgpr recipe for` from a run of {counts}, \
 {labels}, {band} in steps of
 # {setup.step / 1e6:.4g} MHz, antennas {setup.height:.2f} m high. Lengths in m, frequencies in Hz.
 
@@ -308,10 +345,10 @@ description = "{"Ten features" if features else "Local contrast"} after Wang et 
 antennas {setup.height:.2f} m high"
 
 [image]
-x = [{-choice.half:.2f}, {choice.half:.2f}]  # {_NEAR} antenna heights to either side, but {_VIEW:g} to {2 * _VIEW:g} m
+x = [{-choice.half:.2f}, {choice.half:.2f}]  # {sides}
 y = [{near:.2f}, {far:.2f}]  # from {_NEAR} antenna heights ahead (incidence 50 degrees) to what y_max needs around it
 spacing = {fine}  # two thirds of the finest resolution, but 0.01 to 0.05 m
-{window}
+{window}{frames}
 
 [image.subbands]  # equal parts of the run's band, as many as keep a range cell of 25 cm; F0 is all of it
 {bands}
@@ -323,9 +360,9 @@ mean = {_MEAN}  # {paper}
 median_step = {max(round(_MEDIAN_STEP / fine), 1)}  # {_MEDIAN_STEP} m, {paper}
 
 [run_view]
-x = [{x - _VIEW:.2f}, {x + _VIEW:.2f}]  # {_VIEW:g} m to either side of the vehicle's course; it is as long as the lane
+x = [{view[0]:.2f}, {view[1]:.2f}]  # {beside}; it is as long as the lane
 spacing = {coarse}  # two thirds of the resolution that {choice.subband} has in the middle, but 0.01 to 0.1 m
-y_max = {reach:.2f}  # {_FAR:g} antenna heights, or where {choice.subband} resolves {_RADIUS} m across if that is nearer
+y_max = {reach:.2f}  # {heights:g} antenna heights, or as far as {choice.subband} resolves {_RADIUS} m across
 
 [prescreen]
 polarization = "{polarization}"  # co-polarized if the run has it, HH before VV

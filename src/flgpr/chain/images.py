@@ -46,7 +46,7 @@ class RunImages:
         wanted = list(table.polarizations) or labels
         source = imager_of(run, table)
         self.imager = source if wanted == labels else imager_of(run, table, polarizations=wanted)
-        self.frames, self.grid = table.frames, recipe.near_grid()
+        self.frames, self.grid = table.summed, recipe.near_grid()
         self.setup = Setup(
             run, others, lane, source, self.grid, recipe.run_view.grid(lane), [labels.index(label) for label in wanted],
             self.frames, known,

@@ -23,7 +23,7 @@ from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
 from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled, group_of
-from flgpr.chain.recipe import Recipe
+from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
 from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
@@ -158,7 +158,7 @@ class LaneChain(Chain):
         known = {} if known is None else known
         table, names = recipe.image, recipe.named()
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
-        self.images = RunImages(run, recipe, lane, self.model, known, others or {})
+        self.images = RunImages(as_imaged(run, recipe), recipe, lane, self.model, known, others or {})
         self.imager, self.setup = self.images.imager, self.images.setup
         made = {
             name: stage.of(stage.settings, self.setup, self.model.stages.get(name))
@@ -490,18 +490,20 @@ class LaneChain(Chain):
 
     def _alarms_near(self, alarms: pd.DataFrame, block: range) -> NDArray[np.intp]:
         """Numbers of the alarms that a scan of the block may see."""
-        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
+        poses = self.setup.run["pose"].values[self.imager.scans[block.start : block.stop]]
         x_min, x_max, _, y_max = self.cleaned.grid.extent()
         farthest, y = np.hypot(max(abs(x_min), abs(x_max)), y_max), alarms["y"].to_numpy(dtype=np.float64)
         return np.flatnonzero((y >= poses[:, 1].min() - farthest) & (y <= poses[:, 1].max() + farthest))
 
     def _evidence_sums(self, variation: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
         contrast, alarms = self.recipe.contrast, self.raised(variation).iloc[:MOST_GATHERED]
-        return EvidenceSums(alarms, contrast.patch(), self.recipe.run_view.y_max, self.run, contrast.subband, poses)
+        return EvidenceSums(
+            alarms, contrast.patch(), self.recipe.run_view.y_max, self.setup.run, contrast.subband, poses
+        )
 
     def _poses_near(self, block: range) -> dict[int, FloatArray]:
         """Give the poses of all scans that may see what a scan of the block sees."""
-        scans, every = self.imager.scans, self.run["pose"].values
+        scans, every = self.imager.scans, self.setup.run["pose"].values
         farthest = float(np.abs(self.cleaned.grid.extent()).max()) * np.sqrt(2)
         y = every[scans[block.start : block.stop], 1]
         near = (every[scans, 1] >= y.min() - 2 * farthest) & (every[scans, 1] <= y.max() + 2 * farthest)
@@ -512,8 +514,7 @@ class LaneChain(Chain):
         if block is None:
             return self._kept
         sums, grid = RunViewSums(self.grid, self.recipe.run_view.y_max, slice(0, 0)), self.imager.grid
-        poses = self.run["pose"].values[self.imager.scans[block.start : block.stop]]
-        rows = [sums.reach(grid, pose) for pose in poses]
+        rows = [sums.reach(grid, self.setup.pose(index)) for index in block]
         begin = max(min(row.start for row in rows), self._kept.start)
         return slice(begin, max(min(max(row.stop for row in rows), self._kept.stop), begin))
 

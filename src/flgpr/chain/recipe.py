@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from flgpr.chain.stages import ClutterNamed, FeaturesNamed, MapNamed, Named, Positive, ScreenNamed, Table
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
-from flgpr.model import POLARIZATIONS, Grid, Lane
+from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.bounds import Largest, Spacing
 from flgpr.model.faults import describe_fault, no_preset
 
@@ -60,7 +60,8 @@ class ImageTable(Table):
 
     ``spacing`` (m) may be one length or two, cross-track and down-track. The window "ramp" is that of filtered
     backprojection. ``polarizations`` are those that are imaged, default all; an image is the coherent mean over the
-    last ``frames`` scans, on the ground ahead of the latest (Fuse et al. 2018, Eq. 4).
+    last ``frames`` scans, on the ground ahead of the latest (Fuse et al. 2018, Eq. 4). With "all" the whole run is one
+    scan, see :func:`flgpr.model.aperture_run`: for a radar that moves past what it looks at.
     """
 
     x: Limits
@@ -70,7 +71,12 @@ class ImageTable(Table):
     window: Annotated[str, AfterValidator(_known_window)] = "boxcar"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
     polarizations: tuple[Polarization, ...] = ()
-    frames: Annotated[int, Field(ge=1, le=1000)] = 1
+    frames: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = 1
+
+    @property
+    def summed(self) -> int:
+        """How many scans an image sums, of the run as the recipe takes it."""
+        return 1 if self.frames == "all" else self.frames
 
     @property
     def steps(self) -> tuple[float, float]:
@@ -331,7 +337,7 @@ class Recipe(Table):
         for name, one in self.named().items():
             if one.of.kind not in ("features", "map"):
                 why.setdefault(name, f"a stage of the kind {one.of.kind} is not run on scans as they come")
-        if self.image.frames > 1:
+        if self.image.frames != 1:
             why["image.frames"] = "several scans are summed"
         if self.run_view.look == "ranges":
             why["run_view.look"] = f"the look {self.run_view.look!r} is complete only when a place is passed"
@@ -374,8 +380,13 @@ class Recipe(Table):
             raise ValueError(f"stages of a kind must have different names, got {', '.join(kinds)}")
         if self.confidence not in RANKS and not self.columns:
             raise ValueError(f"confidence must be {' or '.join(RANKS)} without [[columns]], got {self.confidence!r}")
-        if self.variants and (self.named() or self.image.frames > 1):
+        if self.variants and (self.named() or self.image.frames != 1):
             raise ValueError("variants need a recipe without named stages and with image.frames = 1, got both")
+        if self.image.frames == "all" and (self.clutter or self.background.self_signature != "none"):
+            raise ValueError(
+                'image.frames = "all" makes one image, which does not tell what stands still: leave out [[clutter]], '
+                'set background.self_signature = "none"; `flgpr prepare` takes out of a run what stands still'
+            )
         if self.suppression is None and any(variant.suppress_roadside for variant in self.variants):
             raise ValueError("a variant with suppress_roadside needs the table suppression")
         names = [variant.name for variant in self.variants]
@@ -412,14 +423,28 @@ def load_recipe(name: str | Path) -> Recipe:
     return parse_recipe(recipe_text(name), str(name))
 
 
+def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
+    """Take a run as a recipe does: scan by scan, or all of it as one."""
+    from flgpr.model import aperture_run  # with xarray, which a list of recipes can do without
+
+    return aperture_run(run) if recipe.image.frames == "all" else run
+
+
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
 
     That is 3 m wide about the vehicle's mean course, from the image's nearest row at the first scan to its nearest
-    at the last, so that all of it was looked at from near.
+    at the last, so that all of it was looked at from near. Of a run that is taken as one scan it is what the image
+    covers up to ``run_view.y_max``.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
+    if recipe.image.frames == "all":
+        from flgpr.model import aperture_pose
+
+        covered = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), aperture_pose(run))
+        (x_min, y_min), (x_max, y_max) = covered[:, :2].min(axis=0), covered[:, :2].max(axis=0)
+        return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
     return course_lane(recipe, run["pose"].values)
 
 

@@ -54,7 +54,7 @@ def detect_lane(
     """
     folder = check_free(job.output)
     first = open_chain(job)  # refuses what does not fit before anything is written
-    sections = plan_sections(sizes_of(first.run), first.recipe, first.lane, job.max_memory, longest)
+    sections = plan_sections(sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest)
 
     def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
         opened = first.run, first.recipe, first.lane, first.model
@@ -82,7 +82,7 @@ def passes_of_lane(
     """
     job = replace(job, explains=False)
     chain = open_chain(job)
-    plan_sections(sizes_of(chain.run), chain.recipe, chain.lane, job.max_memory, math.inf)
+    plan_sections(sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf)
     with begin(job.work, job.identity()) as work:
         chain = open_chain(job, work)
         plan = _planned(chain, lambda _: True)

@@ -13,7 +13,7 @@ from typing import Any
 from flgpr.chain.fitting import area_of
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
-from flgpr.chain.recipe import parse_recipe
+from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
 from flgpr.execution.lane_run import Note, detect_lane, is_done, results_at, unnoted
@@ -83,7 +83,7 @@ def detect_survey(
             make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside, kept=how.kept)
         )
         check_free(survey / name)
-        plan_sections(sizes_of(dataset), recipe, area, how.max_memory, section)  # refuses beforehand
+        plan_sections(sizes_of(as_imaged(dataset, recipe)), recipe, area, how.max_memory, section)  # refuses beforehand
     survey.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
     with ExitStack() as stack:

@@ -1,3 +1,4 @@
+from flgpr.model.aperture import antennas_in_lane, aperture_pose, aperture_run, as_aperture, way_weights
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS, SPEED_OF_LIGHT
 from flgpr.model.frames import (
     Grid,
@@ -11,8 +12,6 @@ from flgpr.model.frames import (
 )
 from flgpr.model.lane import Lane, as_lane
 from flgpr.model.run import (
-    antennas_in_lane,
-    as_aperture,
     check_frequency,
     check_run,
     check_shared_poses,
@@ -47,6 +46,8 @@ __all__ = [
     "SystemErrors",
     "Tones",
     "antennas_in_lane",
+    "aperture_pose",
+    "aperture_run",
     "as_aperture",
     "as_lane",
     "attitude_matrix",
@@ -67,4 +68,5 @@ __all__ = [
     "sensor_presets",
     "vehicle_to_lane",
     "vehicle_to_scan",
+    "way_weights",
 ]

@@ -10,7 +10,6 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS
-from flgpr.model.frames import vehicle_to_lane
 
 _LOWEST_FREQUENCY = 1e6  # Hz; anything below is a unit other than hertz, for no ground-penetrating radar works there
 _MOUNT, _LATE = 1e-6, 1e-3  # m and rad, s; runs of one vehicle are told apart by their heights alone
@@ -136,22 +135,6 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
 def complete_scans(run: xr.Dataset) -> NDArray[np.bool_]:
     """Tell which scans have every sweep (scan,): a gap changes the array, and the scan is left out of processing."""
     return np.asarray(run["valid"].values.all(axis=(1, 2)), dtype=np.bool_)
-
-
-def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (scan·pair, 3) of a run's antennas, transmitting and receiving, at poses (scan, 6) of the lane, m."""
-    tx, rx = (
-        np.concatenate([vehicle_to_lane(run[name].values, pose) for pose in np.asarray(poses)])
-        for name in ("tx_position", "rx_position")
-    )
-    return tx, rx
-
-
-def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
-    """Take all scans as one array: field (polarization, scan·pair, frequency), weighted by scan, and its antennas."""
-    data = run["signal"].values * np.asarray(weights, dtype=np.float64)[:, None, None, None]
-    field = data.transpose(1, 0, 2, 3).reshape(data.shape[1], -1, data.shape[3])
-    return field, *antennas_in_lane(run, run["pose"].values)
 
 
 def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:

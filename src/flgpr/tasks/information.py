@@ -14,7 +14,7 @@ from flgpr.chain.fitting import fit_faults
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, complete_scans, scan_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
 from flgpr.results.description import describe_run
 
 PathLike = str | Path
@@ -47,13 +47,14 @@ def run_info(
     if recipe is not None:
         table = load_recipe(recipe)
         grid, lane = table.image.grid(), lane_of(dataset, table)
+        seen = aperture_pose(dataset)[None] if table.image.frames == "all" else pose[complete]
     else:
         grid = _grid_ahead(dataset, pose)
-        lane = _ahead(grid, pose[complete])
+        lane, seen = _ahead(grid, pose[complete]), pose[complete]
     names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
     spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
     around = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spot)
-    counted = count_looks(pose[complete], grid, around.points())
+    counted = count_looks(seen, grid, around.points())
     looks = xr.DataArray(counted, dims=("y", "x"), coords={"y": around.y, "x": around.x})
     if plot is not None:
         from flgpr.report import geometry_figure  # loads what draws, which words can do without

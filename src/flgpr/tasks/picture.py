@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from flgpr.calibrate import brightest_points, sharpness, way_weights
+from flgpr.calibrate import brightest_points, sharpness
 from flgpr.chain.progress import Track, silent
 from flgpr.imaging import aperture_blocks, aperture_image
 from flgpr.io import open_run
@@ -23,7 +23,7 @@ from flgpr.io.anchor import read_anchor
 from flgpr.io.extras import optional
 from flgpr.io.files import check_new, partial_of
 from flgpr.io.georeferenced import write_geotiff
-from flgpr.model import SPEED_OF_LIGHT, complete_scans
+from flgpr.model import SPEED_OF_LIGHT, complete_scans, way_weights
 from flgpr.tasks.information import seen_ground
 
 PathLike = str | Path
