@@ -101,6 +101,31 @@ def write_impulse(path, counts, bits=16, **entries):
     return path
 
 
+def write_ids(path, counts, size=None, unsigned=0, lost=None, **entries):
+    """Records of one length: V, the header's (I, ATR, H), then one per trace that begins with R."""
+    samples = counts.shape[1]
+    size = size or 4 + 2 * samples
+    told = {"window": WINDOW * 1e-9, "samples": samples, "traces": len(counts), "apart": SEPARATION} | entries
+
+    def record(name, body):
+        return (name.ljust(4, b"\0") + body).ljust(size, b"\0")
+
+    def text(*values):
+        return b"".join(f"{value:.6E}".encode().ljust(16, b"\0") for value in values)
+
+    counted = struct.pack("<11i", size, 1, samples, told["traces"], told["samples"], 0, 1, 1, 1, 1, unsigned)
+    measured = text(4e5, 1e8, 1e-3, told["window"], 500, 1e-3, 0.01, 0.01, STEP, 0.01)
+    antennas = text(0, 0, 0) + b"500\0\0" + text(0, told["apart"], 0) + b"500\0\0"
+    data = (b"V\4\0\0" + struct.pack("<H", size)).ljust(size, b"\0")
+    data += record(b"I", b"meadow") + record(b"ATR", antennas) + record(b"H", counted + measured)
+    for k, trace in enumerate(counts):
+        values = (trace + unsigned).astype("<u2" if unsigned else "<i2").tobytes()
+        mark = b"R\1\6\0" if k == lost else b"R\10\0\0" if k == 7 else b"R\0\0\0"
+        data += (mark + values).ljust(size, b"\0")
+    path.write_bytes(data)
+    return path
+
+
 def ibm(value):
     """IBM's floating point of one number: sign, exponent of 16 less 64, 24 bits of fraction."""
     if value == 0:

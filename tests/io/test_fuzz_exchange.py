@@ -26,7 +26,7 @@ from flgpr.io.gpr_import import gpr_run
 from flgpr.io.mapping import parse_mapping
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
-from io_gpr import section, write_dt1, write_dzt, write_impulse, write_mala, write_segy
+from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
 from take import take_text
 
 ARRAYS = {"field": np.arange(24).reshape(2, 3, 4) * (1 + 2j), "f": np.linspace(1, 2, 4), "tx": np.ones((3, 3))}
@@ -150,6 +150,7 @@ RECORDINGS = {
     "rd3": (write_mala, ".RAD", ".cor", COR),
     "rd7": (write_mala, ".RAD", ".cor", COR),
     "iprb": (write_impulse, ".iprh", ".cor", COR),
+    "dt": (write_ids, None, None, b""),
     "sgy": (write_segy, None, None, b""),
     "segy": (lambda path, counts: write_segy(path, counts, code=1, unit=2), None, None, b""),
 }

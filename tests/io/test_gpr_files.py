@@ -23,6 +23,7 @@ from io_gpr import (
     section,
     write_dt1,
     write_dzt,
+    write_ids,
     write_impulse,
     write_mala,
     write_segy,
@@ -41,6 +42,8 @@ WRITERS = {
     "a.RD7": write_mala,
     "a.iprb": write_impulse,
     "w.iprb": lambda path, counts: write_impulse(path, counts, bits=32),
+    "a.dt": write_ids,
+    "u.DT": lambda path, counts: write_ids(path, counts, 2052, unsigned=32768),
     "a.sgy": write_segy,
     "i.sgy": lambda path, counts: write_segy(path, counts, code=1),
     "f.SEGY": lambda path, counts: write_segy(path, counts, code=5, order="<"),
@@ -61,12 +64,12 @@ def test_every_count_comes_back_at_its_delay_and_place(name, tmp_path):
     np.testing.assert_allclose(read.delay, DELAY if knows_zero else DELAY - DELAY[0], atol=1e-14)
     assert any("no time zero" in note for note in read.history) == (not knows_zero)
     np.testing.assert_allclose(read.distance, ALONG, atol=1e-5)
-    if name[-3:].lower() in ("dt1", "rd3", "rd7", "prb"):
+    if name[-3:].lower() in ("dt1", "rd3", "rd7", "prb", ".dt"):
         assert read.frequencies == (NOMINAL,)
         assert read.separation == pytest.approx(SEPARATION)
 
 
-@pytest.mark.parametrize("name", ["a.DT1", "a.dzt", "a.rd3", "a.iprb", "a.sgy"])
+@pytest.mark.parametrize("name", ["a.DT1", "a.dzt", "a.rd3", "a.iprb", "a.dt", "a.sgy"])
 def test_the_runs_phases_are_those_of_the_echoes(name, tmp_path):
     """Matched to exp(-j2πft) of each reflector's own path, the tones of every trace peak at no other delay."""
     path = written(name, tmp_path)
@@ -127,6 +130,27 @@ def test_what_a_trace_header_says_counts(tmp_path):
     assert read.delay[10] == 0
     run = gpr_run(read)
     np.testing.assert_array_equal(run["valid"].values.ravel(), np.arange(len(COUNTS)) != 3)
+
+
+def test_what_records_of_ids_say_counts(tmp_path):
+    read = read_gpr(write_ids(tmp_path / "a.dt", COUNTS, lost=3))
+    assert np.isnan(read.traces[3]).all()
+    assert np.isfinite(np.delete(read.traces, 3, axis=0)).all()
+    assert read.marks == (7,)
+    assert any("unsigned" in one for one in read_gpr(write_ids(tmp_path / "u.dt", COUNTS, unsigned=32768)).history)
+    assert read_gpr(write_ids(tmp_path / "w.dt", COUNTS, apart=0)).separation is None
+    for entries, said in (
+        ({"window": 1e3}, "a time in seconds"),
+        ({"samples": 999}, "samples must be from 2 to the 256"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            read_gpr(write_ids(tmp_path / "b.dt", COUNTS, **entries))
+    path = write_ids(tmp_path / "c.dt", COUNTS)
+    raw = bytearray(path.read_bytes())
+    raw[-516] = 0
+    path.write_bytes(raw)
+    with pytest.raises(ValueError, match="trace 39 must begin with R, got byte 0x00"):
+        read_gpr(path)
 
 
 def test_what_is_given_stands_in_place_of_the_headers(tmp_path):
@@ -287,7 +311,7 @@ def test_ibms_floating_point():
     np.testing.assert_array_equal(_ibm(words), values.astype(np.float32))
 
 
-@pytest.mark.parametrize("name", ["a.DT1", "a.dzt", "a.rd3", "a.iprb", "a.sgy"])
+@pytest.mark.parametrize("name", ["a.DT1", "a.dzt", "a.rd3", "a.iprb", "a.dt", "a.sgy"])
 def test_info_tells_and_the_command_it_names_imports(name, tmp_path, monkeypatch):
     written(name, tmp_path)
     monkeypatch.chdir(tmp_path)

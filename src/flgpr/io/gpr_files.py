@@ -1,7 +1,8 @@
 """Files of commercial ground-penetrating radars: one line of traces, with what its headers say of it.
 
 Layouts are as their makers publish them: Sensors & Software's DT1 and HD, GSSI's DZT (the structure tagRFHeader of the
-SIR manuals), MALÅ's RD3, RD7 and RAD, ImpulseRadar's IPRB and IPRH, SEG-Y revision 1.
+SIR manuals), MALÅ's RD3, RD7 and RAD, ImpulseRadar's IPRB and IPRH, SEG-Y revision 1. That of IDS GeoRadar's DT is not
+published; it is as the programs of others find it.
 """
 
 from __future__ import annotations
@@ -24,10 +25,9 @@ _NS, _FOOT = 1e-9, 0.3048
 _INTERVALS = (1e-13, 1e-6)  # s, shortest and longest time between samples that any such radar has
 _MOST_SAMPLES, _FARTHEST = 2**20, 1e7  # samples of a trace; m along a line
 _LARGEST_HEADER = 64 * 2**20
-_DZT_HEADER = 1024
+_DZT_HEADER, _IDS_HEADER = 1024, 2**20  # bytes; of the latter at most
 
 NOT_READ = {
-    ".dt": ("IDS GeoRadar", "its layout is not published; export SEG-Y from the IDS software"),
     ".ogpr": ("OpenGPR", "there is no reader for it yet; export SEG-Y"),
     ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
     ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
@@ -60,9 +60,10 @@ class GprSection:
 
 
 def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
-    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ or ImpulseRadar, or from SEG-Y.
+    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ, ImpulseRadar or IDS, or from SEG-Y.
 
-    The ending, of any case, tells the format: ``.dt1``, ``.dzt``, ``.rd3``, ``.rd7``, ``.iprb``, ``.sgy``, ``.segy``.
+    The ending, of any case, tells the format: ``.dt1``, ``.dzt``, ``.rd3``, ``.rd7``, ``.iprb``, ``.dt``, ``.sgy``,
+    ``.segy``.
     Headers and positions (``.hd``, ``.gps``, ``.dzg``, ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same
     name. A header that is missing is a FileNotFoundError; one that contradicts the file's size, holds nonsense, or asks
     for more than ``max_memory`` bytes is a ValueError. A last trace that is cut off is left out, which ``history``
@@ -293,6 +294,69 @@ def _read_impulse(path: Path, limit: int) -> dict[str, Any]:
     }
 
 
+def _read_ids(path: Path, limit: int) -> dict[str, Any]:
+    with path.open("rb") as file:
+        raw = file.read(_IDS_HEADER)
+    size = int.from_bytes(raw[4:6], "little")
+    if raw[:1] != b"V" or size < 256 or size % 2:
+        raise ValueError(f"it must begin with V and the even length of its records, got {raw[:1]!r} and {size}")
+    # Records of one length, each begins with its name: those of the header, then a trace each, whose name is R.
+    names = [raw[k : k + 1] for k in range(0, len(raw), size)]
+    if b"R" not in names:
+        raise ValueError(f"it must hold a record R, the first trace, in its first {_IDS_HEADER} bytes, got none")
+    start = names.index(b"R") * size
+    header = {raw[k : k + 3].split(b"\0")[0].strip(): raw[k + 4 : k + size] for k in range(size, start, size)}
+    if b"H" not in header:
+        raise ValueError("it must hold a record H with the window and the step, got none")
+    stated, samples = struct.unpack_from("<2i", header[b"H"], 12)
+    offset = struct.unpack_from("<i", header[b"H"], 40)[0]
+    if not 2 <= samples <= (size - 4) // 2:
+        raise ValueError(f"samples must be from 2 to the {(size - 4) // 2} that a record holds, got {samples}")
+    _, _, _, window, _, _, _, _, step, _ = _numbers_of(header[b"H"][44:], [16] * 10)
+    if not _INTERVALS[0] <= window / samples <= _INTERVALS[1]:
+        raise ValueError(f"its window must be a time in seconds, got {window:g}")
+    notes = ["the layout of IDS files is not published: this is what others found in theirs"]
+    record = np.dtype([("mark", "u1", 4), ("samples", "<i2", samples), ("rest", "u1", size - 4 - 2 * samples)])
+    table = _records(path, start, record, stated, notes, limit)
+    if (table["mark"][:, 0] != ord("R")).any():
+        bad = int(np.argmax(table["mark"][:, 0] != ord("R")))
+        raise ValueError(f"trace {bad} must begin with R, got byte {table['mark'][bad, 0]:#04x}")
+    signed = table["samples"]
+    bare = signed.view("<u2")
+    rough = [np.abs(np.diff(one.astype(np.int32), axis=1)).mean() for one in (signed, bare)]  # a wrong sign leaps
+    notes.append(f"counts taken as {'signed' if rough[0] <= rough[1] else 'unsigned'}, by their smaller leaps")
+    traces = _real(signed if rough[0] <= rough[1] else bare) - np.float32(offset)
+    lost = (table["mark"][:, 1] == 1) & (table["mark"][:, 2] == 6)
+    traces[lost] = np.nan
+    if lost.any():
+        notes.append(f"{np.count_nonzero(lost)} traces without data, as their marks say")
+    notes.append("the header tells no time zero: it is put at the first sample")
+    places = _numbers_of(header.get(b"ATR", b""), [16, 16, 16, 5, 16, 16, 16, 5])
+    apart = float(np.hypot(places[4] - places[0], places[5] - places[1]))
+    megahertz = places[3] if np.isfinite(places[3]) else np.nan
+    return {
+        "traces": traces[:, None],
+        "delay": np.arange(samples) * (window / samples),
+        "distance": _distance(np.zeros(len(traces)), step if 0 < abs(step) < 1e3 else None),
+        "marks": tuple(np.flatnonzero(np.isin(table["mark"][:, 1], (8, 9))).tolist()),
+        "frequencies": (megahertz * 1e6 if 1 <= megahertz <= 1e5 else None,),
+        "separation": apart if 0 < apart <= 1e3 else None,
+        "history": tuple(notes),
+    }
+
+
+def _numbers_of(text: bytes, widths: list[int]) -> list[float]:
+    """Read numbers written as text in fields of so many bytes, one after the other; NaN for what is none."""
+    found = []
+    for width in widths:
+        field_, text = text[:width].split(b"\0")[0], text[width:]
+        try:
+            found.append(float(field_))
+        except ValueError:
+            found.append(np.nan)
+    return found
+
+
 def _read_segy(path: Path, limit: int) -> dict[str, Any]:
     with path.open("rb") as file:
         raw = file.read(3600)
@@ -466,6 +530,7 @@ READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".rd3": ("MALÅ RD3", _read_mala),
     ".rd7": ("MALÅ RD7", _read_mala),
     ".iprb": ("ImpulseRadar IPRB", _read_impulse),
+    ".dt": ("IDS DT", _read_ids),
     ".sgy": ("SEG-Y", _read_segy),
     ".segy": ("SEG-Y", _read_segy),
 }
