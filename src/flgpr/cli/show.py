@@ -11,6 +11,8 @@ import typer
 
 from flgpr import tasks
 
+_AIRBORNE = 100.0  # m above the ground, from where on coverage ahead of a vehicle is not what is asked for
+
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
     """Summarise scores for a machine."""
@@ -102,19 +104,26 @@ def info_lines(told: dict[str, Any]) -> list[str]:
             f"  range          resolution {told['range_resolution_m']:.3f} m, path unambiguous to "
             f"{told['unambiguous_path_m']:.1f} m"
         )
-    heights = [pose[2] for pose in told["pose"]]
+    heights = [
+        told["height_m"] + pose[2] - sum(one[2] for one in told["pose"]) / len(told["pose"]) for pose in told["pose"]
+    ]
     across, along, _ = told["array_m"]
     lines += [
         f"  array          {len(told['tx_m'])} transmitter and {len(told['rx_m'])} receiver positions, "
         f"{across:.2f} m across and {along:.2f} m along, {min(heights):.2f} to {max(heights):.2f} m above the ground",
-        f"  coverage       x {told['lane']['x'][0]:.1f} to {told['lane']['x'][1]:.1f} m, "
-        f"y {told['lane']['y'][0]:.1f} to {told['lane']['y'][1]:.1f} m: {told['looks']['mean']:.1f} looks on average, "
-        f"at most {told['looks']['most']}, {100 * told['looks']['unseen_share']:.0f} % never seen",
+    ]
+    vehicle = told["height_m"] <= _AIRBORNE
+    if vehicle:
+        lines.append(
+            f"  coverage       x {told['lane']['x'][0]:.1f} to {told['lane']['x'][1]:.1f} m, "
+            f"y {told['lane']['y'][0]:.1f} to {told['lane']['y'][1]:.1f} m: {told['looks']['mean']:.1f} looks on "
+            f"average, at most {told['looks']['most']}, {100 * told['looks']['unseen_share']:.0f} % never seen"
+        )
+    lines += [
         *(f"  channels       {line}" for line in told["health"]),
         *_recipe_lines(told["recipes"]),
         *(f"  warning        {line}" for line in told["warnings"]),
-        "",
-        *_coverage_map(told),
+        *(["", *_coverage_map(told)] if vehicle else []),
     ]
     return lines
 
