@@ -116,6 +116,38 @@ def test_a_spectrum_stands_beside_the_median(viewer, lane):
     assert set(ask(viewer, "spectrum", polarization="HH", pair="1", scan="3")[1]["level_db"]) == {None}
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_an_image_is_what_prepare_and_image_make(viewer, lane, tmp_path, whole):
+    """Of one scan, or of all; the background is estimated from all scans either way."""
+    asked = {"polarization": "HH", "pair": "0", "steps": json.dumps(STEPS[1:2]), "scan": "20", "whole": str(whole)}
+    status, answer = ask(viewer, "image", **asked)
+    assert status == 200
+    tasks.prepare_run(lane, tasks.check_steps(STEPS[1:2]), tmp_path / "made.zarr")
+    scans = None if whole else (20, 20)
+    made = tasks.make_picture(tmp_path / "made.zarr", tasks.View(scans=scans, polarizations=("HH",)))
+    flat = made.image[0, 0]
+    assert answer["scans"] == made.scans == (154 if whole else 1)
+    assert (answer["across"][0], answer["up"][0], answer["fixed"]) == ("x", "y", {"z": 0.0})
+    np.testing.assert_allclose(answer["up"][1:3], flat["y"].values[[0, -1]])
+    seen = np.frombuffer(base64.b64decode(answer["halves"]), "<f2").astype(float).reshape(flat.shape)
+    level = 20 * np.log10(np.abs(flat.values))
+    strong = level > level.max() - 50
+    np.testing.assert_allclose(seen[strong], level[strong], atol=0.05)
+    assert answer["peaks"][0]["x"] == made.peaks["x"][0]
+
+
+def test_an_image_that_cannot_be_made_is_told(viewer, lane, tmp_path):
+    query = {"polarization": "HH", "pair": "0"}
+    for more, words in (
+        ({"scan": "52"}, "scan must be one without missing sweeps, got 52"),
+        ({"scan": "700"}, "scan must be one of those shown, of 160, got 700"),
+        ({"permittivity": "0.2"}, "permittivity: input should be greater than or equal to 1, got"),
+    ):
+        status, answer = ask(viewer, "image", **query, **more)
+        assert status == 400
+        assert words in answer["error"]
+
+
 def test_health_is_what_info_tells(viewer, lane):
     status, answer = ask(viewer, "health")
     table = channel_health(open_run(lane))
@@ -215,6 +247,35 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     one.until("document.getElementById('raw-copied').textContent === 'copied'")
     copied = page.evaluate("() => navigator.clipboard.readText()")
     assert copied == '[[step]]\ndo = "background"\n\n[[step]]\ndo = "power"\nexponent = 2.0\n'
+
+
+def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
+    one = watch(viewer)
+    page, idle = one.page, "document.getElementById('bscan').getAttribute('aria-busy') === 'false'"
+    one.until("document.getElementById('health-rows').children.length === 4")
+    one.until(idle)
+    before = page.locator("#bscan").screenshot()
+    page.select_option("#raw-view", "scan")
+    one.until("!document.getElementById('raw-slow').hidden")
+    one.until(idle)
+    first = page.locator("#bscan").screenshot()
+    page.focus("#bscan")
+    for scan in ("scan 0", "scan 1"):
+        page.keyboard.press("ArrowRight")
+        assert page.text_content("#said") == scan
+    one.until(idle)
+    second = page.locator("#bscan").screenshot()
+    page.select_option("#raw-view", "whole")
+    one.until(idle)
+    page.wait_for_function("document.getElementById('raw-range').value === '40'")
+    assert len({before, first, second, page.locator("#bscan").screenshot()}) == 4
+    page.fill("#raw-permittivity", "0.1")
+    page.press("#raw-permittivity", "Tab")
+    one.until("document.getElementById('raw-error').textContent.includes('permittivity')")
+    page.select_option("#raw-view", "bscan")
+    one.until("document.getElementById('raw-error').textContent === ''")
+    assert all("400" in line for line in one.errors)
+    one.errors.clear()
 
 
 def test_the_page_tells_why_there_is_no_picture(watch, viewer):

@@ -22,12 +22,24 @@ interface Bscan {
   halves: string;
   toml: string;
 }
+type Axis = [name: string, first: number, last: number, count: number];
+interface Focus {
+  across: Axis;
+  up: Axis;
+  fixed: Record<string, number>;
+  scans: number;
+  top_db: number;
+  halves: string;
+  peaks: Record<string, number>[];
+}
 interface Spectrum { frequency_ghz: number[]; level_db: (number | null)[]; median_db: (number | null)[] }
 interface Health { summary: string[]; every: number; channels: Record<string, (number | string | boolean | null)[]> }
 
-/** The raw data of a run, as the server has worked it out: B-scan, A-scan, spectrum, health. */
+/** The raw data of a run, as the server has worked it out: B-scan, A-scan, spectrum, images, health. */
 export class RawPanel {
   private shown: Bscan | null = null;
+  private focus: Focus | null = null;
+  private asked = 0;
   private settings = "";
   private values: Uint16Array = new Uint16Array(0);
   private image: HTMLCanvasElement | null = null;
@@ -54,6 +66,9 @@ export class RawPanel {
       field.addEventListener("change", () => (field.id === "raw-range" ? this.painted() : void this.ask())),
     );
     el("raw-range").addEventListener("input", () => this.painted());
+    el("raw-view").addEventListener("change", () => {
+      el<HTMLInputElement>("raw-range").value = this.view() === "bscan" ? "60" : "40";
+    });
     el("raw-copy").addEventListener("click", () => void this.copy());
     this.canvas.addEventListener("pointermove", (event) => this.hover(this.columnAt(event)));
     this.canvas.addEventListener("pointerleave", () => this.hover(null));
@@ -82,6 +97,35 @@ export class RawPanel {
     this.marked(column === null ? null : this.shown!.scans[column]!);
     void this.cut();
     this.redraw();
+    if (this.view() === "scan") void this.see();
+  }
+
+  private view(): string {
+    return el<HTMLSelectElement>("raw-view").value;
+  }
+
+  /** Ask for the image of the marked scan, or of all, if one is wanted; of several answers the last counts. */
+  private async see(): Promise<void> {
+    const mine = ++this.asked;
+    const view = this.view();
+    el("raw-slow").hidden = view === "bscan";
+    let found: Focus | null = null;
+    if (view !== "bscan" && this.shown) {
+      const slow = el<HTMLInputElement>("raw-permittivity").value.trim();
+      const more = new URLSearchParams({ scan: String(this.shown.scans[this.column ?? 0]!), whole: String(view === "whole"), ...(slow && { permittivity: slow }) });
+      this.canvas.setAttribute("aria-busy", "true");
+      try {
+        found = await getJson<Focus>(`data/0/raw/image?${this.settings}&${more}`);
+        if (mine === this.asked) el("raw-error").textContent = "";
+      } catch (error) {
+        if (mine === this.asked) el("raw-error").textContent = (error as Error).message;
+      }
+    }
+    if (mine !== this.asked) return;
+    const changed = found !== this.focus;
+    this.focus = found;
+    if (changed) this.painted();
+    this.canvas.setAttribute("aria-busy", "false");
   }
 
   private hover(column: number | null): void {
@@ -122,6 +166,7 @@ export class RawPanel {
     this.busy = true;
     this.canvas.setAttribute("aria-busy", "true");
     const [to, query] = [el<HTMLInputElement>("raw-to").value.trim(), this.query()];
+    let made = false;
     const more = new URLSearchParams({ scale: el<HTMLInputElement>("raw-scale").value, ...(to && { to_ns: to }) });
     try {
       const answer = await getJson<Bscan>(`data/0/raw/bscan?${query}&${more}`);
@@ -134,6 +179,7 @@ export class RawPanel {
       el<HTMLButtonElement>("raw-copy").disabled = !answer.toml;
       el("raw-error").textContent = "";
       if (this.column !== null && this.column >= answer.scans.length) this.column = null;
+      made = true;
     } catch (error) {
       el("raw-error").textContent = (error as Error).message;
     }
@@ -144,7 +190,7 @@ export class RawPanel {
     }
     this.painted();
     this.canvas.setAttribute("aria-busy", "false");
-    await this.cut();
+    await Promise.all([made && this.see(), this.cut()]);
   }
 
   private async copy(): Promise<void> {
@@ -160,17 +206,19 @@ export class RawPanel {
 
   private range(): [low: number, span: number] {
     const span = Number(el<HTMLInputElement>("raw-range").value);
+    if (this.focus) return [this.focus.top_db - span, span];
     return this.shown?.scale === "signed" ? [-40 / span, 80 / span] : [(this.shown?.top_db ?? 0) - span, span];
   }
 
   /** Colour the picture by look-up. */
   private painted(): void {
-    el("raw-range-out").textContent = this.shown?.scale === "signed" ? `× ${fixed(Number(el<HTMLInputElement>("raw-range").value) / 40, 1)}` : `${el<HTMLInputElement>("raw-range").value} dB`;
+    el("raw-range-out").textContent = this.shown?.scale === "signed" && !this.focus ? `× ${fixed(Number(el<HTMLInputElement>("raw-range").value) / 40, 1)}` : `${el<HTMLInputElement>("raw-range").value} dB`;
     if (!this.shown) return;
     const { scans, delays_ns, scale } = this.shown;
     const [low, span] = this.range();
-    const table = colourTable({ map: MAP[scale], floor: low, range: span }, 0);
     this.image = document.createElement("canvas");
+    if (this.focus) return this.paintFocus(this.focus, colourTable({ map: "magma", floor: low, range: span }, 0));
+    const table = colourTable({ map: MAP[scale], floor: low, range: span }, 0);
     [this.image.width, this.image.height] = [scans.length, delays_ns.count];
     const context = this.image.getContext("2d")!;
     const data = context.createImageData(scans.length, delays_ns.count);
@@ -180,12 +228,60 @@ export class RawPanel {
     this.redraw();
   }
 
+  private paintFocus({ across, up, halves: text }: Focus, table: Uint32Array): void {
+    const [wide, high, values] = [across[3], up[3], halves(text)];
+    [this.image!.width, this.image!.height] = [wide, high];
+    const context = this.image!.getContext("2d")!;
+    const data = context.createImageData(wide, high);
+    const pixels = new Uint32Array(data.data.buffer);
+    for (let i = 0; i < high; i++) for (let k = 0; k < wide; k++) pixels[(high - 1 - i) * wide + k] = table[values[i * wide + k]!]!;
+    context.putImageData(data, 0, 0);
+    this.redraw();
+  }
+
+  /** Draw the image in its true shape, stretched where it is much longer than wide, with its brightest points. */
+  private drawFocus(context: CanvasRenderingContext2D, whole: Box, { across, up, fixed: at, scans, peaks }: Focus): void {
+    const reach = ([, first, last, count]: Axis): [number, number] => [first - (last - first) / (count - 1) / 2, last + (last - first) / (count - 1) / 2];
+    const [[x0, x1], [y0, y1]] = [reach(across), reach(up)];
+    const scale = Math.min(whole.width / (x1 - x0), whole.height / (y1 - y0));
+    const box = { ...whole, width: Math.max((x1 - x0) * scale, whole.width / 3), height: Math.max((y1 - y0) * scale, whole.height / 3) };
+    const stretched = Math.abs(((box.width / box.height) * (y1 - y0)) / (x1 - x0) - 1) > 0.01;
+    context.imageSmoothingEnabled = false;
+    context.drawImage(this.image!, box.left, box.top, box.width, box.height);
+    const pen = new CanvasPen(context);
+    const text = { fill: colour("soft"), size: 10.5 };
+    const [px, py] = [(x: number): number => box.left + ((x - x0) / (x1 - x0)) * box.width, (y: number): number => box.top + ((y1 - y) / (y1 - y0)) * box.height];
+    for (const value of ticks(x0, x1, box.width / 60)) pen.text(px(value), box.top + box.height + 14, format(value), { ...text, anchor: "middle" });
+    for (const value of ticks(y0, y1, box.height / 40)) pen.text(box.left - 6, py(value) + 4, format(value), { ...text, anchor: "end" });
+    const still = Object.entries(at).map(([name, value]) => `${name} = ${format(value)} m`).join(", ");
+    pen.text(box.left, box.top + box.height + 28, `${across[0]} to the right, ${up[0]} upwards, m; ${still}; ${scans} ${scans === 1 ? "scan" : "scans"}${stretched ? "; stretched" : ""}`, text);
+    peaks.forEach((peak, i) => {
+      const [x, y] = [px(peak[across[0]]!), py(peak[up[0]]!)];
+      pen.ellipse(x, y, 6, 6, { stroke: "#ffffff", width: 1.3 });
+      pen.text(x + 8, y - 5, String(i + 1), { fill: "#ffffff", size: 11 });
+    });
+    const list = [`brightest, dB below`, ...peaks.map((peak, i) => `${i + 1}  (${fixed(peak[across[0]]!, 2)}, ${fixed(peak[up[0]]!, 2)}) m  ${fixed(peak["level"]!, 1)}`)];
+    if (box.left + box.width + 190 < whole.left + whole.width) list.forEach((words, i) => pen.text(box.left + box.width + 14, box.top + 14 + 16 * i, words, text));
+  }
+
+  private drawBar(context: CanvasRenderingContext2D, { left, top, width, height }: Box, map: string, words: string): void {
+    const [pen, text] = [new CanvasPen(context), { fill: colour("soft"), size: 10.5 }];
+    const [low, span] = this.range();
+    const bar = left + width + 48;
+    for (let i = 0; i < 64; i++) {
+      const y = top + height * (1 - (i + 1) / 64);
+      pen.path([[bar, y], [bar + 10, y], [bar + 10, y + height / 64 + 0.6], [bar, y + height / 64 + 0.6]], true, { fill: `rgb(${colourAt(map, i / 63).join(",")})` });
+    }
+    for (const value of ticks(low, low + span, height / 40)) pen.text(bar + 13, top + height * (1 - (value - low) / span) + 4, format(value), text);
+    pen.text(bar, top + height + 14, words, text);
+  }
+
   private box(): Box {
     return { left: 46, top: 14, width: Math.max(this.canvas.clientWidth - 46 - 104, 10), height: Math.max(this.canvas.clientHeight - 14 - 34, 10) };
   }
 
   private columnAt(event: MouseEvent): number | null {
-    if (!this.shown) return null;
+    if (!this.shown || this.focus) return null;
     const { left, width } = this.box();
     const column = Math.floor(((event.offsetX - left) / width) * this.shown.scans.length);
     return column < 0 || column >= this.shown.scans.length ? null : column;
@@ -197,6 +293,10 @@ export class RawPanel {
     if (!this.shown || !this.image) return;
     const { scans, delays_ns, scale, missing, incomplete } = this.shown;
     const box = this.box();
+    if (this.focus) {
+      this.drawFocus(context, box, this.focus);
+      return this.drawBar(context, box, "magma", "dB");
+    }
     const { left, top } = box;
     const [right, bottom] = [left + box.width, top + box.height];
     context.fillStyle = colour("unseen");
@@ -230,14 +330,7 @@ export class RawPanel {
     pen.text(left + box.width / 2, bottom + 28, "scan", { ...text, anchor: "middle" });
     pen.text(2, bottom + 28, "delay, ns", text);
     pen.text(right + 6, bottom + 28, "range, m", text);
-    const [low, span] = this.range();
-    const bar = right + 48;
-    for (let i = 0; i < 64; i++) {
-      const y = top + box.height * (1 - (i + 1) / 64);
-      pen.path([[bar, y], [bar + 10, y], [bar + 10, y + box.height / 64 + 0.6], [bar, y + box.height / 64 + 0.6]], true, { fill: `rgb(${colourAt(MAP[scale], i / 63).join(",")})` });
-    }
-    for (const value of ticks(low, low + span, box.height / 40)) pen.text(bar + 13, top + box.height * (1 - (value - low) / span) + 4, format(value), text);
-    pen.text(bar, bottom + 14, scale === "db" ? "dB" : "signed", text);
+    this.drawBar(context, box, MAP[scale], scale === "db" ? "dB" : "signed");
   }
 
   private cutOf = "";

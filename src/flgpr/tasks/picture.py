@@ -89,6 +89,20 @@ def make_picture(
     if any(path.suffix.lower() == ".tif" for path in files) and tie is None:
         raise ValueError("a GeoTIFF needs an anchor, got none")
     held = open_run(run)
+    picture = focus(held, view, points, track, title=Path(run).name)
+    pose = held["pose"].values[_scans(held, view.scans)]
+    for path in files:
+        if path.suffix.lower() == ".tif":
+            _write_tiff(picture.image, path, tie)
+        else:
+            _write(picture, path, pose)
+    return picture
+
+
+def focus(
+    held: xr.Dataset, view: View, points: int = 5, track: Track = silent, title: str = "", pixels: int = _CHOSEN
+) -> Picture:
+    """Focus a run as :func:`make_picture` does; where the spacing is ours to choose there are about so many pixels."""
     chosen = _scans(held, view.scans)
     if view.polarizations:
         known = [str(label) for label in held["polarization"].values]
@@ -104,7 +118,7 @@ def make_picture(
                 "finds it by focus"
             )
         view = replace(view, permittivity=1.0)
-    axes, spacing = _axes(held, view, pose)
+    axes, spacing = _axes(held, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
     weights = np.zeros(held.sizes["scan"])
     weights[chosen] = way_weights(pose[:, :3])
@@ -113,7 +127,7 @@ def make_picture(
     if view.band is not None:
         how["subbands"] = [view.band]
     values = aperture_image(held, grid, track(blocks, "scans focused", len(blocks)), weights, view.reach, **how)
-    title = f"{held.attrs.get('title') or Path(run).name}, {chosen.size} scan{'s' * (chosen.size > 1)}"
+    title = f"{held.attrs.get('title') or title}, {chosen.size} scan{'s' * (chosen.size > 1)}"
     about = {"title": title, "permittivity": view.permittivity, "half_space": view.half_space or 0.0}
     image = xr.DataArray(
         values,
@@ -122,13 +136,7 @@ def make_picture(
         attrs=about | {"window": view.window, "band_hz": list(view.band or held["frequency"].values[[0, -1]])},
         name="image",
     )
-    picture = Picture(image, _peaks(image, points), spacing, chosen.size)
-    for path in files:
-        if path.suffix.lower() == ".tif":
-            _write_tiff(image, path, tie)
-        else:
-            _write(picture, path, pose)
-    return picture
+    return Picture(image, _peaks(image, points), spacing, chosen.size)
 
 
 @dataclass(frozen=True)
@@ -193,7 +201,9 @@ def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
     return chosen
 
 
-def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[str, NDArray[np.float64]], float]:
+def _axes(
+    run: xr.Dataset, view: View, pose: NDArray[np.float64], pixels: int
+) -> tuple[dict[str, NDArray[np.float64]], float]:
     """Choose the pixels' axes, m, and their spacing."""
     frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity or 1.0)
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
@@ -225,7 +235,7 @@ def _axes(run: xr.Dataset, view: View, pose: NDArray[np.float64]) -> tuple[dict[
     if spacing is None:
         band = view.band or (frequency[0], frequency[-1])
         size = math.prod(high - low for low, high in wide.values())
-        spacing = max(SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / _CHOSEN) ** (1 / len(wide)))
+        spacing = max(SPEED_OF_LIGHT / slow / (2 * (band[0] + band[1])), (size / pixels) ** (1 / len(wide)))
         spacing = float(f"{spacing:.2g}")
     if not (math.isfinite(spacing) and spacing > 0):
         raise ValueError(f"spacing must be positive, got {spacing:g} m")

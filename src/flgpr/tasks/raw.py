@@ -20,12 +20,15 @@ from flgpr.io import MAX_MEMORY, open_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.tasks.information import geometry_doubts
+from flgpr.tasks.picture import View, focus
 from flgpr.tasks.preparing import Background, Step, Subtract, check_steps
 
 MOST_SCANS, MOST_BINS = 1200, 800
 _MOST_STEPS = 16
 _COPIES = 5  # of what is read, while a step and the transform are at work
 _MOST_SUMMED = 1.2e10  # scans x tones x delays of one picture: some seconds
+_UPDATES = 4e9  # scans x pairs x pixels of one image, where its pixels are ours to choose: some seconds
+_PIXELS = 20_000, 200_000  # of an image, least and most
 _MOST_RUNNING = 5e8  # samples that medians over a window of scans sort
 
 
@@ -38,6 +41,8 @@ class _Query(BaseModel):
     scale: Literal["db", "signed"] = "db"
     to_ns: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     scan: int = Field(default=0, ge=0)
+    whole: bool = False
+    permittivity: float | None = Field(default=None, ge=1, le=100)
     steps: str = Field(default="[]", max_length=4000)
 
 
@@ -47,7 +52,8 @@ class RawRun:
     Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes hold, every so many are taken, and a
     background is estimated from these. Every query is a mapping of texts, as an address has them: ``polarization``,
     ``pair``, ``steps`` (JSON, a list of what stands in ``[[step]]`` of a file of steps) and, for a B-scan, ``scale``
-    ("db" or "signed") and ``to_ns``, for a spectrum ``scan``. One that breaks a rule is a ValueError, a store that has
+    ("db" or "signed") and ``to_ns``, for a spectrum ``scan``, for an image that and ``whole``, for the aperture of all
+    scans, and ``permittivity``. One that breaks a rule is a ValueError, a store that has
     changed a RunStoreError.
     """
 
@@ -59,7 +65,7 @@ class RawRun:
         self._complete = complete_scans(self._run)
 
     def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
-        """Answer a query for a ``bscan``, a ``spectrum`` or the ``health``; see the methods of these names."""
+        """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``; see the methods' words."""
         with self._lock:
             if what == "health":
                 return self.health()
@@ -67,7 +73,7 @@ class RawRun:
                 asked = _Query.model_validate(dict(query))
             except ValidationError as error:
                 raise ValueError(first_fault(error, _Query)) from None
-            return self.bscan(asked) if what == "bscan" else self.spectrum(asked)
+            return {"bscan": self.bscan, "spectrum": self.spectrum, "image": self.image}[what](asked)
 
     def bscan(self, asked: _Query) -> dict[str, Any]:
         """Work out range profiles: sums of the tones under a Hann window, which need not be even.
@@ -113,18 +119,41 @@ class RawRun:
     def spectrum(self, asked: _Query) -> dict[str, Any]:
         """Tell the tones of a scan after the steps, dB, beside the median over all scans that are shown."""
         made = self._channel(asked)
-        [places] = np.nonzero(made["number"].values == asked.scan)
-        if not places.size:
-            raise ValueError(f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}")
+        place = self._place(asked)
         with np.errstate(divide="ignore"):
             level = np.maximum(20 * np.log10(np.abs(made["signal"].values[:, 0, 0]).astype(np.float64)), -999.0)
         known = made["known"].values
         median = np.median(level[known], axis=0) if known.any() else np.full(level.shape[1], np.nan)
-        own = level[places[0]] if known[places[0]] else np.full(level.shape[1], np.nan)
+        own = level[place] if known[place] else np.full(level.shape[1], np.nan)
         return {
             "frequency_ghz": (made["frequency"].values * 1e-9).tolist(),
             "level_db": _numbers(own),
             "median_db": _numbers(median),
+        }
+
+    def image(self, asked: _Query) -> dict[str, Any]:
+        """Focus a scan, or all that are shown, after the steps, as :func:`flgpr.tasks.make_picture` does.
+
+        ``halves`` are dB, row by row along the axis ``up``; each axis has a name, its first and last pixel's place (m)
+        and how many there are.
+        """
+        made = self._stepped(asked, {} if asked.whole else {"scan": [self._place(asked)]})
+        if not complete_scans(made).any():
+            raise ValueError(f"scan must be one without missing sweeps, got {asked.scan}")
+        pixels = int(np.clip(_UPDATES / (made.sizes["scan"] * made.sizes["pair"]), *_PIXELS))
+        picture = focus(made, View(permittivity=asked.permittivity), pixels=pixels)
+        flat = picture.image[0].squeeze()
+        level = 20 * np.log10(np.maximum(np.abs(flat.values), 1e-30))
+        up, across = ([str(name), float(flat[name][0]), float(flat[name][-1]), flat.sizes[name]] for name in flat.dims)
+        return {
+            "across": across,
+            "up": up,
+            "fixed": {name: float(picture.image[name][0]) for name in "xyz" if name not in (up[0], across[0])},
+            "scans": picture.scans,
+            "top_db": float(level.max()),
+            "halves": _halves(np.clip(level, -6e4, 6e4)),
+            "peaks": picture.peaks[["x", "y", "z", "level"]].to_dict("records"),
+            "toml": _toml(self._steps(asked.steps)),
         }
 
     def health(self) -> dict[str, Any]:
@@ -160,6 +189,12 @@ class RawRun:
             raise ValueError("steps may not subtract another run: a page may name no files")
         return steps
 
+    def _place(self, asked: _Query) -> int:
+        [places] = np.nonzero(self._polarization(asked.polarization)["number"].values == asked.scan)
+        if not places.size:
+            raise ValueError(f"scan must be one of those shown, of {self._run.sizes['scan']}, got {asked.scan}")
+        return int(places[0])
+
     def _channel(self, asked: _Query) -> xr.Dataset:
         """Take a channel through the steps; the last one is kept.
 
@@ -169,16 +204,18 @@ class RawRun:
         key = (asked.polarization, asked.pair, asked.steps)
         if self._made is not None and self._made[0] == key:
             return self._made[1]
-        labels = [str(label) for label in self._run["polarization"].values]
-        if asked.polarization not in labels:
-            raise ValueError(f"polarization must be one of {', '.join(labels)}, got {asked.polarization!r}")
         if asked.pair >= self._run.sizes["pair"]:
             raise ValueError(f"pair must be less than {self._run.sizes['pair']}, got {asked.pair}")
-        steps = self._steps(asked.steps)
-        made, own = self._polarization(asked.polarization), slice(asked.pair, asked.pair + 1)
+        self._made = key, self._stepped(asked, {"pair": [asked.pair]})
+        self._made[1]["known"] = ("scan", self._known(asked))
+        return self._made[1]
+
+    def _stepped(self, asked: _Query, part: dict[str, list[int]]) -> xr.Dataset:
+        """Take a polarization through the steps and give a part of it: that alone, but where a background needs all."""
+        steps, made = self._steps(asked.steps), self._polarization(asked.polarization)
         together = any(isinstance(step, Background) for step in steps)
         if not together:
-            made = made.isel(pair=own)
+            made = made.isel(part)
         for number, step in enumerate(steps, 1):
             if isinstance(step, Background) and step.scans and step.scans * made["signal"].size > _MOST_RUNNING:
                 raise ValueError(f"step {number}, background: {step.scans} scans take too long here, use flgpr prepare")
@@ -186,9 +223,7 @@ class RawRun:
                 made = step.apply(made)
             except ValueError as error:
                 raise ValueError(f"step {number}, {step.do}: {error}") from None
-        self._made = key, made.isel(pair=own) if together else made
-        self._made[1]["known"] = ("scan", self._known(asked))
-        return self._made[1]
+        return made.isel(part) if together else made
 
     def _known(self, asked: _Query) -> NDArray[np.bool_]:
         here = self._run["valid"].sel(polarization=asked.polarization).values[:, asked.pair]
@@ -196,11 +231,14 @@ class RawRun:
 
     def _polarization(self, label: str) -> xr.Dataset:
         """Read the scans that are shown of a polarization, all pairs; the last one is kept."""
+        labels = [str(one) for one in self._run["polarization"].values]
+        if label not in labels:
+            raise ValueError(f"polarization must be one of {', '.join(labels)}, got {label!r}")
         if self._read is None or self._read[0] != label:
             self._read = self._made = None  # before others are read
             every = self._stride(self._run["signal"].nbytes // self._run.sizes["polarization"])
             number = np.arange(0, self._run.sizes["scan"], every)
-            where = [str(one) for one in self._run["polarization"].values].index(label)
+            where = labels.index(label)
             run = self._run.isel(scan=slice(None, None, every), polarization=[where]).compute()
             valid = np.broadcast_to(self._complete[number][:, None, None], run["valid"].shape)
             run = run.assign(valid=(run["valid"].dims, valid), number=("scan", number))

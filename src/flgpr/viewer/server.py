@@ -134,7 +134,11 @@ class Viewer:
         """Answer with what is worked out of a run's raw data; a query that breaks a rule is told so (400)."""
         number, what = request.path_params["source"], request.path_params["what"]
         source = self._sources[number] if number < len(self._sources) else None
-        if self._open_raw is None or not isinstance(source, RunFiles) or what not in ("bscan", "spectrum", "health"):
+        if (
+            self._open_raw is None
+            or not isinstance(source, RunFiles)
+            or what not in ("bscan", "spectrum", "image", "health")
+        ):
             raise HTTPException(404)
         pairs = request.query_params.multi_items()
         try:
