@@ -1,11 +1,15 @@
 """MCAP recordings."""
 
+import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from bag import EPOCH, drive
+from flgpr.cli import app
 from flgpr.io.arrays import open_arrays
 from flgpr.io.cdr import message_decoder
 from flgpr.io.explain import explain_file
@@ -199,3 +203,45 @@ def test_big_endian_and_alignment():
         assert (told["a"], told["b"], told["c"]) == (3, 1.5, "hi")
         assert told["d"].tolist() == [4, 5]
         assert told["e"].tolist() == [6, 7]
+
+
+MAPPING_OF_A_DRIVE = """
+title = "drive"
+files.data = "drive.mcap"
+polarization = ["VV"]
+signal = {variable = "/radar/iq", interleaved = true, shape = [-1, 2, 256], dims = ["scan", "pair", "frequency"]}
+frequency = {span = [0.5, 3.0], unit = "GHz"}
+antenna_position = {values = [[-0.4, 0.0, 0.0], [0.4, 0.0, 0.0]], unit = "m"}
+time = {variable = "/radar/header.stamp", unit = "s"}
+[track]
+time = {variable = "/pose/header.stamp", unit = "s"}
+position = {variable = "/pose/pose.position", unit = "m"}
+orientation = {variable = "/pose/pose.orientation", body = ["-y", "x", "z"]}
+axes = ["-y", "x", "z"]
+clock_offset = 0.0
+"""
+
+
+def test_a_drive_focuses_to_a_reflector_at_its_place(tmp_path, monkeypatch):
+    """The commands of the exchange page: two of them to the first picture."""
+    monkeypatch.chdir(tmp_path)
+    reflector, tones = np.array([0.3, 7.0, 0.0]), np.linspace(0.5e9, 3.0e9, 256)
+
+    def iq(k):
+        """Antennas at 1.5 m, driving at 2 m/s along x = 0.1 m and turning to the right by 0.05 rad/s."""
+        time = 0.5 + 0.5 * k
+        heading = 0.05 * time
+        side = np.array([[-0.4], [0.4]]) * [np.cos(heading), -np.sin(heading)]
+        away = np.linalg.norm(np.column_stack([side + [0.1, 2 * time], [1.5, 1.5]]) - reflector, axis=1)
+        field = 9000 * np.exp(-4j * np.pi * away[:, None] * tones / 299_792_458.0)
+        return np.round(np.stack([field.real, field.imag], axis=-1)).astype(np.int16).ravel()
+
+    Path("drive.mcap").write_bytes(drive(6, 60, iq=iq))
+    Path("drive.toml").write_text(MAPPING_OF_A_DRIVE)
+    for command in ("import mapped drive.toml -o drive.zarr", "image drive.zarr --json -o drive.png"):
+        done = CliRunner().invoke(app, command.split())
+        assert done.exit_code == 0, done.output
+    first = json.loads(done.stdout)["peaks"][0]
+    assert np.hypot(first["x"] - 0.3, first["y"] - 7.0) < 0.05
+    assert first["over_median"] > 15
+    assert Path("drive.png").stat().st_size > 10_000
