@@ -10,8 +10,8 @@ import pytest
 from raw_lane import make_raw_lane
 
 from flgpr import tasks
-from flgpr.calibrate import channel_health
-from flgpr.io import open_run
+from flgpr.calibrate import channel_health, disturbed_tones
+from flgpr.io import open_run, save_run
 from flgpr.tasks import raw as raw_module
 
 STEPS = [
@@ -148,6 +148,22 @@ def test_an_image_that_cannot_be_made_is_told(viewer, lane, tmp_path):
         assert words in answer["error"]
 
 
+def test_tones_that_something_else_transmits_on_are_found(lane, tmp_path):
+    """Two neighbours and one alone, in one pair; noise and echoes alone disturb none."""
+    run = open_run(lane).compute()
+    signal, rng = run["signal"].values.copy(), np.random.default_rng(1)
+    for tone in (30, 31, 100):
+        signal[:, :, 1, tone] += 5 * np.exp(2j * np.pi * rng.uniform(size=(160, 2)))
+    save_run(run.assign(signal=(run["signal"].dims, signal)), tmp_path / "hit.zarr")
+    raw, query = tasks.RawRun(tmp_path / "hit.zarr"), {"polarization": "VV", "scan": "9", "steps": json.dumps(STEPS)}
+    told = raw.answer("spectrum", query | {"pair": "1"})["disturbed_ghz"]
+    np.testing.assert_allclose(told, run["frequency"].values[[30, 31, 100]] * 1e-9)
+    assert raw.answer("spectrum", query | {"pair": "0"})["disturbed_ghz"] == []
+    few = disturbed_tones(signal[:2, 0, 1])
+    assert few.shape == (161,)
+    assert not few.any()
+
+
 def test_health_is_what_info_tells(viewer, lane):
     status, answer = ask(viewer, "health")
     table = channel_health(open_run(lane))
@@ -239,6 +255,8 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     page.mouse.click(middle, lane["y"] + 8 + (lane["height"] - 42) / 2)
     assert page.text_content("#said") in ("scan 79", "scan 80")  # the middle of the track
     page.check("#step-background")
+    page.fill("#step-scans", "31")
+    page.fill("#step-agc", "8")
     page.fill("#step-power", "2")
     page.press("#step-power", "Tab")
     one.until("document.getElementById('raw-toml').textContent.includes('exponent = 2')")
@@ -246,7 +264,8 @@ def test_the_page_shows_scans_and_ties_them_to_the_track(watch, viewer):
     page.click("#raw-copy")
     one.until("document.getElementById('raw-copied').textContent === 'copied'")
     copied = page.evaluate("() => navigator.clipboard.readText()")
-    assert copied == '[[step]]\ndo = "background"\n\n[[step]]\ndo = "power"\nexponent = 2.0\n'
+    steps = '[[step]]\ndo = "background"\nscans = 31\n\n[[step]]\ndo = "power"\nexponent = 2.0\n\n'
+    assert copied == steps + '[[step]]\ndo = "agc"\nwindow_ns = 8.0\n'
 
 
 def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):

@@ -1,4 +1,5 @@
 import uPlot from "uplot";
+import { COLOUR_MAPS } from "./colormaps";
 import { colourAt, colourTable } from "./colour";
 import { getJson, HALF } from "./data";
 import { colour, digits, el, fitted, fixed, make, options } from "./dom";
@@ -32,7 +33,7 @@ interface Focus {
   halves: string;
   peaks: Record<string, number>[];
 }
-interface Spectrum { frequency_ghz: number[]; level_db: (number | null)[]; median_db: (number | null)[] }
+interface Spectrum { frequency_ghz: number[]; level_db: (number | null)[]; median_db: (number | null)[]; disturbed_ghz: number[] }
 interface Health { summary: string[]; every: number; channels: Record<string, (number | string | boolean | null)[]> }
 
 /** The raw data of a run, as the server has worked it out: B-scan, A-scan, spectrum, images, health. */
@@ -60,10 +61,11 @@ export class RawPanel {
     const same = (value: string): { value: string; label: string } => ({ value, label: value });
     options(el<HTMLSelectElement>("raw-pol"), run.polarizations.map(same), run.polarizations[0]!);
     options(el<HTMLSelectElement>("raw-pair"), Array.from({ length: run.pairs }, (_, i) => same(String(i))), "0");
+    el("raw-map").append(...Object.keys(COLOUR_MAPS).map((name) => make("option", {}, name)));
     const { scans } = source.index;
     el("raw-facts").textContent = `${scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones from ${digits(run.frequency_hz[0] / 1e9)} to ${digits(run.frequency_hz[1] / 1e9)} GHz`;
     el("raw").querySelectorAll("select, input").forEach((field) =>
-      field.addEventListener("change", () => (field.id === "raw-range" ? this.painted() : void this.ask())),
+      field.addEventListener("change", () => (["raw-range", "raw-map"].includes(field.id) ? this.painted() : void this.ask())),
     );
     el("raw-range").addEventListener("input", () => this.painted());
     el("raw-view").addEventListener("change", () => {
@@ -140,15 +142,16 @@ export class RawPanel {
       const { value } = el<HTMLInputElement>(id);
       return value.trim() === "" ? null : Number(value);
     };
-    const [zero, wow, low, high, gate, power] = ["zero", "dewow", "low", "high", "gate", "power"].map((name) => number(`step-${name}`));
+    const [zero, wow, scans, low, high, gate, power, agc] = ["zero", "dewow", "scans", "low", "high", "gate", "power", "agc"].map((name) => number(`step-${name}`));
     const found: Record<string, unknown>[] = [];
     if (zero != null) found.push({ do: "time-zero", delay_ns: zero });
     if (wow != null) found.push({ do: "dewow", length_ns: wow });
-    if (el<HTMLInputElement>("step-background").checked) found.push({ do: "background" });
+    if (el<HTMLInputElement>("step-background").checked) found.push({ do: "background", ...(scans != null && { scans }) });
     const [first, last] = this.source.index.run!.frequency_hz;
     if (low != null || high != null) found.push({ do: "band", low_ghz: low ?? first / 1e9, high_ghz: high ?? last / 1e9 });
     if (gate != null) found.push({ do: "gate", start_ns: gate });
     if (power != null) found.push({ do: "power", exponent: power });
+    if (agc != null) found.push({ do: "agc", window_ns: agc });
     return found;
   }
 
@@ -204,6 +207,10 @@ export class RawPanel {
     }
   }
 
+  private map(): string {
+    return el<HTMLSelectElement>("raw-map").value || (this.focus ? "magma" : MAP[this.shown?.scale ?? "db"]);
+  }
+
   private range(): [low: number, span: number] {
     const span = Number(el<HTMLInputElement>("raw-range").value);
     if (this.focus) return [this.focus.top_db - span, span];
@@ -214,11 +221,11 @@ export class RawPanel {
   private painted(): void {
     el("raw-range-out").textContent = this.shown?.scale === "signed" && !this.focus ? `× ${fixed(Number(el<HTMLInputElement>("raw-range").value) / 40, 1)}` : `${el<HTMLInputElement>("raw-range").value} dB`;
     if (!this.shown) return;
-    const { scans, delays_ns, scale } = this.shown;
+    const { scans, delays_ns } = this.shown;
     const [low, span] = this.range();
     this.image = document.createElement("canvas");
-    if (this.focus) return this.paintFocus(this.focus, colourTable({ map: "magma", floor: low, range: span }, 0));
-    const table = colourTable({ map: MAP[scale], floor: low, range: span }, 0);
+    if (this.focus) return this.paintFocus(this.focus, colourTable({ map: this.map(), floor: low, range: span }, 0));
+    const table = colourTable({ map: this.map(), floor: low, range: span }, 0);
     [this.image.width, this.image.height] = [scans.length, delays_ns.count];
     const context = this.image.getContext("2d")!;
     const data = context.createImageData(scans.length, delays_ns.count);
@@ -264,13 +271,13 @@ export class RawPanel {
     if (box.left + box.width + 190 < whole.left + whole.width) list.forEach((words, i) => pen.text(box.left + box.width + 14, box.top + 14 + 16 * i, words, text));
   }
 
-  private drawBar(context: CanvasRenderingContext2D, { left, top, width, height }: Box, map: string, words: string): void {
+  private drawBar(context: CanvasRenderingContext2D, { left, top, width, height }: Box, words: string): void {
     const [pen, text] = [new CanvasPen(context), { fill: colour("soft"), size: 10.5 }];
     const [low, span] = this.range();
     const bar = left + width + 48;
     for (let i = 0; i < 64; i++) {
       const y = top + height * (1 - (i + 1) / 64);
-      pen.path([[bar, y], [bar + 10, y], [bar + 10, y + height / 64 + 0.6], [bar, y + height / 64 + 0.6]], true, { fill: `rgb(${colourAt(map, i / 63).join(",")})` });
+      pen.path([[bar, y], [bar + 10, y], [bar + 10, y + height / 64 + 0.6], [bar, y + height / 64 + 0.6]], true, { fill: `rgb(${colourAt(this.map(), i / 63).join(",")})` });
     }
     for (const value of ticks(low, low + span, height / 40)) pen.text(bar + 13, top + height * (1 - (value - low) / span) + 4, format(value), text);
     pen.text(bar, top + height + 14, words, text);
@@ -295,7 +302,7 @@ export class RawPanel {
     const box = this.box();
     if (this.focus) {
       this.drawFocus(context, box, this.focus);
-      return this.drawBar(context, box, "magma", "dB");
+      return this.drawBar(context, box, "dB");
     }
     const { left, top } = box;
     const [right, bottom] = [left + box.width, top + box.height];
@@ -330,7 +337,7 @@ export class RawPanel {
     pen.text(left + box.width / 2, bottom + 28, "scan", { ...text, anchor: "middle" });
     pen.text(2, bottom + 28, "delay, ns", text);
     pen.text(right + 6, bottom + 28, "range, m", text);
-    this.drawBar(context, box, MAP[scale], scale === "db" ? "dB" : "signed");
+    this.drawBar(context, box, scale === "db" ? "dB" : "signed");
   }
 
   private cutOf = "";
@@ -369,7 +376,11 @@ export class RawPanel {
     });
     const top = this.shown.top_db ?? 0;
     this.plot("ascan", "delay, ns", scale === "db" ? "dB" : "of the scale", [delays, trace], scale === "db" ? [top - 80, top + 6] : null);
-    if (this.spectrum) this.plot("spectrum", "frequency, GHz", "dB", [this.spectrum.frequency_ghz, this.spectrum.level_db, this.spectrum.median_db], null);
+    if (!this.spectrum) return;
+    const { frequency_ghz: tones, level_db: level, median_db: median, disturbed_ghz: disturbed } = this.spectrum;
+    const hit = new Set(disturbed);
+    el("raw-disturbed").textContent = hit.size ? `; ${hit.size} ${hit.size === 1 ? "tone" : "tones"} disturbed` : "";
+    this.plot("spectrum", "frequency, GHz", "dB", [tones, level, median, tones.map((tone, i) => (hit.has(tone) ? level[i]! : null))], null);
   }
 
   private plot(id: string, x: string, y: string, data: (number | null)[][], range: [number, number] | null): void {
@@ -385,7 +396,7 @@ export class RawPanel {
           cursor: { show: false },
           scales: { x: { time: false }, y: range ? { range } : {} },
           axes: [{ ...axis, label: x, labelSize: 14, size: 26 }, { ...axis, label: y, labelSize: 14, size: 44 }],
-          series: [{}, { ...line, stroke: colour("accent") }, { ...line, stroke: colour("false"), dash: [5, 4] }].slice(0, data.length),
+          series: [{}, { ...line, stroke: colour("accent") }, { ...line, stroke: colour("false"), dash: [5, 4] }, { paths: () => null, points: { show: true, size: 6, stroke: colour("missed"), fill: colour("missed") } }].slice(0, data.length),
         },
         data as uPlot.AlignedData,
         home,

@@ -7,7 +7,7 @@ from flgpr.calibrate.clock import (
     synthetic_aperture,
     with_track,
 )
-from flgpr.calibrate.health import channel_health, health_summary
+from flgpr.calibrate.health import channel_health, disturbed_tones, health_summary
 from flgpr.calibrate.joint import BiasFit, estimate_joint, estimate_range_bias
 from flgpr.calibrate.motion import remove_in_scan_motion, vehicle_velocity
 from flgpr.calibrate.polarimetry import (
@@ -36,6 +36,7 @@ __all__ = [
     "apply_pairs",
     "brightest_points",
     "channel_health",
+    "disturbed_tones",
     "divide_by_through",
     "estimate_clock",
     "estimate_distortion",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import check_run
 
@@ -97,3 +98,18 @@ def _drift(sweeps: NDArray[np.complex128]) -> tuple[float, float]:
     base = float((np.abs(first) ** 2).sum())
     factor = complex((first.conj() * last).sum()) / base if base > 0 else 0j
     return (20 * np.log10(abs(factor)), float(np.angle(factor))) if factor else (np.nan, np.nan)
+
+
+def disturbed_tones(signal: ArrayLike) -> NDArray[np.bool_]:
+    """Tell which tones of a channel's scans (scan, frequency) something else transmits on: (frequency,).
+
+    Such a tone changes from scan to scan by over 10 dB more than the tones around it do, by the median over scans and
+    the median of 21 tones. Of fewer than three scans or seven tones nothing is told.
+    """
+    values = np.asarray(signal)
+    if len(values) < 3 or values.shape[1] < 7:
+        return np.zeros(values.shape[1], dtype=np.bool_)
+    change = np.median(np.abs(np.diff(values, axis=0)), axis=0)
+    half = min(10, (change.size - 1) // 2)
+    usual = np.median(sliding_window_view(np.pad(change, half, mode="edge"), 2 * half + 1), axis=-1)
+    return np.asarray(change > 10**0.5 * usual)

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from flgpr.calibrate import channel_health, health_summary
+from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.io import MAX_MEMORY, open_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
@@ -117,18 +117,24 @@ class RawRun:
         }
 
     def spectrum(self, asked: _Query) -> dict[str, Any]:
-        """Tell the tones of a scan after the steps, dB, beside the median over all scans that are shown."""
+        """Tell the tones of a scan after the steps, dB, beside the median over all scans that are shown.
+
+        ``disturbed_ghz`` are the tones that :func:`flgpr.calibrate.disturbed_tones` finds in those, before the steps.
+        """
         made = self._channel(asked)
         place = self._place(asked)
         with np.errstate(divide="ignore"):
             level = np.maximum(20 * np.log10(np.abs(made["signal"].values[:, 0, 0]).astype(np.float64)), -999.0)
         known = made["known"].values
         median = np.median(level[known], axis=0) if known.any() else np.full(level.shape[1], np.nan)
+        recorded = self._polarization(asked.polarization)
+        disturbed = recorded["frequency"].values[disturbed_tones(recorded["signal"].values[known, 0, asked.pair])]
         own = level[place] if known[place] else np.full(level.shape[1], np.nan)
         return {
             "frequency_ghz": (made["frequency"].values * 1e-9).tolist(),
             "level_db": _numbers(own),
             "median_db": _numbers(median),
+            "disturbed_ghz": (disturbed * 1e-9).tolist(),
         }
 
     def image(self, asked: _Query) -> dict[str, Any]:
