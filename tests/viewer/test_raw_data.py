@@ -275,7 +275,6 @@ def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
     one.until(idle)
     before = page.locator("#bscan").screenshot()
     page.select_option("#raw-view", "scan")
-    one.until("!document.getElementById('raw-slow').hidden")
     one.until(idle)
     first = page.locator("#bscan").screenshot()
     page.focus("#bscan")
@@ -295,6 +294,21 @@ def test_the_page_shows_the_image_of_the_marked_scan_and_of_all(watch, viewer):
     one.until("document.getElementById('raw-error').textContent === ''")
     assert all("400" in line for line in one.errors)
     one.errors.clear()
+
+
+def test_a_hyperbola_is_laid_over_the_scans_by_hand(watch, viewer):
+    one = watch(viewer)
+    page = one.page
+    one.until("document.getElementById('health-rows').children.length === 4")
+    one.until("document.getElementById('bscan').getAttribute('aria-busy') === 'false'")
+    page.click("#bscan", position={"x": 300, "y": 100})
+    bare = page.locator("#bscan").screenshot()
+    page.focus("#raw-permittivity")
+    page.keyboard.type("4")
+    four = page.locator("#bscan").screenshot()
+    page.keyboard.press("ArrowUp")
+    assert page.input_value("#raw-permittivity") == "4.08"
+    assert len({bare, four, page.locator("#bscan").screenshot()}) == 3
 
 
 def test_the_page_tells_why_there_is_no_picture(watch, viewer):

@@ -10,6 +10,7 @@ import type { Source } from "./types";
 import { ticks, type Box } from "./view";
 
 const METRES = 0.149896229; // of range per nanosecond, there and back in air
+const STEP_OF_FIT = 1.02; // of permittivity by arrows up and down
 const MAP = { db: "viridis", signed: "grey" };
 
 interface Bscan {
@@ -41,6 +42,7 @@ export class RawPanel {
   private shown: Bscan | null = null;
   private focus: Focus | null = null;
   private asked = 0;
+  private apex: number | null = null; // ns
   private settings = "";
   private values: Uint16Array = new Uint16Array(0);
   private image: HTMLCanvasElement | null = null;
@@ -74,7 +76,21 @@ export class RawPanel {
     el("raw-copy").addEventListener("click", () => void this.copy());
     this.canvas.addEventListener("pointermove", (event) => this.hover(this.columnAt(event)));
     this.canvas.addEventListener("pointerleave", () => this.hover(null));
-    this.canvas.addEventListener("click", (event) => this.mark(this.columnAt(event)));
+    this.canvas.addEventListener("click", (event) => {
+      const { top, height } = this.box();
+      const delay = this.shown && !this.focus ? ((event.offsetY - top) / height) * this.shown.delays_ns.stop : null;
+      this.apex = delay !== null && delay > 0 ? delay : null;
+      this.mark(this.columnAt(event));
+    });
+    el("raw-permittivity").addEventListener("input", () => this.redraw());
+    el("raw-permittivity").addEventListener("keydown", (event) => {
+      const way = event.key === "ArrowUp" ? 1 : event.key === "ArrowDown" ? -1 : 0;
+      const field = el<HTMLInputElement>("raw-permittivity");
+      if (!way) return;
+      event.preventDefault();
+      field.value = String(Math.max(Number(field.value || "1") * STEP_OF_FIT ** way, 1).toPrecision(3));
+      this.redraw();
+    });
     this.canvas.addEventListener("keydown", (event) => {
       const step = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
       if (!step || !this.shown) return;
@@ -110,7 +126,6 @@ export class RawPanel {
   private async see(): Promise<void> {
     const mine = ++this.asked;
     const view = this.view();
-    el("raw-slow").hidden = view === "bscan";
     let found: Focus | null = null;
     if (view !== "bscan" && this.shown) {
       const slow = el<HTMLInputElement>("raw-permittivity").value.trim();
@@ -271,6 +286,21 @@ export class RawPanel {
     if (box.left + box.width + 190 < whole.left + whole.width) list.forEach((words, i) => pen.text(box.left + box.width + 14, box.top + 14 + 16 * i, words, text));
   }
 
+  /** Echo of a point below the marked place whose echo is there, in ground of the given permittivity: both antennas at one place on it. */
+  private drawHyperbola(pen: CanvasPen, { left, top, width, height }: Box): void {
+    const slow = Number(el<HTMLInputElement>("raw-permittivity").value);
+    if (!(slow >= 1) || this.apex === null || this.column === null || !this.shown) return;
+    const { scans, delays_ns } = this.shown;
+    const [places, here, speed] = [this.source.index.scans, scans[this.column]!, (2 * METRES) / Math.sqrt(slow)];
+    const points = scans.map((scan, i): [number, number] => {
+      const away = Math.hypot(places.x[scan]! - places.x[here]!, places.y[scan]! - places.y[here]!);
+      return [left + ((i + 0.5) / scans.length) * width, top + (Math.hypot(this.apex!, (2 * away) / speed) / delays_ns.stop) * height];
+    });
+    pen.path(points.filter(([, y]) => y <= top + height), false, { stroke: "#ffffff", width: 1.6, dash: [6, 4] });
+    const words = `permittivity ${format(slow)}, ${fixed(speed, 3)} m/ns, depth ${fixed((this.apex * speed) / 2, 2)} m`;
+    pen.text(left + width / 2, top + 16, words, { fill: "#ffffff", size: 12, anchor: "middle", halo: "#000000" });
+  }
+
   private drawBar(context: CanvasRenderingContext2D, { left, top, width, height }: Box, words: string): void {
     const [pen, text] = [new CanvasPen(context), { fill: colour("soft"), size: 10.5 }];
     const [low, span] = this.range();
@@ -321,6 +351,7 @@ export class RawPanel {
       context.strokeRect(left + this.column * wide, top, Math.max(wide, 1), box.height);
     }
     const pen = new CanvasPen(context);
+    this.drawHyperbola(pen, box);
     const text = { fill: colour("soft"), size: 10.5 };
     const line = (a: [number, number], b: [number, number]): void => pen.path([a, b], false, { stroke: colour("soft"), width: 1 });
     for (const value of ticks(0, delays_ns.stop, box.height / 40)) {
