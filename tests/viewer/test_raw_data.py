@@ -311,6 +311,34 @@ def test_a_hyperbola_is_laid_over_the_scans_by_hand(watch, viewer):
     assert len({bare, four, page.locator("#bscan").screenshot()}) == 3
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # rasterio's own, of affine
+def test_a_map_lies_below_the_track(watch, lane, serving, tmp_path):
+    """Green wherever nothing else is drawn; without a tie to the Earth there is no place for it."""
+    rasterio = pytest.importorskip("rasterio")
+    from flgpr.viewer import Viewer
+
+    about = {"driver": "GTiff", "width": 100, "height": 100, "count": 3, "dtype": "uint8", "crs": "EPSG:4326"}
+    spread = rasterio.transform.from_bounds(10.99, 47.99, 11.01, 48.01, 100, 100)
+    with rasterio.open(tmp_path / "map.tif", "w", transform=spread, **about) as file:
+        file.write(np.stack([np.full((100, 100), one, np.uint8) for one in (10, 180, 20)]))
+    (tmp_path / "anchor.toml").write_text(
+        'crs = "EPSG:4326"\naccuracy = 0.02\nazimuth_deg = 30.0\nazimuth_accuracy_deg = 0.1\n[[point]]\n'
+        "lane = [0.0, 0.0]\nlongitude = 11.0\nlatitude = 48.0\n"
+    )
+    with pytest.raises(ValueError, match="map needs a result or run that is tied to the Earth"):
+        Viewer([lane], backdrop=tmp_path / "map.tif")
+    with serving([lane], raw=tasks.RawRun, anchor=tmp_path / "anchor.toml", backdrop=tmp_path / "map.tif") as viewer:
+        one = watch(viewer)
+        one.until("document.getElementById('health-rows').children.length === 4")
+        seen = "[...document.getElementById('lane').getContext('2d').getImageData(60, 20, 1, 1).data].join()"
+        one.until(f"{seen} === '10,180,20,255'")
+    with serving([lane], raw=tasks.RawRun) as bare:
+        connection = http.client.HTTPConnection("127.0.0.1", bare.port, timeout=20)
+        connection.request("GET", f"/{bare.token}/data/backdrop.png")
+        assert connection.getresponse().status == 404
+        connection.close()
+
+
 def test_the_page_tells_why_there_is_no_picture(watch, viewer):
     one = watch(viewer)
     one.until("document.getElementById('health-rows').children.length === 4")

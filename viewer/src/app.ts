@@ -1,6 +1,7 @@
 import { AlarmPanel } from "./alarm";
 import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
+import { drawBackdrop, type Backdrop } from "./backdrop";
 import { drawComparison, rasters, type Compare } from "./compare";
 import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
 import { checkRadio, colour, digits, el, fitted, fixed, options } from "./dom";
@@ -36,6 +37,7 @@ export class App {
   ticked = new Set<number>();
   live: Live | null = null;
   raw: RawPanel | null = null;
+  backdrop: Backdrop | null = null;
   scan: number | null = null;
   readonly following = new Following(this);
   readonly view: View;
@@ -429,6 +431,7 @@ export class App {
     context.clearRect(0, 0, width, height);
     context.fillStyle = palette.unseen;
     context.fillRect(box.left, box.top, box.width, box.height);
+    drawBackdrop(context, this.view, this.backdrop);
     const whole = rasters(this, context, density);
     const pen = canvasPen(context);
     context.save();

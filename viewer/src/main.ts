@@ -5,6 +5,7 @@ import { el } from "./dom";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
 import { overviewTo } from "./overview";
+import { loadBackdrop, type Backdrop } from "./backdrop";
 import { RawPanel } from "./raw";
 import type { Georeference, Source, Verdict } from "./types";
 
@@ -166,7 +167,7 @@ function liveSource(): Source {
 async function start(): Promise<void> {
   document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   fillHelp();
-  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; georeference: Georeference | null }>("data/session.json");
+  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; georeference: Georeference | null; backdrop: Backdrop["box"] | null }>("data/session.json");
   const sources = await loadSources(session.results);
   let app: App | null = null;
   const live: Live | null = session.live
@@ -181,6 +182,7 @@ async function start(): Promise<void> {
   el("follow").hidden = !live;
   app = new App(sources);
   app.live = live;
+  if (session.backdrop) app.backdrop = loadBackdrop(session.backdrop, () => app?.redraw());
   const title = sources.map((one) => one.title).join(" / ");
   el("title").textContent = el("title").title = title;
   document.title = `${title} – flgpr`;

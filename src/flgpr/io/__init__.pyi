@@ -1,5 +1,6 @@
 from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
 from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.backdrop import map_backdrop
 from flgpr.io.bundle import Bundle, BundleError, write_bundle
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.declared import MAX_MEMORY
@@ -76,6 +77,7 @@ __all__ = [
     "inside",
     "laid_over",
     "lane_text",
+    "map_backdrop",
     "open_arrays",
     "open_run",
     "parse_description",

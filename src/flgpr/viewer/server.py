@@ -22,7 +22,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import RunStoreError, read_anchor
+from flgpr.io import RunStoreError, map_backdrop, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
 from flgpr.viewer.session import LIVE_FILE, LiveFile, RunFiles, ViewError, open_source
 
@@ -48,6 +48,9 @@ class Raw(Protocol):
 OpenRaw = Callable[[str | Path], Raw]
 
 
+_AROUND = 20.0  # m of map around what is shown, at least
+
+
 class Viewer:
     """A viewer that listens, and serves once :meth:`run` is called."""
 
@@ -61,6 +64,7 @@ class Viewer:
         score: str | Path | None = None,
         anchor: str | Path | None = None,
         raw: OpenRaw | None = None,
+        backdrop: str | Path | None = None,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -77,6 +81,7 @@ class Viewer:
         if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)
+        self._backdrop = None if backdrop is None else self._drawn(backdrop)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -111,10 +116,22 @@ class Viewer:
         """Let :meth:`run` end."""
         self._server.should_exit = True
 
+    def _drawn(self, path: str | Path) -> tuple[bytes, list[float]]:
+        """Draw a map below all that is shown and some ground around it, and tell where it lies."""
+        indices = [source.index for source in self._sources]
+        tie = self._georeference or next((one["georeference"] for one in indices if one.get("georeference")), None)
+        if tie is None or not indices:
+            raise ValueError("map needs a result or run that is tied to the Earth: give its --anchor")
+        x, y = ([one["lane"][f"{axis}_{end}"] for one in indices for end in ("min", "max")] for axis in "xy")
+        around = max(_AROUND, 0.1 * (max(y) - min(y)))
+        box = min(x) - around, max(x) + around, min(y) - around, max(y) + around
+        return map_backdrop(path, tie, box), [float(one) for one in box]
+
     def _routes(self) -> list[Route]:
         reads: dict[str, Callable[..., Response]] = {
             "/data/session.json": self._session,
             "/data/live": self._live_events,
+            "/data/backdrop.png": self._map,
             "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
             "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
             "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
@@ -128,7 +145,13 @@ class Viewer:
         titles = [source.title for source in self._sources]
         told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
         told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
+        told["backdrop"] = None if self._backdrop is None else self._backdrop[1]
         return _answer(json.dumps(told).encode(), _JSON)
+
+    def _map(self, request: Request) -> Response:  # noqa: ARG002
+        if self._backdrop is None:
+            raise HTTPException(404)
+        return _answer(self._backdrop[0], "image/png")
 
     def _raw_data(self, request: Request) -> Response:
         """Answer with what is worked out of a run's raw data; a query that breaks a rule is told so (400)."""
@@ -185,10 +208,14 @@ def serve(
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
     raw: OpenRaw | None = None,
+    backdrop: str | Path | None = None,
 ) -> None:
-    """Show results in the browser until interrupted; ``raw`` opens the raw data of a run that is shown."""
+    """Show results in the browser until interrupted.
+
+    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws.
+    """
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw, backdrop)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()

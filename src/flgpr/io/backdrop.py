@@ -1,0 +1,101 @@
+"""A piece of a map or an aerial photograph, drawn in a lane's own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.io.anchor import fit_anchor, transform_lonlat
+from flgpr.io.extras import optional
+from flgpr.io.files import existing
+
+DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".mbtiles": "MBTiles", ".gpkg": "GPKG"}
+"""Formats of GDAL that are opened, by ending: files that hold their pixels themselves and lead nowhere else."""
+_MOST = 2048  # pixels of a side
+
+
+def map_backdrop(
+    path: str | Path, georeference: Mapping[str, float], box: tuple[float, float, float, float], most: int = _MOST
+) -> bytes:
+    """Draw a stored map below a lane: a PNG with +x to the right and +y upwards, transparent where the map ends.
+
+    Parameters
+    ----------
+    path : path
+        GeoTIFF, or raster tiles in MBTiles or GeoPackage, with a reference system; one to four bands of 8 bits.
+    georeference : mapping
+        Run attribute ``georeference``: ``latitude``, ``longitude`` and ``azimuth`` of +y, degrees.
+    box : tuple of float
+        x_min, x_max, y_min, y_max in the lane frame, m.
+    most : int
+        Pixels of the longer side.
+
+    Raises
+    ------
+    ValueError
+        If the file is none of these, tells no reference system, has other values than 8 bits, or ends before the lane.
+    MissingExtraError
+        Without the extra ``gis``.
+    """
+    rasterio = optional("rasterio", "gis")
+    file = existing(path, "map")
+    driver = DRIVERS.get(file.suffix.lower())
+    if driver is None:
+        raise ValueError(f"map must end in {', '.join(DRIVERS)}, got {file}")
+    tie = fit_anchor(
+        [[0.0, 0.0, 0.0]], [[georeference["longitude"], georeference["latitude"]]], "EPSG:4326", 1.0,
+        azimuth=float(np.radians(georeference.get("azimuth", 0.0))), azimuth_accuracy=1.0,
+    )  # fmt: skip
+    x_min, x_max, y_min, y_max = box
+    pixel = max(x_max - x_min, y_max - y_min) / most
+    x, y = np.arange(x_min + pixel / 2, x_max, pixel), np.arange(y_max - pixel / 2, y_min, -pixel)
+    ground = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
+    lonlat = tie.to_geodetic(ground)[..., :2]
+    try:
+        with rasterio.open(file, driver=driver) as source:
+            if source.crs is None:
+                raise ValueError("it must tell its reference system, it does not")
+            if any(kind != "uint8" for kind in source.dtypes) or source.count > 4:
+                raise ValueError(f"it must have one to four bands of 8 bits, got {', '.join(source.dtypes[:5])}")
+            place = lonlat if source.crs.to_epsg() == 4326 else transform_lonlat(lonlat, source.crs.to_wkt())
+            image = _sampled(source, place)
+    except (rasterio.errors.RasterioError, ValueError) as error:
+        raise ValueError(f"map {file}: {' '.join(str(error).split())[:240]}") from None
+    with catch_warnings(), rasterio.MemoryFile() as memory:
+        simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # a picture of the lane's frame has no Earth
+        with memory.open(driver="PNG", width=x.size, height=y.size, count=4, dtype="uint8") as png:
+            png.write(image)
+        return bytes(memory.read())
+
+
+def _sampled(source: Any, place: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Take red, green, blue and opacity (4, row, column) at places (row, column, 2) of a raster's own system."""
+    enums, windows = (optional(f"rasterio.{name}", "gis") for name in ("enums", "windows"))
+    a, b, c, d, e, f = tuple(~source.transform)[:6]
+    columns, rows = a * place[..., 0] + b * place[..., 1] + c, d * place[..., 0] + e * place[..., 1] + f
+    known = (columns >= 0) & (columns < source.width) & (rows >= 0) & (rows < source.height)
+    if not known.any():
+        raise ValueError("it must lie below the lane, it ends before it")
+    left, top = int(columns[known].min()), int(rows[known].min())
+    wide, high = int(columns[known].max()) - left + 1, int(rows[known].max()) - top + 1
+    shape = min(high, 2 * place.shape[0]), min(wide, 2 * place.shape[1])  # no more than is drawn
+    named = source.colorinterp[0] == enums.ColorInterp.palette  # of which no mean can be taken
+    how = enums.Resampling.nearest if named else enums.Resampling.average
+    data = source.read(window=windows.Window(left, top, wide, high), out_shape=(source.count, *shape), resampling=how)
+    u = np.clip((columns - left) * shape[1] / wide, 0, shape[1] - 1).astype(np.intp)
+    v = np.clip((rows - top) * shape[0] / high, 0, shape[0] - 1).astype(np.intp)
+    bands = data[:, v, u]
+    opaque = np.where(known, 255, 0).astype(np.uint8)
+    if named:
+        table = source.colormap(1)
+        colours = np.array([table.get(k, (0, 0, 0, 0)) for k in range(256)], dtype=np.uint8)
+        red, green, blue, alpha = np.moveaxis(colours[bands[0]], -1, 0)
+    else:
+        red, green, blue = bands[:3] if len(bands) > 2 else np.repeat(bands[:1], 3, axis=0)
+        alpha = bands[-1] if len(bands) in (2, 4) else np.full_like(red, 255)
+    return np.stack([red, green, blue, np.minimum(alpha, opaque)])
