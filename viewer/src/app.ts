@@ -18,7 +18,7 @@ import type { RawPanel } from "./raw";
 import { curveOf, equalFalse, pointWords, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
-import { alarmFacts, alarmWords, readout } from "./words";
+import { alarmFacts, alarmWords, readout, unseenWords } from "./words";
 
 export class App {
   a: Choice;
@@ -184,8 +184,10 @@ export class App {
   detectionChanged(): void {
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
-    this.row = curve?.point?.row ?? this.thresholds.length - 1;
-    el("point").textContent = pointWords(curve);
+    const border = curve ? null : (this.detection?.border ?? null);
+    const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
+    this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
+    el("point").textContent = border === null ? pointWords(curve) : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));
@@ -251,6 +253,7 @@ export class App {
     const words = this.threshold === null ? "none" : digits(this.threshold, 4);
     el("threshold-out").textContent = this.threshold === null ? "∞" : words;
     const shown = this.shownRows();
+    el("threshold-left").textContent = `${shown.length} of ${this.detection?.alarms.x.length ?? 0} alarms left`;
     slider.setAttribute(
       "aria-valuetext",
       a ? `confidence ${words}: ${a.curve.n_detected[this.row]} of ${a.curve.n_targets} found, ${a.curve.n_false[this.row]} false alarms` : `confidence ${words}: ${shown.length} alarms`,
@@ -396,6 +399,7 @@ export class App {
       second: second && { ...second, visible: (row) => second.detection.alarms.confidence[row]! >= level },
       live: this.live,
       scan: this.scan,
+      gaps: this.picture.gaps,
       show: this.show,
     };
   }
@@ -429,7 +433,9 @@ export class App {
     context.clearRect(0, 0, width, height);
     context.fillStyle = palette.unseen;
     context.fillRect(box.left, box.top, box.width, box.height);
+    const gaps = this.picture.gaps;
     const whole = rasters(this, context, density);
+    if (this.picture.gaps !== gaps) showLegend(el("legend"), this.overlay());
     const pen = canvasPen(context);
     context.save();
     context.beginPath();
@@ -502,10 +508,10 @@ export class App {
     }
     const [x, y] = this.view.toLane(px, py);
     el("readout").textContent = readout(this, x, y);
-    const hit = hitTest(this.view, this.overlay(), px, py);
-    tip.hidden = !hit;
-    if (hit) {
-      tip.textContent = hit.words;
+    const words = hitTest(this.view, this.overlay(), px, py)?.words ?? unseenWords(this, x, y);
+    tip.hidden = !words;
+    if (words) {
+      tip.textContent = words;
       const right = px > box.left + box.width * 0.7;
       tip.style.left = right ? "" : `${px + 14}px`;
       tip.style.right = right ? `${el("stage").clientWidth - px + 14}px` : "";
@@ -517,6 +523,8 @@ export class App {
     const hit = hitTest(this.view, this.overlay(), px, py);
     if (hit?.kind === "alarm") this.select(hit.row);
     else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
+    else this.say(unseenWords(this, ...this.view.toLane(px, py)));
+    this.point(px, py); // a finger hovers over nothing
   }
 
   /** Mark a scan on the track. */

@@ -147,6 +147,17 @@ export class RocPlot {
     c.beginPath();
     c.rect(u.bbox.left - 6, u.bbox.top - 6, u.bbox.width + 12, u.bbox.height + 12);
     c.clip();
+    const first = u.valToPos(0, "x", true);
+    for (const [one, ink, dash] of [[this.now.b, colour("false"), [5, 4]], [this.now.a, colour("accent"), []]] as const) {
+      if (!one) continue; // the series are functions of the FAR: the step at none is drawn here
+      c.strokeStyle = ink;
+      c.setLineDash(dash.map((length) => length * density));
+      c.lineWidth = 2 * density;
+      c.beginPath();
+      c.moveTo(first, u.valToPos(0, "y", true));
+      c.lineTo(first, u.valToPos(steps(one.curve)[1][0] ?? 0, "y", true));
+      c.stroke();
+    }
     for (const [one, ink] of [[this.now.b, colour("false")], [this.now.a, colour("accent")]] as const) {
       if (!one || one.curve.far.length > 300) continue;
       c.fillStyle = ink;

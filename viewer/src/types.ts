@@ -28,6 +28,8 @@ export interface Detection {
   contributions: Columns | null;
   training: Training[] | null;
   evidence?: Evidence;
+  /** Confidence from which a detector that has learnt decides for a mine. */
+  border?: number | null;
 }
 export interface Georeference { latitude: number; longitude: number; azimuth?: number }
 export interface Index {
@@ -38,6 +40,8 @@ export interface Index {
   channel: [string, string];
   layers: Layer[];
   scans: { x: number[]; y: number[]; z: number[]; heading: number[]; masked: number[] };
+  /** Ground that one scan gives to the run-view, m from the array; results of before it was written have none. */
+  sight?: { x: [number, number]; y: [number, number] };
   georeference: Georeference | null;
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };
