@@ -3,7 +3,7 @@ import type { Colours } from "./colour";
 import { COLOUR_MAPS } from "./colormaps";
 import { drawComparison, rasters, type Compare } from "./compare";
 import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
-import { checkRadio, colour, digits, el, fitted, fixed, options } from "./dom";
+import { checkRadio, colour, digits, el, fitted, fixed, make, options } from "./dom";
 import { alarmRows, asCsv, asGeoJson, download } from "./exports";
 import { savePng, saveSvg, type FigureParts } from "./figure";
 import { Following } from "./following";
@@ -15,7 +15,7 @@ import { Notes } from "./notes";
 import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
 import type { RawPanel } from "./raw";
-import { curveOf, equalFalse, pointWords, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
+import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
 import { alarmFacts, alarmWords, readout, unseenWords } from "./words";
@@ -49,6 +49,8 @@ export class App {
   private waiting = 0;
   fitting = true;
   private marked = false;
+  /** Whether there are scores and no pictures. */
+  private readonly scored: boolean;
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
 
@@ -77,6 +79,10 @@ export class App {
     );
     this.roc = new RocPlot((row) => this.setThreshold(row));
     el("roc").hidden = el("list").hidden = !first.index.detections.length;
+    this.scored = sources.every((one) => one.index.scored);
+    document.body.classList.toggle("scored", this.scored);
+    el("scores").hidden = !this.scored;
+    if (this.scored && secondOf(sources, this.a, this.b)) this.compare = "swipe";
     el("overview").hidden = this.view.length < 8 * this.view.breadth;
     this.resized();
     this.picture.recolour(this.colours);
@@ -132,7 +138,8 @@ export class App {
     for (const side of ["a", "b"] as const) {
       const choice = this[side];
       const sets = this.sources.flatMap((source) => {
-        const names = [...new Set(source.index.layers.map((one) => one.detection))];
+        const { scored, detections, layers } = source.index;
+        const names = scored ? detections.map((one) => one.name) : [...new Set(layers.map((one) => one.detection))];
         const group = this.sources.length > 1 ? source.title : undefined;
         return names.map((name) => ({ value: `${source.id}/${name}`, label: setLabel(source, name), ...(group && { group }) }));
       });
@@ -141,9 +148,11 @@ export class App {
       const unique = (values: string[]): { value: string; label: string }[] => [...new Set(values)].map((value) => ({ value, label: value }));
       options(el<HTMLSelectElement>(`${side}-pol`), unique(layers.map((one) => one.polarization)), choice.polarization);
       options(el<HTMLSelectElement>(`${side}-band`), unique(layers.map((one) => one.subband)), choice.subband);
+      el(`${side}-pol`).hidden = el(`${side}-band`).hidden = !layers.length;
     }
     const layered = this.source.index.layers.length > 0;
-    el("choice-a").hidden = el("display").hidden = !layered;
+    el("choice-a").hidden = !layered && !this.source.index.scored;
+    el("display").hidden = !layered;
     el("choice-b").hidden = this.compare === "off";
     document.querySelector<HTMLElement>('[aria-label="Compare A with B"]')!.hidden = !layered;
   }
@@ -244,16 +253,20 @@ export class App {
     this.roc.show(a, b);
     this.showThreshold();
     this.redraw();
+    if (this.scored) performance.mark("flgpr:first-picture");
   }
 
   showThreshold(): void {
     const [a, b] = this.operating();
     const slider = el<HTMLInputElement>("threshold");
     slider.value = String(this.row);
-    const words = this.threshold === null ? "none" : digits(this.threshold, 4);
-    el("threshold-out").textContent = this.threshold === null ? "∞" : words;
+    const untold = this.threshold === null && this.row > 0;
+    const words = untold ? "not told" : this.threshold === null ? "none" : digits(this.threshold, 4);
+    el("threshold-out").textContent = this.threshold === null && !untold ? "∞" : words;
     const shown = this.shownRows();
-    el("threshold-left").textContent = `${shown.length} of ${this.detection?.alarms.x.length ?? 0} alarms left`;
+    el("threshold-left").textContent = this.source.index.scored && a
+      ? `${a.curve.n_false[this.row]} of ${a.curve.n_false[a.curve.n_false.length - 1]} false alarms left`
+      : `${shown.length} of ${this.detection?.alarms.x.length ?? 0} alarms left`;
     slider.setAttribute(
       "aria-valuetext",
       a ? `confidence ${words}: ${a.curve.n_detected[this.row]} of ${a.curve.n_targets} found, ${a.curve.n_false[this.row]} false alarms` : `confidence ${words}: ${shown.length} alarms`,
@@ -261,8 +274,18 @@ export class App {
     const second = secondOf(this.sources, this.a, this.b);
     const name = (source: Source, detection: Detection | undefined): string => (this.sources.length > 1 && source.title.split(" ")[0]) || (detection?.name ?? "");
     showCounts(el<HTMLTableElement>("counts"), a, b, shown.length, [name(this.source, this.detection), second ? name(second.source, second.detection) : ""]);
+    if (this.scored) this.showScored(a, b, second);
     this.showList();
     showLegend(el("legend"), this.overlay());
+  }
+
+  private showScored(a: Operating | undefined, b: Operating | undefined, second: ReturnType<typeof secondOf>): void {
+    const side = (source: Source, detection: Detection, at: Operating) => ({ scored: source.score!.detections[detection.name]!, at });
+    showScores(el("scores"), [...(a ? [side(this.source, this.detection!, a)] : []), ...(b && second ? [side(second.source, second.detection, b)] : [])]);
+    const [mine, other] = [this.source.score?.rules ?? {}, second?.source.score?.rules ?? this.source.score?.rules ?? {}];
+    const unlike = [...new Set([...Object.keys(mine), ...Object.keys(other)])].filter((name) => mine[name] !== other[name]);
+    const told = unlike.map((name) => (name === "truth" ? "another truth" : `${name.replaceAll("_", " ")} ${String(mine[name] ?? "not told")} and ${String(other[name] ?? "not told")}`));
+    if (told.length) el("scores").prepend(make("p", { class: "missed", role: "alert" }, `A and B do not compare: ${told.join("; ")}.`));
   }
 
   shownRows(): number[] {

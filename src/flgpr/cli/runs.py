@@ -40,7 +40,8 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
 @app.command()
 def view(
     paths: Annotated[
-        list[Path] | None, Argument(help="Result folder or run; two results can be compared; none with --live.")
+        list[Path] | None,
+        Argument(help="Result, run or score; two results or two scores stand side by side; none with --live."),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",

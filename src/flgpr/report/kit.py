@@ -19,7 +19,8 @@ def render(template: str, package: str = _HOME, **values: Any) -> str:
     """Fill in a template of a package, which may extend and import those of this one; the page needs nothing beside it.
 
     Beside Jinja's own filters there are ``fmt``, Python's ``format``, ``metres``, which says a place in the lane to the
-    centimetre, and ``data_url``, which makes of a figure or its PNG what an ``img`` shows. Text is escaped, and what is asked for and not given is an error.
+    centimetre, and ``data_url``, which makes of a figure or its PNG what an ``img`` shows. Text is escaped, and what is
+    asked for and not given is an error.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flgpr.io import canonical_json, open_run, read_limited, sha256, unseal
+from flgpr.viewer.scores import ScoreFiles, score_file
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
@@ -194,11 +195,14 @@ class LiveFile:
         return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
 
 
-Source = ResultFiles | RunFiles
+Source = ResultFiles | RunFiles | ScoreFiles
 
 
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
-    """Open a result folder (or its alarms.csv) or a run store; ``score`` is the score's folder if not the result."""
+    """Open a result folder (or its alarms.csv), a run store or a score (or its JSON).
+
+    ``score`` is the folder of a result's score if that is not in the result.
+    """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"nothing to view at {path}")
@@ -208,7 +212,10 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         return ResultFiles(path, score)
     if (path / "commit.json").is_file():
         return RunFiles(path)
+    scored = score_file(path)
+    if scored is not None:
+        return ScoreFiles(scored)
     if (path / "sections.json").is_file():
         names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
         raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
-    raise ViewError(f"path must be a result folder or a run, got {path}")
+    raise ViewError(f"path must be a result folder, a run or a score, got {path}")
