@@ -81,14 +81,11 @@ def test_the_legend_tells_halo_border_and_what_is_missed_as_it_is_drawn(watch, s
     assert "halo, 0.5 m" in one.text("#legend")
     assert "lane" in one.text("#legend").split("\n")
     assert "seen by no scan" not in one.text("#legend")
-    paths = lambda name: (
-        page.locator("#legend li")
-        .filter(has_text=name)
-        .locator("path")
-        .evaluate_all(  # noqa: E731
-            "(all) => all.map((one) => [one.getAttribute('d'), one.getAttribute('stroke')])"
-        )
-    )
+
+    def paths(name):
+        drawn = page.locator("#legend li").filter(has_text=name).locator("path")
+        return drawn.evaluate_all("(all) => all.map((one) => [one.getAttribute('d'), one.getAttribute('stroke')])")
+
     shape, missed = paths("plastic"), paths("missed")
     assert [d for d, _ in missed] == [d for d, _ in shape]  # the plastic mine is missed: a triangle, not a hexagon
     assert shape[1][1] == "#ffffff"

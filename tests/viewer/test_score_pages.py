@@ -76,10 +76,8 @@ def test_two_scores_stand_side_by_side(watch, serving, scores):
         assert fates["e"] == ["missed", "found"]
         assert one.page.locator("#scores [role=alert]").count() == 0
         assert one.page.locator("#roc-plot canvas").count() == 1
-        over = one.page.evaluate(
-            "() => [...document.querySelectorAll('header, aside')].filter((e) => e.scrollWidth > e.clientWidth + 1).length"
-        )
-        assert over == 0
+        wide = "(all) => all.filter((one) => one.scrollWidth > one.clientWidth + 1).length"
+        assert one.page.locator("header, aside, #scores").evaluate_all(wide) == 0
 
 
 def test_scores_by_different_rules_say_so(watch, serving, scores):

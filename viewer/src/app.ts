@@ -11,7 +11,7 @@ import { extentOf, geographic } from "./geo";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
-import { Notes } from "./notes";
+import type { Notes } from "./notes";
 import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
 import type { RawPanel } from "./raw";
@@ -45,7 +45,6 @@ export class App {
   private readonly list: AlarmList;
   private readonly roc: RocPlot;
   thresholds: (number | null)[] = [null];
-  readonly notes: Notes;
   private waiting = 0;
   fitting = true;
   private marked = false;
@@ -54,8 +53,10 @@ export class App {
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
 
-  constructor(readonly sources: Source[]) {
-    this.notes = new Notes(sources);
+  constructor(
+    readonly sources: Source[],
+    readonly notes: Notes,
+  ) {
     const first = sources[0]!;
     const [polarization, subband] = first.index.channel;
     const main = first.index.detections[0]?.name ?? first.index.layers[0]?.detection ?? "";
@@ -368,18 +369,13 @@ export class App {
 
   // ---------------------------------------------------------------- notes
 
-  private noteKey(row: number): string {
-    const detection = this.detection!;
-    return `${this.source.title}|${detection.name}|${detection.alarms.alarm_id?.[row] ?? row}`;
-  }
-
   note(row: number): Note {
-    return this.notes.get(this.noteKey(row));
+    return this.notes.get(this.source, this.detection!, row);
   }
 
   setNote(change: Partial<Note>): void {
     if (this.selected === null) return;
-    const note = this.notes.set(this.noteKey(this.selected), change);
+    const note = this.notes.set(this.source, this.detection!, this.selected, change);
     this.showList();
     if (change.verdict !== undefined) {
       checkRadio("verdict", note.verdict);
@@ -392,7 +388,7 @@ export class App {
       const count = await this.notes.load(file);
       this.showAlarm();
       this.showList();
-      this.say(`${count} notes loaded`);
+      this.say(`${count} notes loaded on alarms of what is open`);
     } catch {
       this.complain(`${file.name}: these are no notes saved by this page`);
     }

@@ -29,14 +29,14 @@ async function getHalves(path: string): Promise<Uint16Array> {
   return new Uint16Array(await answer.arrayBuffer());
 }
 
-export async function loadSources(titles: string[]): Promise<Source[]> {
+export async function loadSources(titles: string[], identities: string[]): Promise<Source[]> {
   return Promise.all(
     titles.map(async (title, id) => {
       const [index, score] = await Promise.all([
         getJson<Index>(`data/${id}/index.json`),
         getJson<Score | null>(`data/${id}/score.json`),
       ]);
-      return { id, title, index, score };
+      return { id, title, identity: identities[id] ?? "", index, score };
     }),
   );
 }

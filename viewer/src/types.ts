@@ -109,7 +109,7 @@ export interface Score {
   /** Of a score alone: by which rules, and against which truth. */
   rules?: Record<string, unknown>;
 }
-export interface Source { id: number; title: string; index: Index; score: Score | null }
+export interface Source { id: number; title: string; identity: string; index: Index; score: Score | null }
 /** One channel of one set of run-views: what a picture shows. */
 export interface Choice { source: number; set: string; polarization: string; subband: string }
 export type Verdict = "" | "mine" | "unsure" | "clutter";

@@ -49,12 +49,15 @@ def view(
     no_browser: Annotated[bool, Option("--no-browser", help="Print the address only.")] = False,
     live: Annotated[Path | None, Option(help="JSON lines of a live detection to follow.")] = None,
     anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")] = None,
+    verdicts: Annotated[
+        Path | None, Option(help="JSON beside the result that keeps an analyst's verdicts and notes.")
+    ] = None,
 ) -> None:
     """Show results in the browser, read-only and on this machine."""
     try:
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
-        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw)
+        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw, verdicts)
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None

@@ -74,10 +74,9 @@ class ScoreFiles:
 
 
 def _score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:
-    targets = {"target_id": [], "x": [], "y": [], "kind": [], "depth": []}
     return {
         "halo": rules.get("halo_radius"),
-        "truth": targets,
+        "truth": {"target_id": [], "x": [], "y": [], "kind": [], "depth": []},
         "objects": None,
         "kinds": [],
         "depths": [],

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import json
 import os
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flgpr.io import canonical_json, open_run, read_limited, sha256, unseal
+from flgpr.io import (
+    MOST_VERDICT_BYTES,
+    canonical_json,
+    check_verdicts,
+    open_run,
+    parse_verdicts,
+    read_limited,
+    sha256,
+    unseal,
+    verdict_bytes,
+    write_whole,
+)
 from flgpr.viewer.scores import ScoreFiles, score_file
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
@@ -28,7 +41,7 @@ class ResultFiles:
         self.folder = Path(folder).resolve()
         try:
             manifest = unseal(read_limited(self.folder / "manifest.json"))
-            self._identity: str = manifest["identity"]
+            self.identity: str = manifest["identity"]
             self._digests: dict[str, str] = manifest["files"]
         except (OSError, ValueError, KeyError, TypeError):
             raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
@@ -58,7 +71,7 @@ class ResultFiles:
             raise ViewError("view/score.json cannot be read") from None
         if sha256(body) != stored.get("sha256"):
             raise ViewError("view/score.json differs from what was written")
-        if stored["content"]["result_sha256"] != self._identity:
+        if stored["content"]["result_sha256"] != self.identity:
             raise ViewError("view/score.json belongs to another result; run flgpr score again")
         return body
 
@@ -154,6 +167,36 @@ class RunFiles:
     def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
         """Tell that a run has no alarms."""
         return None
+
+
+class VerdictFile:
+    """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
+
+    def __init__(self, path: str | Path, sources: Sequence[Source]) -> None:
+        self.path, self._writing = Path(path).resolve(), threading.Lock()
+        if any(self.path.is_relative_to(source.folder) for source in sources):
+            raise ViewError(f"verdicts must lie beside the result, not in it, got {path}")
+        if not self.path.parent.is_dir():
+            raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
+        self.read()
+
+    def read(self) -> dict[str, Any]:
+        """Read the notes, none where there is no file yet, with the digest of what was read."""
+        try:
+            data = read_limited(self.path, MOST_VERDICT_BYTES)
+        except FileNotFoundError:
+            return {"sha256": "", "notes": []}
+        return {"sha256": sha256(data), "notes": parse_verdicts(data, self.path)}
+
+    def write(self, body: bytes) -> dict[str, Any]:
+        """Replace the file by the notes of a page, unless it changed since the page read it: a ValueError says so."""
+        told = json.loads(body)
+        data = verdict_bytes(check_verdicts(told))
+        with self._writing:
+            if told.get("before") != self.read()["sha256"]:
+                raise ValueError(f"{self.path.name} was changed by somebody else; load the page again")
+            write_whole(self.path, data)
+        return {"sha256": sha256(data)}
 
 
 class LiveFile:
