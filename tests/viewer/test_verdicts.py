@@ -1,4 +1,4 @@
-"""Verdicts kept beside the result: who may write, what is refused, and what the page and a second analyst find again."""
+"""Verdicts kept beside the result: who may write, what is refused, and what a second analyst finds again."""
 
 import http.client
 import json
@@ -65,7 +65,8 @@ def test_only_the_right_page_writes_and_only_where_that_was_asked_for(serving, r
     [
         b"", b"[]", b"nonsense", b"[" * 100_000, {"format": "flgpr-notes", "version": 2, "notes": []},
         told("bush"), {**told("mine"), "notes": [{"alarm_id": 3}]}, {**told("mine"), "notes": "many"},
-        {**told("mine"), "notes": [told("mine")["notes"][0]] * 2}, {**told("mine"), "notes": [{"alarm_id": "a", "x": 1e300}]},
+        {**told("mine"), "notes": [told("mine")["notes"][0]] * 2},
+        {**told("mine"), "notes": [{"alarm_id": "a", "x": 1e300}]},
         b"x" * (16 * 2**20 + 1),
     ],
     ids=lambda body: str(body)[:30],
@@ -158,15 +159,9 @@ def test_two_analysts_judge_and_a_third_goes_on(watch, serving, result, tmp_path
 
 
 def test_verdicts_on_another_result_are_kept_and_not_shown(watch, serving, result, tmp_path):
-    small_result(tmp_path / "deep" / "result", None)
     manifest = json.loads((result / "manifest.json").read_text())
-    other = {
-        "result": "result (small)",
-        "result_sha256": "ff" * 32,
-        "detection": "main",
-        "alarm_id": "a",
-        "verdict": "mine",
-    }
+    other = {"result": "result (small)", "result_sha256": "ff" * 32, "detection": "main", "alarm_id": "a"}
+    other["verdict"] = "mine"
     own = other | {"result_sha256": manifest["identity"], "alarm_id": "b", "verdict": "clutter"}
     file = tmp_path / "anna.json"
     file.write_text(json.dumps({"format": "flgpr-notes", "version": 1, "notes": [other, own]}))
