@@ -42,8 +42,8 @@ export interface Index {
   scored?: boolean;
   layers: Layer[];
   scans: { x: number[]; y: number[]; z: number[]; heading: number[]; masked: number[] };
-  /** Ground that one scan gives to the run-view, m from the array; results of before it was written have none. */
-  sight?: { x: [number, number]; y: [number, number] };
+  /** How far ahead of the array a scan gives to the run-view, m; results of before it was written do not tell. */
+  sight?: [number, number];
   georeference: Georeference | null;
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };

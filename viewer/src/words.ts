@@ -33,13 +33,13 @@ export function unseenWords(app: App, x: number, y: number): string {
   const head = "seen by no scan";
   if (!sight || !scans.y.length) return head;
   const ahead = scans.y.map((sy, i) => (x - scans.x[i]!) * Math.sin(scans.heading[i]!) + (y - sy) * Math.cos(scans.heading[i]!));
-  const looking = ahead.flatMap((distance, i) => (distance >= sight.y[0] && distance <= sight.y[1] ? [i] : []));
+  const looking = ahead.flatMap((distance, i) => (distance >= sight[0] && distance <= sight[1] ? [i] : []));
   const left = looking.filter((i) => scans.masked.includes(i));
   if (looking.length) return left.length === looking.length ? `${head}: ${left.length > 1 ? "scans" : "scan"} ${spans(left)} left out,\nsweeps are missing` : `${head}: beside what they image`;
-  const before = ahead.lastIndexOf(Math.min(...ahead.filter((one) => one > sight.y[1])));
-  const after = ahead.indexOf(Math.max(...ahead.filter((one) => one < sight.y[0])));
-  if (before < 0) return `${head}: before the first one's sight,\nwhich begins ${digits(sight.y[0])} m ahead`;
-  if (after < 0) return `${head}: beyond the last one's sight,\nwhich ends ${digits(sight.y[1])} m ahead`;
+  const before = ahead.lastIndexOf(Math.min(...ahead.filter((one) => one > sight[1])));
+  const after = ahead.indexOf(Math.max(...ahead.filter((one) => one < sight[0])));
+  if (before < 0) return `${head}: before the first one's sight,\nwhich begins ${digits(sight[0])} m ahead`;
+  if (after < 0) return `${head}: beyond the last one's sight,\nwhich ends ${digits(sight[1])} m ahead`;
   return `${head}: gap in the track from scan ${before} to ${after},\ny ${fixed(scans.y[before]!, 2)} to ${fixed(scans.y[after]!, 2)} m`;
 }
 

@@ -37,7 +37,7 @@ def parse_verdicts(data: bytes, path: Path) -> list[dict[str, Any]]:
 def verdict_bytes(notes: list[dict[str, Any]]) -> bytes:
     """Write notes as such a file."""
     whole = {"format": VERDICTS_FORMAT, "version": VERDICTS_VERSION, "notes": notes}
-    return json.dumps(whole, indent=1, allow_nan=False, ensure_ascii=False).encode() + b"\n"
+    return json.dumps(whole, indent=1, allow_nan=False).encode() + b"\n"
 
 
 def check_verdicts(told: Any) -> list[dict[str, Any]]:

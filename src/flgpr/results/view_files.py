@@ -63,7 +63,7 @@ def write_view(
         "channel": list(channel) if channel else [str(views[-1][2][n].values[0]) for n in ("polarization", "subband")],
         "layers": [layer for name, stage, view in views for layer in _write_layers(home, name, stage, view)],
         "scans": _scans(run),
-        "sight": {"x": list(recipe.image.x), "y": [recipe.image.y[0], recipe.run_view.y_max]},
+        "sight": [recipe.image.y[0], recipe.run_view.y_max],
         "georeference": run.get("georeference"),
         "detections": [_write_detection(home, one) | {"border": border} for one in detections],
     }

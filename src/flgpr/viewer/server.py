@@ -185,7 +185,8 @@ class Viewer:
                         return Response(json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON)
                 return _answer(json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON)
             except (ValueError, OSError, RecursionError) as error:
-                return Response(json.dumps({"error": f"verdicts are not saved: {error}"}), 409, media_type=_JSON)
+                head = "verdicts are not saved: " if request.method == "PUT" else ""
+                return Response(json.dumps({"error": f"{head}{error}"}), 409, media_type=_JSON)
 
         return answer
 

@@ -194,7 +194,9 @@ class VerdictFile:
         data = verdict_bytes(check_verdicts(told))
         with self._writing:
             if told.get("before") != self.read()["sha256"]:
-                raise ValueError(f"{self.path.name} was changed by somebody else; load the page again")
+                raise ValueError(
+                    f"{self.path.name} was changed by somebody else: export yours, and load the page again"
+                )
             write_whole(self.path, data)
         return {"sha256": sha256(data)}
 
