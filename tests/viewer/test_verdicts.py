@@ -89,7 +89,7 @@ def test_a_file_that_somebody_else_changed_is_not_overwritten(serving, result, t
         seen = json.loads(words)["sha256"]
         status, words = put(two, told("clutter"))
         assert status == 409
-        assert "somebody else changed" in words
+        assert "changed by somebody else" in words
         assert put(two, told("clutter", before=seen))[0] == 200
     assert read_verdicts(file)[0]["verdict"] == "clutter"
 
@@ -181,6 +181,6 @@ def test_a_page_that_cannot_save_says_so(watch, serving, result, tmp_path):
         one.page.keyboard.press("n")
         one.page.keyboard.press("y")
         one.until("document.getElementById('notes-state').classList.contains('missed')")
-        assert "somebody else changed" in one.text("#notes-state")
+        assert "changed by somebody else" in one.text("#notes-state")
         one.errors.clear()  # the browser's own line on the answer 409
     assert file.read_text() == json.dumps(told("mine"))
