@@ -12,7 +12,8 @@ from flgpr.io import lane_text
 from flgpr.io.tables import write_table
 from flgpr.model import Lane
 from flgpr.tasks import compare_alarms, score_alarms, score_sealed, seal
-from flgpr.viewer.session import open_source
+from flgpr.viewer.session import open_source, open_sources
+from small_results import small_result
 
 LANE = Lane(-2.0, 2.0, 0.0, 60.0)
 
@@ -107,6 +108,18 @@ def test_a_blind_score_tells_no_more_than_it_may(watch, serving, scores, tmp_pat
         if show == "targets":
             found = [row.split("\t")[2] for row in rows_of(one.page, 1)].count("found")
             assert f"{found} of 6" in one.text("#counts")
+
+
+def test_a_result_stands_beside_a_score_by_its_own(watch, serving, scores, demo, tmp_path):
+    with serving([demo[0].folder, scores / "score-one"]) as viewer:
+        one = watch(viewer)
+        assert one.page.locator("#lane").is_hidden()
+        assert one.page.locator("#a-set optgroup").count() == 2
+        assert "of 3" in one.text("#counts")
+        assert "another truth" in one.text("#scores [role=alert]")
+    small_result(tmp_path / "unscored")
+    with pytest.raises(ValueError, match=r"unscored: beside a score it must be scored, too: flgpr score"):
+        open_sources([scores / "score-one", tmp_path / "unscored"])
 
 
 @pytest.mark.parametrize(

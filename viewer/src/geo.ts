@@ -18,8 +18,7 @@ export function geographic(reference: Georeference | null): ((x: number, y: numb
 
 /** All ground that any source shows. */
 export function extentOf(sources: Source[]): Lane {
-  const placed = sources.filter((one) => !one.index.scored);
-  const found = (placed.length ? placed : sources).map(({ index: { grid, lane } }) =>
+  const found = sources.map(({ index: { grid, lane } }) =>
     grid
       ? { x_min: grid.x - grid.dx / 2, x_max: grid.x + (grid.nx - 0.5) * grid.dx, y_min: grid.y - grid.dy / 2, y_max: grid.y + (grid.ny - 0.5) * grid.dy }
       : lane,

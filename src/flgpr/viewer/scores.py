@@ -36,7 +36,7 @@ class ScoreFiles:
             rules = {name: told["rules"][name] for name in _RULES if name in told["rules"]}
             self._score = canonical_json(_score(detections, {**rules, **_truth(told["notes"])}))
         except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
-            raise ValueError(f"{path}: not a score that can be shown ({error!r})") from None
+            raise ValueError(f"{path}: not a score that can be shown ({type(error).__name__}: {error})") from None
         self.title = f"{self.folder.name} (score)"
         nowhere: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
         alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}

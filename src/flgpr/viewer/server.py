@@ -24,7 +24,7 @@ from starlette.routing import Route
 
 from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, VerdictFile, ViewError, open_source
+from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, VerdictFile, ViewError, open_sources
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -75,7 +75,7 @@ class Viewer:
                 "these results, and nothing on the way is encrypted",
                 stacklevel=2,
             )
-        self._sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
+        self._sources = open_sources(paths, score)
         if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)

@@ -243,6 +243,24 @@ class LiveFile:
 Source = ResultFiles | RunFiles | ScoreFiles
 
 
+def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[Source]:
+    """Open what is shown together; beside the score of an alarm list a result is shown by its own score, too.
+
+    ``score`` is the folder of the first one's score if that is not in it.
+    """
+    sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
+    if not any(isinstance(one, ScoreFiles) for one in sources):
+        return sources
+    return [one if isinstance(one, ScoreFiles) else _score_of(one) for one in sources]
+
+
+def _score_of(source: Source) -> ScoreFiles:
+    place = score_file(source.folder)
+    if place is None:
+        raise ViewError(f"{source.folder}: beside a score it must be scored, too: flgpr score RESULT --truth TRUTH")
+    return ScoreFiles(place)
+
+
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
     """Open a result folder (or its alarms.csv), a run store or a score (or its JSON).
 
