@@ -40,6 +40,24 @@ def test_mines_score_high_though_none_was_shown(examples, name, tmp_path):
     np.testing.assert_array_equal(kept.confidence(examples.features), score)
 
 
+@pytest.mark.parametrize(
+    ("name", "on", "mine"),
+    [
+        ("isolation-forest", "clutter", -1), ("one-class-svm", "clutter", -1), ("one-class-svm", "mines", 1),
+        ("mixture", "mines", 1), ("ecod", "clutter", 1), ("knn", "clutter", 1), ("svm", "all", 1),
+        ("logistic", "all", 1), ("lda", "all", 1), ("rvm", "all", 1), ("random-forest", "all", 1),
+    ],
+)  # fmt: skip
+def test_the_border_is_where_the_estimator_itself_decides(examples, name, on, mine):
+    made = train_estimator(examples, DetectorTable(estimator=name, features=COLUMNS, on=on), COLUMNS)
+    values = (examples.features.to_numpy() - made.centre) / made.scale
+    decided = made.estimator.predict(values) == mine
+    score = made.confidence(examples.features)
+    clear = np.abs(score - made.border) > 1e-9
+    np.testing.assert_array_equal((score > made.border)[clear], decided[clear])
+    assert 0 < decided.sum() < len(decided)
+
+
 def test_a_lane_without_clutter_cannot_train_it(examples):
     mines = examples.label == 1
     only = TrainingSet(examples.features[mines], examples.label[mines], examples.weight[mines], examples.lane[mines])

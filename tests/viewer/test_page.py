@@ -236,7 +236,8 @@ def test_exports_are_what_is_shown(watch, shown, demo):
     _, data = one.saved("#export-notes")
     notes = json.loads(data)["notes"]
     assert notes == [
-        {"result": notes[0]["result"], "detection": "main", "alarm_id": "alarm-1", "x": alarms["x"][0],
+        {"result": notes[0]["result"], "result_sha256": demo[0].manifest["identity"], "detection": "main",
+         "alarm_id": "alarm-1", "x": alarms["x"][0],
          "y": alarms["y"][0], "verdict": "clutter", "text": '=post, "roadside"'}
     ]  # fmt: skip
 

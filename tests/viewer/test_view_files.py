@@ -264,7 +264,7 @@ def test_run_views_of_another_grid_are_refused(demo, tmp_path):
     main = demo[0].detections[0]
     other = Detection("other", "other", main.alarms, main.view.isel(y=slice(0, 50)))
     with pytest.raises(ValueError, match="run-views must share one grid, got another in 'other'"):
-        write_view(tmp_path, [main, other], demo[0].lane, {})
+        write_view(tmp_path, [main, other], demo[0].lane, {}, demo[0].recipe)
 
 
 def test_the_signal_is_read_once_per_scan_and_not_altered():

@@ -4,7 +4,7 @@ import { COLOUR_MAPS } from "./colormaps";
 import { drawBackdrop, type Backdrop } from "./backdrop";
 import { drawComparison, rasters, type Compare } from "./compare";
 import { detectionOf, loadEvidence, setLabel, Tiles } from "./data";
-import { checkRadio, colour, digits, el, fitted, fixed, options } from "./dom";
+import { checkRadio, colour, digits, el, fitted, fixed, make, options } from "./dom";
 import { alarmRows, asCsv, asGeoJson, download } from "./exports";
 import { savePng, saveSvg, type FigureParts } from "./figure";
 import { Following } from "./following";
@@ -12,14 +12,14 @@ import { extentOf, geographic } from "./geo";
 import { canvasPen, colourBar, Picture, type Palette } from "./lane";
 import { AlarmList } from "./list";
 import type { Live } from "./live";
-import { Notes } from "./notes";
+import type { Notes } from "./notes";
 import { drawOverlay, hitTest, secondOf, showLegend, type Overlay } from "./overlay";
 import { drawOverview } from "./overview";
 import type { RawPanel } from "./raw";
-import { curveOf, equalFalse, pointWords, RocPlot, showCounts, thresholdsOf, type Operating } from "./roc";
+import { curveOf, equalFalse, pointWords, RocPlot, showCounts, showScores, thresholdsOf, type Operating } from "./roc";
 import type { Choice, Detection, Note, Source } from "./types";
 import { View } from "./view";
-import { alarmFacts, alarmWords, readout } from "./words";
+import { alarmFacts, alarmWords, readout, unseenWords } from "./words";
 
 export class App {
   a: Choice;
@@ -47,15 +47,18 @@ export class App {
   private readonly list: AlarmList;
   private readonly roc: RocPlot;
   thresholds: (number | null)[] = [null];
-  readonly notes: Notes;
   private waiting = 0;
   fitting = true;
   private marked = false;
+  /** Whether there are scores and no pictures. */
+  private readonly scored: boolean;
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
 
-  constructor(readonly sources: Source[]) {
-    this.notes = new Notes(sources);
+  constructor(
+    readonly sources: Source[],
+    readonly notes: Notes,
+  ) {
     const first = sources[0]!;
     const [polarization, subband] = first.index.channel;
     const main = first.index.detections[0]?.name ?? first.index.layers[0]?.detection ?? "";
@@ -79,6 +82,10 @@ export class App {
     );
     this.roc = new RocPlot((row) => this.setThreshold(row));
     el("roc").hidden = el("list").hidden = !first.index.detections.length;
+    this.scored = sources.every((one) => one.index.scored);
+    document.body.classList.toggle("scored", this.scored);
+    el("scores").hidden = !this.scored;
+    if (this.scored && secondOf(sources, this.a, this.b)) this.compare = "swipe";
     el("overview").hidden = this.view.length < 8 * this.view.breadth;
     this.resized();
     this.picture.recolour(this.colours);
@@ -134,7 +141,8 @@ export class App {
     for (const side of ["a", "b"] as const) {
       const choice = this[side];
       const sets = this.sources.flatMap((source) => {
-        const names = [...new Set(source.index.layers.map((one) => one.detection))];
+        const { scored, detections, layers } = source.index;
+        const names = scored ? detections.map((one) => one.name) : [...new Set(layers.map((one) => one.detection))];
         const group = this.sources.length > 1 ? source.title : undefined;
         return names.map((name) => ({ value: `${source.id}/${name}`, label: setLabel(source, name), ...(group && { group }) }));
       });
@@ -143,9 +151,11 @@ export class App {
       const unique = (values: string[]): { value: string; label: string }[] => [...new Set(values)].map((value) => ({ value, label: value }));
       options(el<HTMLSelectElement>(`${side}-pol`), unique(layers.map((one) => one.polarization)), choice.polarization);
       options(el<HTMLSelectElement>(`${side}-band`), unique(layers.map((one) => one.subband)), choice.subband);
+      el(`${side}-pol`).hidden = el(`${side}-band`).hidden = !layers.length;
     }
     const layered = this.source.index.layers.length > 0;
-    el("choice-a").hidden = el("display").hidden = !layered;
+    el("choice-a").hidden = !layered && !this.source.index.scored;
+    el("display").hidden = !layered;
     el("choice-b").hidden = this.compare === "off";
     document.querySelector<HTMLElement>('[aria-label="Compare A with B"]')!.hidden = !layered;
   }
@@ -186,8 +196,10 @@ export class App {
   detectionChanged(): void {
     this.thresholds = this.detection ? thresholdsOf(this.source, this.detection.name) : [null];
     const curve = this.detection && curveOf(this.source.score, this.detection.name, null, null);
-    this.row = curve?.point?.row ?? this.thresholds.length - 1;
-    el("point").textContent = pointWords(curve);
+    const border = curve ? null : (this.detection?.border ?? null);
+    const learnt = border === null ? -1 : this.thresholds.filter((one) => one === null || one >= border).length - 1;
+    this.row = curve?.point?.row ?? (learnt < 0 ? this.thresholds.length - 1 : learnt);
+    el("point").textContent = border === null ? pointWords(curve) : `Opened where the detector decides for a mine by what it has learnt: confidence ${digits(border)}.`;
     this.selected = null;
     this.ticked.clear();
     el<HTMLInputElement>("threshold").max = String(Math.max(this.thresholds.length - 1, 0));
@@ -244,15 +256,20 @@ export class App {
     this.roc.show(a, b);
     this.showThreshold();
     this.redraw();
+    if (this.scored) performance.mark("flgpr:first-picture");
   }
 
   showThreshold(): void {
     const [a, b] = this.operating();
     const slider = el<HTMLInputElement>("threshold");
     slider.value = String(this.row);
-    const words = this.threshold === null ? "none" : digits(this.threshold, 4);
-    el("threshold-out").textContent = this.threshold === null ? "∞" : words;
+    const untold = this.threshold === null && this.row > 0;
+    const words = untold ? "not told" : this.threshold === null ? "none" : digits(this.threshold, 4);
+    el("threshold-out").textContent = this.threshold === null && !untold ? "∞" : words;
     const shown = this.shownRows();
+    el("threshold-left").textContent = this.source.index.scored && a
+      ? `${a.curve.n_false[this.row]} of ${a.curve.n_false[a.curve.n_false.length - 1]} false alarms left`
+      : `${shown.length} of ${this.detection?.alarms.x.length ?? 0} alarms left`;
     slider.setAttribute(
       "aria-valuetext",
       a ? `confidence ${words}: ${a.curve.n_detected[this.row]} of ${a.curve.n_targets} found, ${a.curve.n_false[this.row]} false alarms` : `confidence ${words}: ${shown.length} alarms`,
@@ -260,8 +277,18 @@ export class App {
     const second = secondOf(this.sources, this.a, this.b);
     const name = (source: Source, detection: Detection | undefined): string => (this.sources.length > 1 && source.title.split(" ")[0]) || (detection?.name ?? "");
     showCounts(el<HTMLTableElement>("counts"), a, b, shown.length, [name(this.source, this.detection), second ? name(second.source, second.detection) : ""]);
+    if (this.scored) this.showScored(a, b, second);
     this.showList();
     showLegend(el("legend"), this.overlay());
+  }
+
+  private showScored(a: Operating | undefined, b: Operating | undefined, second: ReturnType<typeof secondOf>): void {
+    const side = (source: Source, detection: Detection, at: Operating) => ({ scored: source.score!.detections[detection.name]!, at });
+    showScores(el("scores"), [...(a ? [side(this.source, this.detection!, a)] : []), ...(b && second ? [side(second.source, second.detection, b)] : [])]);
+    const [mine, other] = [this.source.score?.rules ?? {}, second?.source.score?.rules ?? this.source.score?.rules ?? {}];
+    const unlike = [...new Set([...Object.keys(mine), ...Object.keys(other)])].filter((name) => mine[name] !== other[name]);
+    const told = unlike.map((name) => (name === "truth" ? "another truth" : `${name.replaceAll("_", " ")} ${String(mine[name] ?? "not told")} and ${String(other[name] ?? "not told")}`));
+    if (told.length) el("scores").prepend(make("p", { class: "missed", role: "alert" }, `A and B do not compare: ${told.join("; ")}.`));
   }
 
   shownRows(): number[] {
@@ -344,18 +371,13 @@ export class App {
 
   // ---------------------------------------------------------------- notes
 
-  private noteKey(row: number): string {
-    const detection = this.detection!;
-    return `${this.source.title}|${detection.name}|${detection.alarms.alarm_id?.[row] ?? row}`;
-  }
-
   note(row: number): Note {
-    return this.notes.get(this.noteKey(row));
+    return this.notes.get(this.source, this.detection!, row);
   }
 
   setNote(change: Partial<Note>): void {
     if (this.selected === null) return;
-    const note = this.notes.set(this.noteKey(this.selected), change);
+    const note = this.notes.set(this.source, this.detection!, this.selected, change);
     this.showList();
     if (change.verdict !== undefined) {
       checkRadio("verdict", note.verdict);
@@ -368,7 +390,7 @@ export class App {
       const count = await this.notes.load(file);
       this.showAlarm();
       this.showList();
-      this.say(`${count} notes loaded`);
+      this.say(`${count} notes loaded on alarms of what is open`);
     } catch {
       this.complain(`${file.name}: these are no notes saved by this page`);
     }
@@ -398,6 +420,7 @@ export class App {
       second: second && { ...second, visible: (row) => second.detection.alarms.confidence[row]! >= level },
       live: this.live,
       scan: this.scan,
+      gaps: this.picture.gaps,
       show: this.show,
     };
   }
@@ -432,7 +455,9 @@ export class App {
     context.fillStyle = palette.unseen;
     context.fillRect(box.left, box.top, box.width, box.height);
     drawBackdrop(context, this.view, this.backdrop);
+    const gaps = this.picture.gaps;
     const whole = rasters(this, context, density);
+    if (this.picture.gaps !== gaps) showLegend(el("legend"), this.overlay());
     const pen = canvasPen(context);
     context.save();
     context.beginPath();
@@ -505,10 +530,10 @@ export class App {
     }
     const [x, y] = this.view.toLane(px, py);
     el("readout").textContent = readout(this, x, y);
-    const hit = hitTest(this.view, this.overlay(), px, py);
-    tip.hidden = !hit;
-    if (hit) {
-      tip.textContent = hit.words;
+    const words = hitTest(this.view, this.overlay(), px, py)?.words ?? unseenWords(this, x, y);
+    tip.hidden = !words;
+    if (words) {
+      tip.textContent = words;
       const right = px > box.left + box.width * 0.7;
       tip.style.left = right ? "" : `${px + 14}px`;
       tip.style.right = right ? `${el("stage").clientWidth - px + 14}px` : "";
@@ -520,6 +545,8 @@ export class App {
     const hit = hitTest(this.view, this.overlay(), px, py);
     if (hit?.kind === "alarm") this.select(hit.row);
     else if (hit?.kind === "scan") this.raw?.markScan(hit.row);
+    else this.say(unseenWords(this, ...this.view.toLane(px, py)));
+    this.point(px, py); // a finger hovers over nothing
   }
 
   /** Mark a scan on the track. */

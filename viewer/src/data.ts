@@ -29,14 +29,14 @@ async function getHalves(path: string): Promise<Uint16Array> {
   return new Uint16Array(await answer.arrayBuffer());
 }
 
-export async function loadSources(titles: string[]): Promise<Source[]> {
+export async function loadSources(titles: string[], identities: string[]): Promise<Source[]> {
   return Promise.all(
     titles.map(async (title, id) => {
       const [index, score] = await Promise.all([
         getJson<Index>(`data/${id}/index.json`),
         getJson<Score | null>(`data/${id}/score.json`),
       ]);
-      return { id, title, index, score };
+      return { id, title, identity: identities[id] ?? "", index, score };
     }),
   );
 }
@@ -56,11 +56,11 @@ export function detectionOf(source: Source, set: string): Detection | undefined 
   return source.index.detections.find((one) => one.name === set) ?? source.index.detections[0];
 }
 
-/** What a set of run-views is called on the page. */
+/** What a set of run-views is called on the page: variants by their names, the others by what they show. */
 export function setLabel(source: Source, name: string): string {
-  if (name === "before") return "before suppression";
-  const first = source.index.detections[0]?.name;
-  return name === first ? "after suppression" : name;
+  const { detections, layers } = source.index;
+  const stage = layers.find((one) => one.detection === name)?.stage.replace("clutter ", "");
+  return stage && (name === "before" || name === detections[0]?.name) ? stage : name;
 }
 
 const MOST_TILES = 600;

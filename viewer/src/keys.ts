@@ -95,7 +95,7 @@ export function fillHelp(): void {
     keys,
     make("h2", {}, "Picture"),
     make("p", {}, "Squares are metal targets, triangles plastic, diamonds simulants, hexagons others; the fuller, the deeper. Colours count dB above the median of the whole run-view, so that pictures before and after suppression compare. Drag or use the wheel to move and zoom; click an alarm to see why it was raised."),
-    make("p", {}, "Notes and verdicts stay in this tab; Export saves them to a file of yours."),
+    make("p", {}, "Notes and verdicts stay in this tab, or in the file of flgpr view --verdicts; Export saves them to a file of yours."),
     close,
   );
 }

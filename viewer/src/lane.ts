@@ -1,5 +1,6 @@
 import { colourAt, colourTable, type Colours } from "./colour";
 import { layerNumber, type Tiles } from "./data";
+import { colour } from "./dom";
 import { CanvasPen, type Pen } from "./pen";
 import type { Choice, Source } from "./types";
 import { ticks, View, type Box } from "./view";
@@ -15,6 +16,10 @@ export class Picture {
   private painted = new Map<string, HTMLCanvasElement>();
   private tables = new Map<string, Uint32Array>();
   private colours: Colours = { map: "viridis", floor: 0, range: 30 };
+  private hatching: { ink: string; tile: HTMLCanvasElement } | null = null;
+  private readonly holed = new WeakSet<HTMLCanvasElement>();
+  /** Whether a tile that was painted has ground that no scan has seen. */
+  gaps = false;
 
   constructor(
     private readonly sources: Source[],
@@ -115,9 +120,33 @@ export class Picture {
       const b = view.toScreen(grid.x + (grid.nx - 0.5) * grid.dx, end);
       const [left, right] = [Math.round(Math.min(a[0], b[0])), Math.round(Math.max(a[0], b[0]))];
       const [top, bottom] = [Math.round(Math.min(a[1], b[1])), Math.round(Math.max(a[1], b[1]))];
+      if (this.holed.has(bitmap)) this.hatch(context, view.toScreen(grid.x - grid.dx / 2, start), view.toScreen(grid.x + (grid.nx - 0.5) * grid.dx, Math.min(end, first + rows * step)));
       context.drawImage(bitmap, left, top, Math.max(right - left, 1), Math.max(bottom - top, 1));
     }
     return whole;
+  }
+
+  /** Fill the ground between two corners with stripes: what is drawn over it has holes. */
+  private hatch(context: CanvasRenderingContext2D, a: [number, number], b: [number, number]): void {
+    const ink = colour("hatch");
+    if (this.hatching?.ink !== ink) {
+      const tile = document.createElement("canvas");
+      tile.width = tile.height = 8;
+      const pen = tile.getContext("2d")!;
+      pen.fillStyle = colour("unseen");
+      pen.fillRect(0, 0, 8, 8);
+      pen.strokeStyle = ink;
+      pen.lineWidth = 1.5;
+      for (const at of [-8, 0, 8]) {
+        pen.moveTo(at, 8);
+        pen.lineTo(at + 8, 0);
+      }
+      pen.stroke();
+      this.hatching = { ink, tile };
+    }
+    context.fillStyle = context.createPattern(this.hatching.tile, "repeat")!;
+    const [left, top] = [Math.min(a[0], b[0]), Math.min(a[1], b[1])];
+    context.fillRect(left, top, Math.abs(b[0] - a[0]), Math.abs(b[1] - a[1]));
   }
 
   private levelNeeded(source: number, number: number, coarsest: number): { level: number; tile: number }[] {
@@ -158,6 +187,10 @@ export class Picture {
         for (let column = 0; column < nx; column++) out[column * rows + row] = table[data[row * nx + column]!]!;
     }
     context.putImageData(image, 0, 0);
+    if (out.includes(0)) {
+      this.holed.add(bitmap);
+      this.gaps = true;
+    }
     this.painted.set(key, bitmap);
     for (const old of this.painted.keys()) {
       if (this.painted.size <= MOST_PAINTED) break;
@@ -195,15 +228,15 @@ export class Picture {
     this.view.turned = turned;
   }
 
-  /** Value of a choice under a point of the lane, from the finest tile that has arrived. */
-  value(choice: Choice, x: number, y: number, halves: Float32Array): number {
+  /** Value of a choice under a point of the lane, from the finest tile that has arrived: NaN where no scan has seen it, null beside the grid. */
+  value(choice: Choice, x: number, y: number, halves: Float32Array): number | null {
     const source = this.sources[choice.source];
     const grid = source?.index.grid;
     const number = source ? layerNumber(source, choice) : -1;
-    if (!source || !grid || number < 0) return NaN;
+    if (!source || !grid || number < 0) return null;
     const column = Math.round((x - grid.x) / grid.dx);
     const row = Math.round((y - grid.y) / grid.dy);
-    if (column < 0 || column >= grid.nx || row < 0 || row >= grid.ny) return NaN;
+    if (column < 0 || column >= grid.nx || row < 0 || row >= grid.ny) return null;
     const levels = source.index.layers[number]!.levels.length;
     for (let level = 0; level < levels; level++) {
       const at = row >> level;
@@ -211,7 +244,7 @@ export class Picture {
       const data = this.tiles.peek(choice.source, number, level, tile);
       if (data) return halves[data[(at - tile * source.index.tile_rows) * grid.nx + column]!]!;
     }
-    return NaN;
+    return null;
   }
 
   axes(pen: Pen, palette: Palette): void {

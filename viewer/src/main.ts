@@ -4,6 +4,7 @@ import { getJson, loadSources } from "./data";
 import { el } from "./dom";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
+import { Notes } from "./notes";
 import { overviewTo } from "./overview";
 import { loadBackdrop, type Backdrop } from "./backdrop";
 import { RawPanel } from "./raw";
@@ -149,6 +150,7 @@ function liveSource(): Source {
   return {
     id: 0,
     title: "live",
+    identity: "",
     score: null,
     index: {
       title: "live",
@@ -164,11 +166,21 @@ function liveSource(): Source {
   };
 }
 
+interface Session {
+  results: string[];
+  identities: string[];
+  live: boolean;
+  raw: boolean;
+  verdicts: string | null;
+  georeference: Georeference | null;
+  backdrop: Backdrop["box"] | null;
+}
+
 async function start(): Promise<void> {
   document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   fillHelp();
-  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; georeference: Georeference | null; backdrop: Backdrop["box"] | null }>("data/session.json");
-  const sources = await loadSources(session.results);
+  const session = await getJson<Session>("data/session.json");
+  const sources = await loadSources(session.results, session.identities);
   let app: App | null = null;
   const live: Live | null = session.live
     ? new Live({
@@ -180,7 +192,9 @@ async function start(): Promise<void> {
   if (!sources.length && live) sources.push(liveSource());
   for (const { index } of sources) index.georeference = session.georeference ?? index.georeference;
   el("follow").hidden = !live;
-  app = new App(sources);
+  const notes = new Notes(sources, session.verdicts);
+  await notes.open();
+  app = new App(sources, notes);
   app.live = live;
   if (session.backdrop) app.backdrop = loadBackdrop(session.backdrop, () => app?.redraw());
   const title = sources.map((one) => one.title).join(" / ");

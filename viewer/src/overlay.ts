@@ -1,7 +1,7 @@
-import { digits, fixed, make, svg } from "./dom";
+import { colour, digits, fixed, make, svg } from "./dom";
 import type { Live } from "./live";
 import { SvgPen, type Pen } from "./pen";
-import { drawAlarm, drawObject, drawTarget, INK, LABELS, SHADOW } from "./symbols";
+import { BORDER, drawAlarm, drawObject, drawTarget, HALO, INK, LABELS, SHADOW } from "./symbols";
 import type { Choice, Detection, Source } from "./types";
 import { detectionOf } from "./data";
 import type { View } from "./view";
@@ -21,6 +21,8 @@ export interface Overlay {
   second: { source: Source; detection: Detection; visible: (row: number) => boolean } | null;
   live: Live | null;
   scan: number | null;
+  /** Whether ground that no scan has seen has come into sight. */
+  gaps: boolean;
   show: Shown;
 }
 export interface Hit { kind: "alarm" | "target" | "object" | "scan"; row: number; words: string }
@@ -54,7 +56,7 @@ export function drawOverlay(pen: Pen, view: View, overlay: Overlay): void {
   const corners = [[lane.x_min, lane.y_min], [lane.x_max, lane.y_min], [lane.x_max, lane.y_max], [lane.x_min, lane.y_max]].map(([x, y]) => view.toScreen(x!, y!));
   if (!bare) {
     pen.path(corners, true, { stroke: SHADOW, width: 2.5, alpha: 0.5 });
-    pen.path(corners, true, { stroke: "#ffffff", width: 1.2, dash: [7, 4] });
+    pen.path(corners, true, BORDER);
   }
   if (show.scans || (!detections.length && !overlay.live)) scans.y.forEach((y, i) => drawScan(pen, view, scans.x[i]!, y, scans.heading[i]!, scans.masked.includes(i)));
   const crowded = (detection?.alarms.x.length ?? 0) > 400 && view.along / view.scale > 250;
@@ -112,7 +114,7 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
     if (!inBox(view, px, py, 60)) return;
     const faded = !overlay.inSubset(i);
     const [rx, ry] = view.turned ? [halo * view.scaleX, halo * view.scale] : [halo * view.scale, halo * view.scaleX];
-    if (Math.min(rx, ry) > 11) pen.ellipse(px, py, rx, ry, { stroke: "#ffffff", width: 1, dash: [3, 4], alpha: faded ? 0.25 : 0.75 });
+    if (Math.min(rx, ry) > 11) pen.ellipse(px, py, rx, ry, { ...HALO, alpha: faded ? 0.25 : 0.75 });
     const depth = truth.depth[i] ?? 0;
     drawTarget(pen, px, py, truth.kind[i]!, depth / deepest, isMissed(overlay, i), faded, size);
     if (labelled && !faded) pen.text(px, py + 21, `${truth.kind[i]} ${fixed(100 * depth, 1)} cm`, { fill: "#ffffff", halo: SHADOW, size: 11, anchor: "middle" });
@@ -203,16 +205,24 @@ export function hitTest(view: View, overlay: Overlay, px: number, py: number): H
   return null;
 }
 
+function drawUnseen(pen: Pen): void {
+  pen.path([[0, 0], [20, 0], [20, 20], [0, 20]], true, { fill: colour("unseen") });
+  for (const at of [-5, 5, 15, 25]) pen.path([[at, 20], [at + 10, 0]], false, { stroke: colour("hatch"), width: 2 });
+}
+
 /** The symbols in sight, drawn by the same hand as the picture's. */
 export function showLegend(list: HTMLElement, overlay: Overlay): void {
   list.replaceChildren();
-  const add = (words: string, draw: (pen: Pen) => void): void => {
-    const pen = new SvgPen();
-    draw(pen);
-    const icon = svg("svg", { width: 20, height: 20, viewBox: "0 0 20 20", "aria-hidden": "true" });
-    const parsed = new DOMParser().parseFromString(pen.svg(20, 20), "image/svg+xml");
-    icon.append(...Array.from(parsed.documentElement.childNodes, (node) => document.importNode(node, true)));
-    list.append(make("li", {}, icon, words));
+  const add = (words: string, ...draws: ((pen: Pen) => void)[]): void => {
+    const icons = draws.map((draw) => {
+      const pen = new SvgPen();
+      draw(pen);
+      const icon = svg("svg", { width: 20, height: 20, viewBox: "0 0 20 20", "aria-hidden": "true" });
+      const parsed = new DOMParser().parseFromString(pen.svg(20, 20), "image/svg+xml");
+      icon.append(...Array.from(parsed.documentElement.childNodes, (node) => document.importNode(node, true)));
+      return icon;
+    });
+    list.append(make("li", {}, ...icons, words));
   };
   const { source, detection, second } = overlay;
   const labels = new Set(detection?.alarms.x.map((_, row) => labelOf(source, detection, row)) ?? []);
@@ -220,9 +230,14 @@ export function showLegend(list: HTMLElement, overlay: Overlay): void {
   for (const label of ["plain", "detection", "false", "ignored", "outside"]) if (labels.has(label)) add(short[label]!, (pen) => drawAlarm(pen, 10, 10, label, 5.5));
   if (overlay.live && overlay.live.stopping !== null) add("too near to stop", (pen) => drawLate(pen, 10, 10));
   if (second) add("alarm of B", (pen) => drawAlarm(pen, 10, 10, "plain", 5, true));
-  if (overlay.show.truth) for (const kind of source.score?.kinds ?? []) add(kind, (pen) => drawTarget(pen, 10, 10, kind, 0.4, false));
-  if (overlay.show.truth && source.score?.truth.x.length) add("missed", (pen) => drawTarget(pen, 10, 10, "", 0.4, true));
-  if (overlay.show.truth && source.score?.objects?.x.length) add("no target", (pen) => drawObject(pen, 10, 10));
+  const score = overlay.show.truth ? source.score : null;
+  for (const kind of score?.kinds ?? []) add(kind, (pen) => drawTarget(pen, 10, 10, kind, 0.4, false));
+  const missed = new Set(score?.truth.kind.filter((_, target) => isMissed(overlay, target)));
+  if (missed.size) add("missed", ...[...missed].sort().map((kind) => (pen: Pen) => drawTarget(pen, 10, 10, kind, 0.4, true)));
+  if (score?.truth.x.length) add(`halo, ${digits(score.halo)} m`, (pen) => pen.ellipse(10, 10, 8, 8, HALO));
+  if (score?.objects?.x.length) add("no target", (pen) => drawObject(pen, 10, 10));
+  if (detection || overlay.live) add("lane", (pen) => pen.path([[1, 5], [19, 5], [19, 15], [1, 15]], true, BORDER));
+  if (overlay.gaps) add("seen by no scan", drawUnseen);
 }
 
 export function secondOf(sources: Source[], a: Choice, b: Choice): { source: Source; detection: Detection } | null {

@@ -1,6 +1,6 @@
 import uPlot from "uplot";
 import { colour, digits, el, fixed, make } from "./dom";
-import type { Curve, Score, Source } from "./types";
+import type { Curve, Score, Scored, ScoredTarget, Source } from "./types";
 
 /** Curve of a subset; none when the truth has no such targets. */
 export function curveOf(score: Score | null, detection: string, kind: string | null, depth: string | null): Curve | undefined {
@@ -56,7 +56,8 @@ export class RocPlot {
   }
 
   private size(): { width: number; height: number } {
-    return { width: Math.max(this.home.clientWidth, 100), height: window.innerHeight > 950 ? 300 : 214 };
+    const alone = document.body.classList.contains("scored");
+    return { width: Math.max(this.home.clientWidth, 100), height: alone ? Math.max(window.innerHeight - 420, 260) : window.innerHeight > 950 ? 300 : 214 };
   }
 
   private resize(): void {
@@ -77,7 +78,7 @@ export class RocPlot {
     const stepped = uPlot.paths.stepped!({ align: 1 });
     const own = steps(a.curve);
     const tables: uPlot.AlignedData[] = [own as uPlot.AlignedData];
-    if (b) tables.push(steps(b.curve).slice(0, 2) as uPlot.AlignedData);
+    if (b) tables.push(steps(b.curve).slice(0, 4) as uPlot.AlignedData);
     const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), size: 4 }, font: "11px system-ui", labelFont: "11px system-ui" };
     const most = Math.max(...a.curve.far, ...(b ? b.curve.far : []), 1e-9);
     const series: uPlot.Series[] = [
@@ -87,7 +88,10 @@ export class RocPlot {
       { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true },
       { stroke: colour("soft"), width: 1.5, dash: [2, 3], paths: stepped, points: { show: false }, spanGaps: true },
     ];
-    if (b) series.push({ stroke: colour("false"), width: 2, dash: [5, 4], paths: stepped, points: { show: false }, spanGaps: true });
+    if (b) {
+      const bound = { stroke: "transparent", paths: stepped, points: { show: false }, spanGaps: true };
+      series.push({ stroke: colour("false"), width: 2, dash: [5, 4], paths: stepped, points: { show: false }, spanGaps: true }, bound, bound);
+    }
     const point = (row: number): number => row;
     this.plot = new uPlot(
       {
@@ -100,7 +104,7 @@ export class RocPlot {
           { ...axis, label: "Pd", labelSize: 16, size: 38 },
         ],
         series,
-        bands: [{ series: [3, 2], fill: colour("band") }],
+        bands: [{ series: [3, 2] as [number, number], fill: colour("band") }, ...(b ? [{ series: [7, 6] as [number, number], fill: colour("band-b") }] : [])],
         hooks: { draw: [(u) => this.points(u)] },
       },
       (tables.length > 1 ? uPlot.join(tables) : own) as uPlot.AlignedData,
@@ -147,6 +151,17 @@ export class RocPlot {
     c.beginPath();
     c.rect(u.bbox.left - 6, u.bbox.top - 6, u.bbox.width + 12, u.bbox.height + 12);
     c.clip();
+    for (const [one, ink, dash] of [[this.now.b, colour("false"), [5, 4]], [this.now.a, colour("accent"), []]] as const) {
+      if (!one) continue; // the series are functions of the FAR: the step at none is drawn here
+      c.strokeStyle = ink;
+      c.setLineDash(dash.map((length) => length * density));
+      c.lineWidth = 2 * density;
+      c.beginPath();
+      const first = u.valToPos(one.curve.far[0]!, "x", true);
+      c.moveTo(first, u.valToPos(0, "y", true));
+      c.lineTo(first, u.valToPos(steps(one.curve)[1][0] ?? 0, "y", true));
+      c.stroke();
+    }
     for (const [one, ink] of [[this.now.b, colour("false")], [this.now.a, colour("accent")]] as const) {
       if (!one || one.curve.far.length > 300) continue;
       c.fillStyle = ink;
@@ -195,6 +210,46 @@ export class RocPlot {
 }
 
 const interval = (low: number | null | undefined, high: number | null | undefined): string => `${digits(low, 2)} to ${digits(high, 2)}`;
+
+/** Whether a target is found at an operating point: by its confidence or, where thresholds are not told, by the rate that is allowed. */
+function foundAt({ curve, row }: Operating, { far, confidence }: ScoredTarget): boolean {
+  const [allowed, threshold] = [curve.allowed?.[row], curve.threshold[row] ?? null];
+  if (allowed !== undefined) return far !== null && far <= allowed;
+  return threshold !== null && confidence !== null && confidence >= threshold;
+}
+
+/** Scores without pictures: operating points by group of targets, and what becomes of each target at the threshold. */
+export function showScores(home: HTMLElement, sides: { scored: Scored; at: Operating }[]): void {
+  home.replaceChildren();
+  const heads = sides.map((_, side) => (sides.length > 1 ? `${"AB"[side]} ` : ""));
+  const table = (title: string, columns: string[], rows: (string | Node)[][]): void => {
+    const cells = (row: (string | Node)[], tag: "th" | "td"): HTMLElement => make("tr", {}, ...row.map((one) => (one instanceof HTMLTableCellElement ? one : make(tag, {}, one))));
+    home.append(make("h2", {}, title), make("table", {}, make("thead", {}, cells(columns, "th")), make("tbody", {}, ...rows.map((row) => cells(row, "td")))));
+  };
+  const keys = [...new Set(sides.flatMap(({ scored }) => (scored.points ?? []).map((one) => `${one.group}\n${one.far_allowed}`)))];
+  const points = keys.map((key) => {
+    const [group, far] = key.split("\n") as [string, string];
+    const found = sides.flatMap(({ scored }) => {
+      const one = scored.points?.find((point) => `${point.group}\n${point.far_allowed}` === key);
+      const bounds = one ? make("small", {}, ` ${interval(one.pd_low, one.pd_high)}`) : "";
+      return one ? [`${one.n_detected} of ${one.n_targets}`, make("td", {}, digits(one.pd, 3), bounds), digits(one.chance, 2), String(one.n_false)] : ["–", "–", "–", "–"];
+    });
+    return [group, digits(Number(far), 3), ...found];
+  });
+  table("Found at which false alarm rate", ["targets", "at most, per m²", ...heads.flatMap((head) => [`${head}found`, "Pd, interval", "chance", "false"])], points);
+  const targets = new Map(sides.flatMap(({ scored }) => (scored.targets ?? []).map((one) => [one.target_id, one] as const)));
+  if (!targets.size) return;
+  const fates = [...targets.values()].map(({ target_id, kind, depth }) => {
+    const fate = sides.flatMap(({ scored, at }) => {
+      const one = scored.targets?.find((target) => target.target_id === target_id);
+      if (!one) return ["–", "–"];
+      const found = foundAt(at, one);
+      return [make("td", { class: found ? "hit" : "missed" }, found ? "found" : "missed"), one.far === null ? "never" : digits(one.far, 3)];
+    });
+    return [target_id, `${kind}, ${depth === null ? "depth not known" : `${fixed(100 * depth, 1)} cm`}`, ...fate];
+  });
+  table("What becomes of each target at the threshold", ["target", "kind", ...heads.flatMap((head) => [`${head}is`, "first seen, per m²"])], fates);
+}
 
 /** Counts at the operating point; with two results side by side, the second at no more false alarms than the first. */
 export function showCounts(table: HTMLTableElement, a: Operating | undefined, b: Operating | undefined, alarms: number, names: [string, string]): void {

@@ -69,6 +69,10 @@ export function drawTarget(pen: Pen, x: number, y: number, kind: string, depth: 
   if (depth > 0) pen.path(targetShape(kind, x, y, r * Math.sqrt(depth) * 0.86), true, { fill: ink, alpha });
 }
 
+/** A target's halo, and the border of the lane. */
+export const HALO = { stroke: "#ffffff", width: 1, dash: [3, 4] };
+export const BORDER = { stroke: "#ffffff", width: 1.2, dash: [7, 4] };
+
 export function drawObject(pen: Pen, x: number, y: number, r = 4): void {
   const bars: Point[][] = [[[x - r, y], [x + r, y]], [[x, y - r], [x, y + r]]];
   for (const bar of bars) pen.path(bar, false, { stroke: SHADOW, width: 3.6 });

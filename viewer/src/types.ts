@@ -28,6 +28,8 @@ export interface Detection {
   contributions: Columns | null;
   training: Training[] | null;
   evidence?: Evidence;
+  /** Confidence from which a detector that has learnt decides for a mine. */
+  border?: number | null;
 }
 export interface Georeference { latitude: number; longitude: number; azimuth?: number }
 export interface Index {
@@ -36,8 +38,12 @@ export interface Index {
   grid: Grid | null;
   tile_rows: number;
   channel: [string, string];
+  /** A score alone: no lane, no alarms. */
+  scored?: boolean;
   layers: Layer[];
   scans: { x: number[]; y: number[]; z: number[]; heading: number[]; masked: number[] };
+  /** How far ahead of the array a scan gives to the run-view, m; results of before it was written do not tell. */
+  sight?: [number, number];
   georeference: Georeference | null;
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };
@@ -62,6 +68,8 @@ export interface Curve {
   point?: { row: number; far_asked: number; far_allowed: number; few_halos: number | null };
   far_low: number[];
   far_high: number[];
+  /** Rates that the rows were told for, where nobody told thresholds. */
+  allowed?: number[];
 }
 type Shared = "area" | "level" | "point" | "threshold" | "far" | "n_false" | "far_low" | "far_high";
 export interface Scored {
@@ -72,6 +80,21 @@ export interface Scored {
   /** What all subsets have in common: thresholds and false alarms. */
   shared: Pick<Curve, Shared>;
   curves: Omit<Curve, Shared>[];
+  /** Of a score alone: operating points by group of targets, and what became of each target. */
+  points?: ScoredPoint[];
+  targets?: ScoredTarget[];
+}
+export interface ScoredTarget { target_id: string; kind: string; depth: number | null; far: number | null; confidence: number | null }
+export interface ScoredPoint {
+  group: string;
+  far_allowed: number;
+  n_detected: number;
+  n_targets: number;
+  n_false: number;
+  pd: number | null;
+  pd_low: number | null;
+  pd_high: number | null;
+  chance: number | null;
 }
 export interface Targets { target_id: string[]; x: number[]; y: number[]; kind: string[]; depth: (number | null)[] }
 export interface Objects { object_id: string[]; x: number[]; y: number[]; kind: string[] }
@@ -83,8 +106,10 @@ export interface Score {
   depths: string[];
   target_depth: (string | null)[];
   detections: Record<string, Scored>;
+  /** Of a score alone: by which rules, and against which truth. */
+  rules?: Record<string, unknown>;
 }
-export interface Source { id: number; title: string; index: Index; score: Score | null }
+export interface Source { id: number; title: string; identity: string; index: Index; score: Score | null }
 /** One channel of one set of run-views: what a picture shows. */
 export interface Choice { source: number; set: string; polarization: string; subband: string }
 export type Verdict = "" | "mine" | "unsure" | "clutter";

@@ -26,6 +26,34 @@ export function alarmFacts(source: Source, detection: Detection, row: number): s
   return [`rank ${rank}`, `confidence ${digits(alarms.confidence[row], 4)}`, what].filter(Boolean).join(" · ");
 }
 
+/** Why no scan has seen the ground at a place; nothing where one has, or beside the picture. */
+export function unseenWords(app: App, x: number, y: number): string {
+  const { scans, sight } = app.source.index;
+  if (!Number.isNaN(app.picture.value(app.a, x, y, HALF))) return "";
+  const head = "seen by no scan";
+  if (!sight || !scans.y.length) return head;
+  const ahead = scans.y.map((sy, i) => (x - scans.x[i]!) * Math.sin(scans.heading[i]!) + (y - sy) * Math.cos(scans.heading[i]!));
+  const looking = ahead.flatMap((distance, i) => (distance >= sight[0] && distance <= sight[1] ? [i] : []));
+  const left = looking.filter((i) => scans.masked.includes(i));
+  if (looking.length) return left.length === looking.length ? `${head}: ${left.length > 1 ? "scans" : "scan"} ${spans(left)} left out,\nsweeps are missing` : `${head}: beside what they image`;
+  const before = ahead.lastIndexOf(Math.min(...ahead.filter((one) => one > sight[1])));
+  const after = ahead.indexOf(Math.max(...ahead.filter((one) => one < sight[0])));
+  if (before < 0) return `${head}: before the first one's sight,\nwhich begins ${digits(sight[0])} m ahead`;
+  if (after < 0) return `${head}: beyond the last one's sight,\nwhich ends ${digits(sight[1])} m ahead`;
+  return `${head}: gap in the track from scan ${before} to ${after},\ny ${fixed(scans.y[before]!, 2)} to ${fixed(scans.y[after]!, 2)} m`;
+}
+
+/** Rising numbers as spans: 3 to 5, 9. */
+function spans(rows: number[]): string {
+  const ends: [number, number][] = [];
+  for (const row of rows) {
+    const last = ends[ends.length - 1];
+    if (last && last[1] === row - 1) last[1] = row;
+    else ends.push([row, row]);
+  }
+  return ends.map(([a, b]) => (a === b ? `${a}` : `${a} to ${b}`)).join(", ");
+}
+
 /** What lies under the pointer. */
 export function readout(app: App, x: number, y: number): string {
   const words = [`y ${fixed(y, 2)} m`, `x ${fixed(x, 2)} m`];
@@ -33,7 +61,7 @@ export function readout(app: App, x: number, y: number): string {
     const source = app.sources[choice.source]!;
     const value = app.picture.value(choice, x, y, HALF);
     const median = layerOf(source, choice)?.percentiles["50"] ?? 0;
-    if (Number.isFinite(value)) words.push(`${name}${fixed(value - median, 1)} dB above median${choice.set === "before" ? "" : ` (${fixed(value, 1)} re background)`}`);
+    if (value !== null && Number.isFinite(value)) words.push(`${name}${fixed(value - median, 1)} dB above median${choice.set === "before" ? "" : ` (${fixed(value, 1)} re background)`}`);
   };
   amplitude(app.a, app.compare === "off" ? "" : "A ");
   if (app.compare !== "off") amplitude(app.b, "B ");

@@ -39,6 +39,8 @@ class Classifier:
     normalizer: HistogramNormalizer
     discriminant: FisherDiscriminant
     notes: dict[str, Any] = field(default_factory=dict)
+    border = 0.0
+    """Confidence where it parts mines from clutter: the discriminant's constant is subtracted already."""
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
         """Split confidences into what each feature adds, and ``threshold``, the discriminant's constant."""

@@ -81,6 +81,11 @@ class TrainedEstimator:
             result[whole] = sign * self._score((values[whole] - self.centre) / self.scale)
         return result
 
+    @property
+    def border(self) -> float:
+        """Confidence where the estimator parts mines from clutter: PyOD's own threshold, zero of all others."""
+        return (1 if self.unlike else -1) * float(getattr(self.estimator, "threshold_", 0.0))
+
     def _score(self, X: FloatArray) -> FloatArray:
         for method in ("decision_function", "score_samples"):
             if hasattr(self.estimator, method):

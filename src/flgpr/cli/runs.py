@@ -40,7 +40,8 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
 @app.command()
 def view(
     paths: Annotated[
-        list[Path] | None, Argument(help="Result folder or run; two results can be compared; none with --live.")
+        list[Path] | None,
+        Argument(help="Result, run or score; two results or two scores stand side by side; none with --live."),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
@@ -51,12 +52,17 @@ def view(
     backdrop: Annotated[
         Path | None, Option("--map", help="Map or photograph below the lane: GeoTIFF, MBTiles, GeoPackage.")
     ] = None,
+    verdicts: Annotated[
+        Path | None, Option(help="JSON beside the result that keeps an analyst's verdicts and notes.")
+    ] = None,
 ) -> None:
     """Show results in the browser, read-only and on this machine."""
     try:
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
-        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw, backdrop)
+        viewer.serve(
+            shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw, backdrop, verdicts
+        )
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from flgpr import tasks
 from flgpr.cli.common import Json, Quiet, plain_errors, progress
-from flgpr.cli.show import comparison_lines, print_scores, score_summary
+from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
 
 
 class Show(StrEnum):
@@ -24,7 +24,8 @@ class Show(StrEnum):
 
 def score(
     alarms: Annotated[
-        list[Path], Argument(help="Result folder, or an alarm list (CSV) of any detector; several are compared.")
+        list[Path],
+        Argument(help="Result folder, or an alarm list (CSV) of any detector; several are compared; see --agreement."),
     ],
     truth: Annotated[Path | None, Option(help="CSV of the targets.")] = None,
     objects: Annotated[Path | None, Option(help="CSV of rocks, posts and the like, for a result's pictures.")] = None,
@@ -51,6 +52,9 @@ def score(
     book: Annotated[
         Path | None, Option(help="Register of recipes and openings; a planned truth names its own.")
     ] = None,
+    agreement: Annotated[
+        bool, Option("--agreement", help="Compare verdicts of analysts (JSON of flgpr view) with one another.")
+    ] = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -58,6 +62,11 @@ def score(
     given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
     with plain_errors():
+        if agreement:
+            more = {"output": output, "book": book, "seal": seal or None}
+            _refuse(given | more, (), "--agreement compares verdicts with one another and prints the table")
+            _say_agreement(alarms, quiet, as_json)
+            return
         if seal:
             _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
             path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": book})
@@ -89,6 +98,14 @@ def score(
             _say_comparison(told, home, quiet, as_json)
             return
         _score_one(alarms[0], truth, objects, lane, output, rules | how, quiet, as_json)
+
+
+def _say_agreement(files: list[Path], quiet: bool, as_json: bool) -> None:
+    pairs = tasks.analyst_agreement(files)
+    if as_json:
+        typer.echo(json.dumps(agreement_json(pairs)))
+    elif not quiet:
+        typer.echo("\n".join(agreement_lines(pairs)))
 
 
 def _refuse(given: dict[str, Any], allowed: tuple[str, ...], why: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,36 @@ def comparison_lines(told: Any) -> list[str]:
             f"{row['high']:+.3f}), p = {row['p_value']:.2g} by sign flips",
         ]
     return lines
+
+
+def agreement_lines(pairs: Mapping[tuple[str, str], Any]) -> list[str]:
+    """Say how far every two analysts agree, with a table of their verdicts."""
+    lines = ["95 % intervals in brackets; kappa is what of the agreement chance does not explain"]
+    for (first, second), (told, only_first, only_second) in pairs.items():
+        kappa = f"{told.kappa:.2f} ({told.kappa_low:.2f} to {told.kappa_high:.2f})"
+        lines += [
+            "",
+            f"{first} and {second}: {told.agreed} of {told.n} alarms judged alike, {told.share:.2f} "
+            f"({told.share_low:.2f} to {told.share_high:.2f}); by chance {told.expected:.2f}",
+            f"  Cohen's kappa {'not defined: one verdict throughout' if math.isnan(told.kappa) else kappa}",
+            f"  judged by {first} alone {only_first}, by {second} alone {only_second}",
+        ]
+        table = told.table.rename_axis(None)
+        width = max(len(first), *map(len, table.index)) + 2
+        head = "".join(f"{name:>9}" for name in table.columns)
+        lines.append(f"  {first:{width}}{head}  {second}")
+        lines += [f"  {name:{width}}" + "".join(f"{count:9d}" for count in row) for name, *row in table.itertuples()]
+    return lines
+
+
+def agreement_json(pairs: Mapping[tuple[str, str], Any]) -> list[dict[str, Any]]:
+    """Tell a machine how far every two analysts agree; what is not defined is null."""
+    return [
+        {"first": first, "second": second, "only_first": only_first, "only_second": only_second}
+        | {name: None if value != value else value for name, value in vars(told).items() if name != "table"}
+        | {"table": told.table.to_dict("index")}
+        for (first, second), (told, only_first, only_second) in pairs.items()
+    ]
 
 
 def info_lines(told: dict[str, Any]) -> list[str]:

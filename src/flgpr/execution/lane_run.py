@@ -211,7 +211,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
 def _digest(path: Path) -> str:
     """Digest of a file; of a result's manifest its identity, which stays when pages and scores are added."""
     if path.name == "manifest.json":
-        return str(json.loads(read_limited(path))["identity"])
+        return str(unseal(read_limited(path))["identity"])
     return sha256(path.read_bytes())
 
 

@@ -40,9 +40,20 @@ from flgpr.io.scan_file import (
 from flgpr.io.sealed import inside, read_limited, seal, unseal
 from flgpr.io.tables import lane_text, read_lane, read_table, write_geojson, write_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.io.verdicts import (
+    MOST_VERDICT_BYTES,
+    VERDICTS,
+    check_verdicts,
+    parse_verdicts,
+    read_verdicts,
+    verdict_bytes,
+    verdict_key,
+)
 
 __all__ = [
     "MAX_MEMORY",
+    "MOST_VERDICT_BYTES",
+    "VERDICTS",
     "Anchor",
     "ArrayFile",
     "ArrayInfo",
@@ -63,6 +74,7 @@ __all__ = [
     "as_run",
     "canonical_json",
     "check_free_folder",
+    "check_verdicts",
     "decode_frame",
     "describe_for_live",
     "encode_frame",
@@ -81,6 +93,7 @@ __all__ = [
     "open_arrays",
     "open_run",
     "parse_description",
+    "parse_verdicts",
     "propose_mapping",
     "read_anchor",
     "read_cphd",
@@ -94,6 +107,7 @@ __all__ = [
     "read_survey",
     "read_table",
     "read_track",
+    "read_verdicts",
     "replace_folder",
     "sample_lane",
     "save_run",
@@ -101,6 +115,8 @@ __all__ = [
     "seal",
     "sha256",
     "unseal",
+    "verdict_bytes",
+    "verdict_key",
     "write_bundle",
     "write_cphd",
     "write_description",

@@ -18,8 +18,9 @@ _HOME = "flgpr.report"
 def render(template: str, package: str = _HOME, **values: Any) -> str:
     """Fill in a template of a package, which may extend and import those of this one; the page needs nothing beside it.
 
-    Beside Jinja's own filters there are ``fmt``, Python's ``format``, and ``data_url``, which makes of a figure or its
-    PNG what an ``img`` shows. Text is escaped, and what is asked for and not given is an error.
+    Beside Jinja's own filters there are ``fmt``, Python's ``format``, ``metres``, which says a place in the lane to the
+    centimetre, and ``data_url``, which makes of a figure or its PNG what an ``img`` shows. Text is escaped, and what is
+    asked for and not given is an error.
     """
     return _environment(package).get_template(template).render(version=flgpr.__version__, **values)
 
@@ -34,7 +35,7 @@ def _environment(package: str) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"fmt": format, "data_url": _data_url}
+    environment.filters |= {"fmt": format, "metres": _metres, "data_url": _data_url}
     return environment
 
 
@@ -43,6 +44,12 @@ def figure_png(figure: Figure, dpi: float = 110) -> bytes:
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})  # else the library's version is in it
     return stream.getvalue()
+
+
+def _metres(value: float) -> str:
+    """Say a length to the centimetre, without zeros that tell nothing."""
+    text = f"{value:.2f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
 
 
 def _data_url(picture: Figure | bytes, dpi: float = 110) -> str:

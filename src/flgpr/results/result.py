@@ -79,9 +79,10 @@ def write_result(
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
         if detection.features is not None:
             write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
-    write_view(partial, detections, lane, run)
-    write_whole(partial / "recipe.toml", recipe_text)
     learnt = as_model(model)
+    border = None if learnt.detector is None else learnt.detector.border
+    write_view(partial, detections, lane, run, parse_recipe(recipe_text), border)
+    write_whole(partial / "recipe.toml", recipe_text)
     if learnt.detector is not None or learnt.stages:
         save_model(learnt, partial / MODEL)
     content = plain_json(_content(partial, detections, recipe_text, lane, run))

@@ -18,7 +18,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import Evidence, decibels
-from flgpr.chain.lane_chain import MAIN, Detection
+from flgpr.chain.lane_chain import MAIN, Detection, variations_of
+from flgpr.chain.recipe import Recipe
 from flgpr.io import write_whole
 from flgpr.model import Lane
 
@@ -27,15 +28,26 @@ TILE_ROWS = 512
 _PLACE = ("alarm_id", "x", "y", "confidence")
 
 
-def write_view(folder: Path, detections: Sequence[Detection], lane: Lane, run: Mapping[str, Any]) -> None:
-    """Write the viewer's files to ``folder/view``, the main detection first; all run-views must share one grid."""
+def write_view(
+    folder: Path,
+    detections: Sequence[Detection],
+    lane: Lane,
+    run: Mapping[str, Any],
+    recipe: Recipe,
+    border: float | None = None,
+) -> None:
+    """Write the viewer's files to ``folder/view``, the main detection first; all run-views must share one grid.
+
+    ``border`` is the confidence from which a detector that has learnt decides for a mine.
+    """
     home = folder / "view"
     (home / "layers").mkdir(parents=True)
     (home / "evidence").mkdir()
-    views = [(one.name, "after clutter suppression", one.view) for one in detections]
+    stages = _stages(recipe)
+    views = [(one.name, stages.get(one.name, stages[MAIN]), one.view) for one in detections]
     before, channel = detections[0].before, detections[0].channel
     if before is not None:
-        views.insert(0, ("before", "before clutter suppression", before))
+        views.insert(0, ("before", stages["before"], before))
     grid = _grid(views[0][2])
     for name, _, view in views:
         if _grid(view) != grid:
@@ -51,10 +63,24 @@ def write_view(folder: Path, detections: Sequence[Detection], lane: Lane, run: M
         "channel": list(channel) if channel else [str(views[-1][2][n].values[0]) for n in ("polarization", "subband")],
         "layers": [layer for name, stage, view in views for layer in _write_layers(home, name, stage, view)],
         "scans": _scans(run),
+        "sight": [recipe.image.y[0], recipe.run_view.y_max],
         "georeference": run.get("georeference"),
-        "detections": [_write_detection(home, one) for one in detections],
+        "detections": [_write_detection(home, one) | {"border": border} for one in detections],
     }
     write_whole(home / "index.json", json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False) + "\n")
+
+
+def _stages(recipe: Recipe) -> dict[str, str]:
+    """Say what the run-views show, by detection and ``before``: suppression is named only where clutter is removed."""
+    told = {}
+    for one in variations_of(recipe):
+        removes = bool(recipe.clutter) or one.signature != "none" or one.suppressed
+        told[one.name] = "after clutter suppression" if removes else "without clutter suppression"
+        if one.name == MAIN:
+            told["before"] = "before clutter suppression" if removes else "as imaged"
+        if recipe.map is not None:
+            told[one.name] = f"map by {recipe.map.stage}"
+    return told
 
 
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:

@@ -1,3 +1,4 @@
+from flgpr.scoring.analysts import Agreement, agreement
 from flgpr.scoring.area import union_area
 from flgpr.scoring.assignment import assign, label_alarms
 from flgpr.scoring.blind import PASSPHRASE_RULE, BlindScore, Registration, open_truth, score_blind, seal_truth
@@ -41,6 +42,7 @@ __all__ = [
     "CURVE_COLUMNS",
     "HEADLINE",
     "PASSPHRASE_RULE",
+    "Agreement",
     "BlindScore",
     "Chance",
     "Comparison",
@@ -55,6 +57,7 @@ __all__ = [
     "Split",
     "SurveyShare",
     "accumulated_area",
+    "agreement",
     "alarm_hash",
     "area_needed",
     "as_lanes",

@@ -35,6 +35,7 @@ from flgpr.tasks.raw import RawRun
 from flgpr.tasks.registering import register_recipe
 from flgpr.tasks.results import demo, replay
 from flgpr.tasks.scoring import (
+    analyst_agreement,
     compare_alarms,
     compare_sealed,
     outcome_table,
@@ -66,6 +67,7 @@ __all__ = [
     "Result",
     "Vehicle",
     "View",
+    "analyst_agreement",
     "anchor_from_points",
     "bench_imaging",
     "calibrate_clock",

@@ -15,7 +15,7 @@ import pandas as pd
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.lane_run import results_at
-from flgpr.io import read_table, write_whole
+from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
 from flgpr.io.files import existing, faults_of
 from flgpr.io.tables import read_columns, read_lane
 from flgpr.model import Lane
@@ -24,10 +24,12 @@ from flgpr.results.result import SECTIONS, Result, add_files, join_sections, rea
 from flgpr.results.score import blind_roc_json, comparison_json, score_detections
 from flgpr.results.view_score import VIEW_SCORE, view_score
 from flgpr.scoring import (
+    Agreement,
     BlindScore,
     Rules,
     Score,
     SideBySide,
+    agreement,
     as_lanes,
     content_hash,
     read_register,
@@ -211,6 +213,35 @@ def compare_sealed(
     told = dataclasses.replace(told, points=told.points.round({"chance": 2}))  # as a blind score tells it
     about = {"halo_radius": how.halo, "area_rule": how.area, "level": how.level, "far_max": how.far_max}
     _write_comparison(output, told, {}, about, notes)
+    return told
+
+
+def analyst_agreement(files: Sequence[PathLike]) -> dict[tuple[str, str], tuple[Agreement, int, int]]:
+    """Compare the verdicts of analysts (JSON of ``flgpr view``), every two on the alarms that both of them judged.
+
+    Each pair of files has its :class:`flgpr.scoring.Agreement` and how many alarms the first alone and the second alone
+    judged. Fewer than two files, one that holds no verdicts, or two without a common alarm are a ValueError.
+    """
+    if len(files) < 2:
+        raise ValueError(f"agreement needs the verdicts of two analysts or more, got {len(files)} file")
+    names = [Path(one).stem for one in files]
+    names = names if len(set(names)) == len(names) else [str(one) for one in files]
+    if len(set(names)) < len(names):
+        raise ValueError(f"verdicts must be different files to be compared, got {', '.join(names)}")
+    judged = {
+        name: {verdict_key(note): note["verdict"] for note in read_verdicts(one) if note["verdict"]}
+        for name, one in zip(names, files, strict=True)
+    }
+    told = {}
+    for first, second in itertools.combinations(names, 2):
+        a, b = judged[first], judged[second]
+        both = [key for key in a if key in b]
+        if not both:
+            raise ValueError(
+                f"verdicts must have alarms in common, got {len(a)} of {first} and {len(b)} of {second}: none"
+            )
+        pair = agreement([a[key] for key in both], [b[key] for key in both], VERDICTS)
+        told[first, second] = pair, len(a) - len(both), len(b) - len(both)
     return told
 
 

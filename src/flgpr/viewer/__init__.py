@@ -1,4 +1,4 @@
-"""The viewer: a read-only page on this machine. It shows what it reads or is handed and never computes."""
+"""The viewer: a page on this machine that shows what it reads or is handed, computes nothing and alters no result."""
 
 from flgpr.lazy import face
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import secrets
 import socket
+from collections.abc import Collection
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
@@ -35,14 +36,14 @@ def is_loopback(host: str) -> bool:
 
 
 class Guard:
-    """Lets a request through only if host, origin and token are right; answers GET only.
+    """Lets a request through only if host, origin and token are right; answers GET, and PUT on the paths of ``puts``.
 
     The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
     a cookie. On a wildcard address any literal address and this machine's own name are right, foreign names are not.
     """
 
-    def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
-        self._app, self._token, self._port = app, token, port
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int, puts: Collection[str] = ()) -> None:
+        self._app, self._token, self._port, self._puts = app, token, port, puts
         own = f"[{host}]" if ":" in host else host.lower()
         names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {own}
         self._wildcard = host in _WILDCARDS
@@ -61,9 +62,10 @@ class Guard:
         if inner is None or not self._right_place(Headers(scope=scope)):
             await PlainTextResponse("403 forbidden\n", 403, dict(SECURITY_HEADERS))(scope, receive, send)
             return
-        if scope["method"] != "GET":
-            headers = dict(SECURITY_HEADERS) | {"allow": "GET"}
-            await PlainTextResponse("405 only GET\n", 405, headers)(scope, receive, send)
+        allowed = ("GET", "PUT") if inner in self._puts else ("GET",)
+        if scope["method"] not in allowed:
+            headers = dict(SECURITY_HEADERS) | {"allow": ", ".join(allowed)}
+            await PlainTextResponse(f"405 only {' and '.join(allowed)}\n", 405, headers)(scope, receive, send)
             return
 
         async def send_secured(message: Message) -> None:

@@ -1,4 +1,4 @@
-"""The server: GET only, read only, on this machine unless told otherwise."""
+"""The server: on this machine unless told otherwise; reads only, but for a file of verdicts where one is named."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from flgpr.io import RunStoreError, map_backdrop, read_anchor
+from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.session import LIVE_FILE, LiveFile, RunFiles, ViewError, open_source
+from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, VerdictFile, ViewError, open_sources
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -32,6 +32,7 @@ STATIC = {
     "app.css": ("app.css", "text/css; charset=utf-8"),
     "icon.svg": ("icon.svg", "image/svg+xml"),
 }
+VERDICTS_PATH = "/data/verdicts.json"
 _JSON, _BYTES = "application/json", "application/octet-stream"
 
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -65,6 +66,7 @@ class Viewer:
         anchor: str | Path | None = None,
         raw: OpenRaw | None = None,
         backdrop: str | Path | None = None,
+        verdicts: str | Path | None = None,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -77,11 +79,12 @@ class Viewer:
                 "these results, and nothing on the way is encrypted",
                 stacklevel=2,
             )
-        self._sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
+        self._sources = open_sources(paths, score)
         if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)
         self._backdrop = None if backdrop is None else self._drawn(backdrop)
+        self._verdicts = None if verdicts is None else VerdictFile(verdicts, self._sources)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -93,7 +96,8 @@ class Viewer:
             self._socket.close()
             raise
         self.host, self.port = host, int(self._socket.getsockname()[1])
-        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port)
+        puts = () if self._verdicts is None else (VERDICTS_PATH,)
+        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts)
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, lifespan="off", server_header=False, ws="none", http="h11"
         )
@@ -118,7 +122,7 @@ class Viewer:
 
     def _drawn(self, path: str | Path) -> tuple[bytes, list[float]]:
         """Draw a map below all that is shown and some ground around it, and tell where it lies."""
-        indices = [source.index for source in self._sources]
+        indices = [source.index for source in self._sources if "lane" in source.index]
         tie = self._georeference or next((one["georeference"] for one in indices if one.get("georeference")), None)
         if tie is None or not indices:
             raise ValueError("map needs a result or run that is tied to the Earth: give its --anchor")
@@ -139,11 +143,15 @@ class Viewer:
             "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
+        if self._verdicts is not None:
+            routes.append(Route(VERDICTS_PATH, self._of_verdicts(self._verdicts), methods=["GET", "PUT"]))
         return routes + [Route(f"/{name}", _endpoint(_static(name)), methods=["GET"]) for name in STATIC]
 
     def _session(self, request: Request) -> Response:  # noqa: ARG002
         titles = [source.title for source in self._sources]
-        told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        told: dict[str, Any] = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        told["verdicts"] = None if self._verdicts is None else self._verdicts.path.name
+        told["identities"] = [one.identity if isinstance(one, ResultFiles) else "" for one in self._sources]
         told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
         told["backdrop"] = None if self._backdrop is None else self._backdrop[1]
         return _answer(json.dumps(told).encode(), _JSON)
@@ -190,6 +198,25 @@ class Viewer:
 
         return answer
 
+    def _of_verdicts(self, file: VerdictFile) -> Endpoint:
+        """Answer with the verdicts, and take those of the page; what breaks a rule is told so, and nothing written."""
+
+        async def answer(request: Request) -> Response:
+            try:
+                if request.method == "GET":
+                    return _answer(json.dumps(await run_in_threadpool(file.read)).encode(), _JSON)
+                body = bytearray()
+                async for part in request.stream():
+                    body += part
+                    if len(body) > MOST_VERDICT_BYTES:
+                        return Response(json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON)
+                return _answer(json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON)
+            except (ValueError, OSError, RecursionError) as error:
+                head = "verdicts are not saved: " if request.method == "PUT" else ""
+                return Response(json.dumps({"error": f"{head}{error}"}), 409, media_type=_JSON)
+
+        return answer
+
     def _live_events(self, request: Request) -> Response:
         text = request.query_params.get("after", "0")
         if self._live is None or not (text.isascii() and text.isdigit() and len(text) < 16):
@@ -209,13 +236,15 @@ def serve(
     announce: Callable[[str], None] = print,
     raw: OpenRaw | None = None,
     backdrop: str | Path | None = None,
+    verdicts: str | Path | None = None,
 ) -> None:
     """Show results in the browser until interrupted.
 
-    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws.
+    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
+    and ``verdicts`` the file that takes an analyst's verdicts.
     """
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw, backdrop)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw, backdrop, verdicts)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import json
 import os
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flgpr.io import canonical_json, open_run, read_limited, sha256, unseal
+from flgpr.io import (
+    MOST_VERDICT_BYTES,
+    canonical_json,
+    check_verdicts,
+    open_run,
+    parse_verdicts,
+    read_limited,
+    sha256,
+    unseal,
+    verdict_bytes,
+    write_whole,
+)
+from flgpr.viewer.scores import ScoreFiles, score_file
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
@@ -27,7 +41,7 @@ class ResultFiles:
         self.folder = Path(folder).resolve()
         try:
             manifest = unseal(read_limited(self.folder / "manifest.json"))
-            self._identity: str = manifest["identity"]
+            self.identity: str = manifest["identity"]
             self._digests: dict[str, str] = manifest["files"]
         except (OSError, ValueError, KeyError, TypeError):
             raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
@@ -57,7 +71,7 @@ class ResultFiles:
             raise ViewError("view/score.json cannot be read") from None
         if sha256(body) != stored.get("sha256"):
             raise ViewError("view/score.json differs from what was written")
-        if stored["content"]["result_sha256"] != self._identity:
+        if stored["content"]["result_sha256"] != self.identity:
             raise ViewError("view/score.json belongs to another result; run flgpr score again")
         return body
 
@@ -155,6 +169,38 @@ class RunFiles:
         return None
 
 
+class VerdictFile:
+    """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
+
+    def __init__(self, path: str | Path, sources: Sequence[Source]) -> None:
+        self.path, self._writing = Path(path).resolve(), threading.Lock()
+        if any(self.path.is_relative_to(source.folder) for source in sources):
+            raise ViewError(f"verdicts must lie beside the result, not in it, got {path}")
+        if not self.path.parent.is_dir():
+            raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
+        self.read()
+
+    def read(self) -> dict[str, Any]:
+        """Read the notes, none where there is no file yet, with the digest of what was read."""
+        try:
+            data = read_limited(self.path, MOST_VERDICT_BYTES)
+        except FileNotFoundError:
+            return {"sha256": "", "notes": []}
+        return {"sha256": sha256(data), "notes": parse_verdicts(data, self.path)}
+
+    def write(self, body: bytes) -> dict[str, Any]:
+        """Replace the file by the notes of a page, unless it changed since the page read it: a ValueError says so."""
+        told = json.loads(body)
+        data = verdict_bytes(check_verdicts(told))
+        with self._writing:
+            if told.get("before") != self.read()["sha256"]:
+                raise ValueError(
+                    f"{self.path.name} was changed by somebody else: export yours, and load the page again"
+                )
+            write_whole(self.path, data)
+        return {"sha256": sha256(data)}
+
+
 class LiveFile:
     """Events of a live run: one JSON object per line in a ``*.jsonl``, there now or later, only ever appended to."""
 
@@ -194,11 +240,32 @@ class LiveFile:
         return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
 
 
-Source = ResultFiles | RunFiles
+Source = ResultFiles | RunFiles | ScoreFiles
+
+
+def open_sources(paths: Sequence[str | Path], score: str | Path | None = None) -> list[Source]:
+    """Open what is shown together; beside the score of an alarm list a result is shown by its own score, too.
+
+    ``score`` is the folder of the first one's score if that is not in it.
+    """
+    sources = [open_source(path, score if i == 0 else None) for i, path in enumerate(paths)]
+    if not any(isinstance(one, ScoreFiles) for one in sources):
+        return sources
+    return [one if isinstance(one, ScoreFiles) else _score_of(one) for one in sources]
+
+
+def _score_of(source: Source) -> ScoreFiles:
+    place = score_file(source.folder)
+    if place is None:
+        raise ViewError(f"{source.folder}: beside a score it must be scored, too: flgpr score RESULT --truth TRUTH")
+    return ScoreFiles(place)
 
 
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
-    """Open a result folder (or its alarms.csv) or a run store; ``score`` is the score's folder if not the result."""
+    """Open a result folder (or its alarms.csv), a run store or a score (or its JSON).
+
+    ``score`` is the folder of a result's score if that is not in the result.
+    """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"nothing to view at {path}")
@@ -208,7 +275,10 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         return ResultFiles(path, score)
     if (path / "commit.json").is_file():
         return RunFiles(path)
+    scored = score_file(path)
+    if scored is not None:
+        return ScoreFiles(scored)
     if (path / "sections.json").is_file():
         names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
         raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
-    raise ViewError(f"path must be a result folder or a run, got {path}")
+    raise ViewError(f"path must be a result folder, a run or a score, got {path}")
