@@ -48,6 +48,8 @@ export class App {
   readonly notes: Notes;
   private waiting = 0;
   fitting = true;
+  /** How much larger than at the desk the picture's lines and words are. */
+  enlarged = 1;
   private marked = false;
   evidence: { key: string; values: Float32Array | null } = { key: "", values: null };
   private blinking: number | undefined;
@@ -405,7 +407,7 @@ export class App {
   }
 
   resized(): void {
-    const { width, height } = fitted(el<HTMLCanvasElement>("lane"));
+    const { width, height } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
     this.view.box = Picture.box(width, height);
     if (this.fitting) this.view.fit();
     else this.view.hold();
@@ -423,7 +425,7 @@ export class App {
 
   private draw(): void {
     const start = performance.now();
-    const { context, width, height, density } = fitted(el<HTMLCanvasElement>("lane"));
+    const { context, width, height, density } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
     const palette = this.palette();
     const { box } = this.view;
     context.clearRect(0, 0, width, height);
@@ -439,7 +441,7 @@ export class App {
     drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
-    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
+    if (this.source.index.layers.length && this.enlarged === 1) colourBar(pen, box, this.colours, palette, box.top + 166);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
       this.marked = true;

@@ -32,7 +32,7 @@ export class Following {
     el("subset").hidden = el("roc-plot").hidden = el("explain").hidden = true;
     app.detectionChanged();
     app.showChoices();
-    this.set(live.lane === null || app.view.length > 80);
+    this.set(live.lane === null || app.view.length > 80 || app.enlarged > 1);
     app.resized();
   }
 

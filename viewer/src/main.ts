@@ -2,6 +2,7 @@ import { App } from "./app";
 import type { Compare } from "./compare";
 import { getJson, loadSources } from "./data";
 import { el } from "./dom";
+import { Drive } from "./drive";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
 import { overviewTo } from "./overview";
@@ -81,7 +82,7 @@ function wirePointer(app: App): void {
   let held: { x: number; y: number; moved: boolean; dividing: boolean } | null = null;
   const place = (event: MouseEvent): [number, number] => {
     const box = canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return [(event.clientX - box.left) / app.enlarged, (event.clientY - box.top) / app.enlarged];
   };
   const onLine = (px: number, py: number): boolean => {
     if (app.compare !== "swipe") return false;
@@ -188,7 +189,11 @@ async function start(): Promise<void> {
   wireButtons(app);
   wirePointer(app);
   listenToKeys(app);
-  live?.start();
+  if (live) {
+    const drive = new Drive(app, live);
+    if (!session.results.length) drive.show(true);
+    live.start();
+  }
   const run = sources[0]?.index.run;
   if (run && session.raw) {
     app.raw = new RawPanel(sources[0]!, (scan) => app?.markScan(scan));

@@ -120,7 +120,6 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
 }
 
 const STOP = "#ff7a59";
-const LABELLED = 8;
 
 function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
   const points = live.track.map(({ x, y }) => view.toScreen(x, y));
@@ -135,7 +134,7 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     pen.path(ends, false, { stroke: STOP, width: 2, dash: [9, 5] });
   }
   const own = overlay.detection?.name === "live";
-  const labelled = new Set(live.ahead(live.least).slice(0, LABELLED).map(({ alarm }) => alarm.id));
+  const labelled = new Set(live.ahead(live.least).slice(0, live.labelled).map(({ alarm }) => alarm.id));
   for (const alarm of live.alarms.values()) {
     const [px, py] = view.toScreen(alarm.x, alarm.y);
     if (!overlay.show.alarms || alarm.confidence < live.least || !inBox(view, px, py)) continue;

@@ -74,11 +74,14 @@ def feed(
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[float, Option(help="Time between the run's description and its first scan, s.")] = 2.0,
+    fault: Annotated[
+        list[str] | None, Option(help="Rehearse a fault: lost, late, twice or nan, as lost:40:13; may repeat.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Play a stored run as the radar would write it."""
     with plain_errors():
-        played = tasks.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead)
+        played = tasks.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead, faults=fault or [])
     if not quiet:
         typer.echo(f"played {played} scans")
 

@@ -140,6 +140,7 @@ class LiveRun:
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
         last, since = time.monotonic(), 0
         while not self.inbox.stop.is_set():
+            events.beat()
             try:
                 arrival = self.inbox.arrivals.get(timeout=_TICK)
             except queue.Empty:
@@ -205,7 +206,7 @@ class LiveRun:
             shown = [round(float(value), 4) for value in scan.pose]
             lines.append(
                 {"event": "scan", "scan": scan.number, "pose": shown, "outcome": update.outcome,
-                 "latency_ms": round(1e3 * latency, 1)}
+                 "time": round(scan.time, 3) if np.isfinite(scan.time) else None, "latency_ms": round(1e3 * latency, 1)}
             )  # fmt: skip
             where = detector.where if detector.where is not None else scan.pose
             told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
@@ -289,7 +290,7 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:
-    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up", "missing")}
+    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up")}
 
 
 def _percentiles(latency: list[float]) -> dict[str, float]:
