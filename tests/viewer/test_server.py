@@ -1,6 +1,7 @@
 import contextlib
 import http.client
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -242,9 +243,12 @@ def test_live_events_come_line_by_line(tmp_path, serving):
             answer = json.loads(ask(viewer, f"data/live?after={offset}").body)
             offset, count, more = answer["next"], count + len(answer["events"]), answer["more"]
     assert (count, offset) == (9000, len(lines))
-    assert LiveFile(file).after(0) == LiveFile(tmp_path).after(0)
+    named, found = (LiveFile(path).after(0) for path in (file, tmp_path))
+    assert named | {"age": 0} == found | {"age": 0}
+    os.utime(file, (0, 0))
+    assert LiveFile(file).after(0)["age"] > 1e6
     assert LiveFile(tmp_path / "other.jsonl").after(5) == {
-        "events": [], "next": 0, "bad": 0, "restarted": True, "more": False,
+        "events": [], "next": 0, "bad": 0, "restarted": True, "more": False, "age": None,
     }  # fmt: skip
 
 

@@ -210,6 +210,7 @@ export class App {
   setThreshold(row: number): void {
     this.row = Math.min(Math.max(row, 0), this.thresholds.length - 1);
     if (this.live) {
+      this.live.wanted = null;
       this.live.least = this.source.title !== "live" || this.row >= this.thresholds.length - 1 ? -Infinity : (this.threshold ?? Infinity);
       this.live.report();
     }

@@ -6,7 +6,7 @@ import { Sound } from "./sound";
 /** How often the page looks at its own clock, and after what silence something is lost, ms; a slower radar has its rhythm. */
 const LOOK = 100;
 const SILENCE = 750;
-const [BEATS, LONGEST] = [2.5, 5000];
+const [BEATS, FEW, LONGEST] = [2.5, 4, 5000];
 /** Scans that are shown later than this after they came are told as late, ms. */
 const BEHIND = 1000;
 const LISTED = 3;
@@ -31,7 +31,8 @@ export function health(live: Live, now: number): Health {
   if (still > SILENCE) return live.begun ? lost("Detection stopped", still) : { level: "wait", words: "Waiting", detail: "for detection: it loads, or does not run" };
   if (!live.begun) return { level: "wait", words: "Waiting", detail: "for the first scan" };
   const sorted = [...live.rhythm].sort((a, b) => a - b);
-  const limit = Math.max(SILENCE, Math.min(BEATS * (sorted[sorted.length >> 1] ?? 0), LONGEST));
+  const rhythm = sorted.length < FEW ? 0 : sorted[sorted.length >> 1]!;
+  const limit = Math.max(SILENCE, Math.min(BEATS * rhythm, LONGEST));
   if (now - came.frame > limit) return lost("No radar", now - came.frame);
   if (now - came.use > limit) return lost("Scans unusable", now - came.use);
   if (live.delay > BEHIND) return { level: "slow", words: "Too slow", detail: `${fixed(live.delay / 1000, 1)} s late` };
@@ -70,7 +71,7 @@ export class Drive {
     live.labelled = on ? 0 : LABELLED; // what the picture says is as old as its scan; the number beside it is not
     if (on) app.select(null);
     app.resized();
-    if (on || app.following.on) app.following.set(true);
+    if (on || app.following.suits(live)) app.following.set(true);
     else app.fit();
   }
 
@@ -107,7 +108,7 @@ export class Drive {
     change("set-speed", (sign) => (live.chosen = within(Math.round(3.6 * (live.speed ?? 15 / 3.6)) + sign, 1, 120) / 3.6));
     change("set-reaction", (sign) => (live.reaction = within(Math.round(10 * live.reaction + sign) / 10, 0, 10)));
     change("set-brake", (sign) => (live.deceleration = within(Math.round(2 * live.deceleration + sign) / 2, 0.5, 10)));
-    change("set-alarms", (sign) => app.setThreshold(app.row + sign));
+    change("set-alarms", (sign) => app.setThreshold(app.row + sign * Math.ceil(app.thresholds.length / 20)));
   }
 
   private dress(theme: Theme): void {

@@ -6,7 +6,8 @@ interface Event {
   event?: string;
   scan?: number;
   pose?: number[];
-  time?: number | null;
+  arrived?: number;
+  threshold?: number | null;
   outcome?: string;
   alarm_id?: string;
   state?: string;
@@ -63,7 +64,7 @@ const LISTED = 8;
 export const LABELLED = 8;
 /** A request that hangs is given up after so long, ms. */
 const PATIENCE = 2000;
-/** Radar time over which the speed is measured, s, and how far apart two scans may lie for it. */
+/** Time over which the speed is measured, s, and how far apart two scans may lie for it. */
 const [MEASURED, FARTHEST] = [0.9, 3];
 
 /** Half floats of base64. */
@@ -127,7 +128,7 @@ export class Live {
     return this.track[this.track.length - 1] ?? null;
   }
 
-  /** Speed over the last scans by their poses and the radar's clock, m/s; null where they do not tell. */
+  /** Speed over the last scans by their poses and arrivals, m/s; null where they do not tell. */
   get measured(): number | null {
     const last = this.track[this.track.length - 1];
     if (!last || last.time === null) return null;
@@ -252,6 +253,7 @@ export class Live {
     this.told = number(told) ? told : null;
     if (number(reaction)) this.reaction = reaction;
     if (number(deceleration)) this.deceleration = deceleration;
+    if (number(event.threshold)) this.wanted = this.least = event.threshold;
     this.handlers.began(this);
   }
 
@@ -260,7 +262,7 @@ export class Live {
     if (!number(x) || !number(y)) return;
     const scan = number(event.scan) ? event.scan : this.track.length;
     this.scans.add(scan);
-    const one = { scan, x, y, heading: number(heading) ? heading : 0, time: number(event.time) ? event.time : null };
+    const one = { scan, x, y, heading: number(heading) ? heading : 0, time: number(event.arrived) ? event.arrived : null };
     const at = this.track.findIndex((other) => other.scan >= scan);
     if (at < 0) this.track.push(one);
     else if (this.track[at]!.scan === scan) this.track[at] = one;
@@ -322,7 +324,9 @@ export class Live {
     return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, confidence ${fixed(alarm.confidence, 2)}`;
   }
 
+  /** Alarms are shown from this confidence on; as the run was started with, until the page's threshold is moved. */
   least = -Infinity;
+  wanted: number | null = null;
   labelled = LABELLED;
 
   report(): void {
