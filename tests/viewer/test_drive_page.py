@@ -6,10 +6,12 @@ import threading
 import time
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 from test_live_page import START, Feeder, alarm, scan
 
 from flgpr.io import save_run
+from flgpr.live.events import view_event
 from flgpr.live.feeding import feed
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
@@ -205,7 +207,8 @@ def test_sound_is_off_until_it_is_switched_on(driving):
     screen, feeder = driving
     screen.page.evaluate(AUDIO)
     near = [scan(1, 0.0), alarm("alarm-1", -0.6, 3.0, 4.5, 0.0)]
-    feeder.give(*near)
+    assert screen.says()["drive-aside"] == "nothing seen yet"
+    feeder.give(*near, view_event(0, np.ones((200, 60), np.float32)))
     screen.alive()
     screen.pass_time(400)
     assert screen.says()["verdict"] == "halt"
@@ -219,6 +222,10 @@ def test_sound_is_off_until_it_is_switched_on(driving):
     screen.pass_time(1500)
     assert screen.page.evaluate("tones[tones.length - 1]") == 220  # nothing comes any more
     screen.page.click("#drive-sound")
+    feeder.give(scan(3, 8.0))
+    screen.alive()
+    screen.pass_time(400)
+    assert re.fullmatch("none in 1[01] m", screen.says()["drive-aside"])
     before = len(screen.page.evaluate("tones"))
     screen.pass_time(1000)
     assert len(screen.page.evaluate("tones")) == before

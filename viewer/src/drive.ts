@@ -172,7 +172,7 @@ export class Drive {
     el("drive").dataset["verdict"] = verdict;
     el("drive-left").textContent = stale || !nearest ? "–" : `${fixed(nearest.left, 1)} m`;
     const aside = nearest ? live.aside(nearest.alarm) : 0;
-    el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : "no alarm ahead";
+    el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
     const words = { blind: "Stop", free: "–", unknown: "Speed?", halt: "Cannot stop", go: "Can stop" };
     el("drive-verdict").textContent = words[verdict];
     el("drive-margin").textContent = verdict === "blind"

@@ -150,6 +150,13 @@ export class Live {
     return speed === null ? this.told : speed * this.reaction + speed ** 2 / (2 * this.deceleration);
   }
 
+  /** How far ahead of the vehicle's front the run-view reaches, m; not positive where nothing is seen ahead. */
+  get sight(): number {
+    const { grid, here } = this;
+    if (!grid?.ny || !here) return 0;
+    return (this.distance({ x: here.x, y: grid.y + (grid.ny - 0.5) * grid.dy }) ?? 0) - this.driven;
+  }
+
   /** How far the vehicle has driven since the last pose was taken, m. */
   get driven(): number {
     return ((this.speed ?? 0) * (performance.now() - this.came.pose + this.delay)) / 1000;

@@ -49,7 +49,7 @@ OpenRaw = Callable[[str | Path], Raw]
 
 
 class Viewer:
-    """A viewer that listens, and serves once :meth:`run` is called."""
+    """A viewer that listens, and serves once :meth:`run` is called; ``framed`` lets pages of this machine frame it."""
 
     def __init__(
         self,
@@ -61,6 +61,7 @@ class Viewer:
         score: str | Path | None = None,
         anchor: str | Path | None = None,
         raw: OpenRaw | None = None,
+        framed: bool = False,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -84,11 +85,12 @@ class Viewer:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((host, port))
+            self._socket.listen(128)  # who asks before run is called waits
         except OSError:
             self._socket.close()
             raise
         self.host, self.port = host, int(self._socket.getsockname()[1])
-        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port)
+        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, framed)
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, lifespan="off", server_header=False, ws="none", http="h11"
         )
