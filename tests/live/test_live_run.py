@@ -49,7 +49,9 @@ def events(folder, kind=None):
 
 
 def without_times(lines):
-    return [{k: v for k, v in line.items() if k not in ("arrived", "latency_ms", "latency", "margin_m")} for line in lines]
+    return [
+        {k: v for k, v in line.items() if k not in ("arrived", "latency_ms", "latency", "margin_m")} for line in lines
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -371,7 +373,14 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     assert (tmp_path / "in" / "scan-000025-again.scan").read_bytes() == whole.read_bytes()
     report = LiveRun(options(home, tmp_path / "out", tmp_path / "in")).run()
     told = {name: count for name, count in report.counts.items() if count}
-    assert told == {"received": SCANS - 2, "taken": SCANS - 4 - 3 - 2, "warm_up": 4, "missing": 3, "duplicate": 1, "masked": 2}
+    assert told == {
+        "received": SCANS - 2,
+        "taken": SCANS - 4 - 3 - 2,
+        "warm_up": 4,
+        "missing": 3,
+        "duplicate": 1,
+        "masked": 2,
+    }
     assert events(tmp_path / "out", "counts")[0]["missing"] == 3  # a loss is told when it is seen, not at the end
     for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
         with pytest.raises(ValueError, match="fault must be lost, late, twice, nan with"):

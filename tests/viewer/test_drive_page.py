@@ -260,7 +260,9 @@ LOOK = """() => {
 @pytest.mark.parametrize("size", [(1024, 768), (1280, 800), (1920, 1080)])
 def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, serving, watch, size):
     feeder = Feeder(tmp_path)
-    feeder.give(BEGIN, scan(0, 0.0) | {"arrived": 5.0}, scan(1, 1.0) | {"arrived": 6.0}, alarm("alarm-1", -1.6, 2.4, 4.5, 0.0))
+    feeder.give(
+        BEGIN, scan(0, 0.0) | {"arrived": 5.0}, scan(1, 1.0) | {"arrived": 6.0}, alarm("alarm-1", -1.6, 2.4, 4.5, 0.0)
+    )
     feeder.give(*(alarm(f"alarm-{k}", 0.0, 10.0 + k, 4.5, 0.0) for k in range(2, 5)))
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
     names, smallest = set(), {}

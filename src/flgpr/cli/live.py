@@ -82,7 +82,9 @@ def feed(
 ) -> None:
     """Play a stored run as the radar would write it."""
     with plain_errors():
-        played = tasks.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead, faults=fault or [])
+        played = tasks.feed(
+            run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead, faults=fault or []
+        )
     if not quiet:
         typer.echo(f"played {played} scans")
 

@@ -1,4 +1,4 @@
-from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
+from flgpr.io.anchor import Anchor, fit_anchor, own_anchor, read_anchor
 from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.bundle import Bundle, BundleError, write_bundle
 from flgpr.io.cphd import read_cphd, write_cphd
@@ -80,6 +80,7 @@ __all__ = [
     "open_run",
     "parse_description",
     "propose_mapping",
+    "own_anchor",
     "read_anchor",
     "read_cphd",
     "read_description",

@@ -24,7 +24,7 @@ from starlette.routing import Route
 
 from flgpr.io import RunStoreError, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
-from flgpr.viewer.session import LIVE_FILE, LiveFile, RunFiles, ViewError, open_source
+from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, ViewError, open_source
 
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -46,6 +46,8 @@ class Raw(Protocol):
 
 
 OpenRaw = Callable[[str | Path], Raw]
+#: makes a zip of a map project of a result folder, tied by an anchor's file or else by itself, with a score's folder
+MakeMap = Callable[[Path, Path | None, Path | None], bytes]
 
 
 class Viewer:
@@ -62,6 +64,7 @@ class Viewer:
         anchor: str | Path | None = None,
         raw: OpenRaw | None = None,
         framed: bool = False,
+        make_map: MakeMap | None = None,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -78,6 +81,8 @@ class Viewer:
         if live is None and self._sources and (self._sources[0].folder / LIVE_FILE).is_file():
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)
+        self._anchor = None if anchor is None else Path(anchor)
+        self._make_map, self._score = make_map, None if score is None else Path(score)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -121,6 +126,7 @@ class Viewer:
             "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
             "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
             "/data/{source:int}/raw/{what:str}": self._raw_data,
+            "/data/{source:int}/map.zip": self._map,
             "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
@@ -129,6 +135,7 @@ class Viewer:
     def _session(self, request: Request) -> Response:  # noqa: ARG002
         titles = [source.title for source in self._sources]
         told = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
+        told["map"] = self._make_map is not None
         told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
         return _answer(json.dumps(told).encode(), _JSON)
 
@@ -149,6 +156,18 @@ class Viewer:
         except RunStoreError as error:
             raise ViewError(str(error)) from None
         except ValueError as error:
+            return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
+
+    def _map(self, request: Request) -> Response:
+        """Answer with a map project of a result; what stands against it is told so (400)."""
+        number = request.path_params["source"]
+        source = self._sources[number] if number < len(self._sources) else None
+        if self._make_map is None or not isinstance(source, ResultFiles):
+            raise HTTPException(404)
+        try:
+            score = self._score if number == 0 else None
+            return _answer(self._make_map(source.folder, self._anchor, score), "application/zip")
+        except (ValueError, OSError, ImportError) as error:
             return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
 
     def _of(self, read: Callable[..., bytes | None], kind: str = _BYTES) -> Callable[[Request], Response]:
@@ -183,10 +202,11 @@ def serve(
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
     raw: OpenRaw | None = None,
+    make_map: MakeMap | None = None,
 ) -> None:
-    """Show results in the browser until interrupted; ``raw`` opens the raw data of a run that is shown."""
+    """Show results in the browser until interrupted; ``raw`` opens a run's raw data, ``make_map`` makes a map."""
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw, make_map=make_map)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()
