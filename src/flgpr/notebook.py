@@ -71,13 +71,13 @@ def view(
     if not height >= 100:
         raise ValueError(f"height must be at least 100 pixels, got {height}")
     paths = [one.folder if isinstance(one, Result) else Path(one) for one in results]
-    viewer = Viewer(paths, "127.0.0.1", port, False, live, score, anchor, tasks.RawRun, framed=True)
+    viewer = Viewer(paths, "127.0.0.1", port, False, live, score, anchor, tasks.RawRun, True, tasks.map_bytes)
     key = tuple(str(Path(one).resolve()) for one in (*paths, *([live] if live is not None else [])))
     if key in _open:
         _open.pop(key).close()
     _open[key] = shown = View(viewer, height)
     if not _in_notebook():
-        print(f"no notebook is here to show it; open {shown.url} in a browser")  # noqa: T201
+        print(f"no notebook is here to show it; open {shown.url} in a browser")
     return shown
 
 

@@ -20,7 +20,8 @@ from live_lane import STEP, make_lane_run, small_recipe
 VEHICLE = Vehicle(15 / 3.6, reaction=0.5, deceleration=7.0)
 BEGIN = START | {"vehicle": asdict(VEHICLE) | {"stopping_distance": VEHICLE.stopping_distance}}
 SEEN = """() => Object.fromEntries(['state-words', 'state-detail', 'drive-left', 'drive-aside', 'drive-verdict',
-    'drive-margin', 'drive-speed', 'drive-next', 'drive-faults'].map((id) => [id, document.getElementById(id).textContent])
+    'drive-margin', 'drive-speed', 'drive-next', 'drive-faults']
+    .map((id) => [id, document.getElementById(id).textContent])
     .concat([['verdict', document.getElementById('drive').dataset.verdict]]))"""
 AUDIO = """() => {
     window.tones = [];
@@ -29,8 +30,9 @@ AUDIO = """() => {
         resume() { return Promise.resolve(); }
         createGain() { return { gain: { setValueAtTime() {}, linearRampToValueAtTime() {} }, connect() {} }; }
         createOscillator() {
-            const tone = { frequency: { value: 0 }, connect: (next) => next, stop() {}, start() { window.tones.push(tone.frequency.value); } };
-            return tone;
+            const frequency = { value: 0 };
+            const start = () => window.tones.push(frequency.value);
+            return { frequency, start, stop() {}, connect: (next) => next };
         }
     };
 }"""
@@ -245,14 +247,18 @@ LOOK = """() => {
         const own = getComputedStyle(e).backgroundColor;
         return own === 'rgba(0, 0, 0, 0)' && e.parentElement ? ground(e.parentElement) : own;
     };
-    const all = [...document.querySelectorAll('#drive *, #state *, #drive-settings *:not(#ruler)')].filter((e) => e.checkVisibility());
+    const all = [...document.querySelectorAll('#drive *, #state *, #drive-settings *:not(#ruler)')]
+        .filter((e) => e.checkVisibility());
     return {
         type: all.filter((e) => e.textContent && !e.children.length).map((e) => {
             const style = getComputedStyle(e), [a, b] = [light(style.color), light(ground(e))];
-            return { name: e.id || e.textContent, size: parseFloat(style.fontSize), contrast: (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) };
+            const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+            return { name: e.id || e.textContent, size: parseFloat(style.fontSize), contrast };
         }),
-        buttons: all.filter((e) => e.tagName === 'BUTTON').map((e) => [e.textContent, ...['left', 'top', 'right', 'bottom', 'width', 'height'].map((n) => e.getBoundingClientRect()[n])]),
-        cut: all.filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map((e) => e.id),
+        buttons: all.filter((e) => e.tagName === 'BUTTON').map((e) => [e.textContent,
+            ...['left', 'top', 'right', 'bottom', 'width', 'height'].map((n) => e.getBoundingClientRect()[n])]),
+        cut: all.filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline')
+            .map((e) => e.id),
     };
 }"""
 

@@ -23,6 +23,7 @@ from flgpr.viewer.session import LiveFile, ResultFiles, ViewError
 ROUTES = [
     "", "app.js", "app.css", "icon.svg", "data/session.json", "data/live", "data/0/index.json", "data/0/score.json",
     "data/0/tile/0/0/0", "data/0/evidence/0/0", "data/9/index.json", "nowhere",
+    "data/0/map.zip",
 ]  # fmt: skip
 
 ANCHOR = """
@@ -73,7 +74,7 @@ def test_only_get_is_answered(shown, path, method):
 @pytest.mark.parametrize("path", ROUTES)
 def test_every_answer_forbids_other_origins(shown, path):
     answer = ask(shown, path, origin=f"http://127.0.0.1:{shown.port}")
-    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live") else 200)
+    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live", "data/0/map.zip") else 200)
     policy = answer.getheader("content-security-policy")
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy

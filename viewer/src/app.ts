@@ -582,6 +582,15 @@ export class App {
     else download("flgpr-alarms.geojson", asGeoJson(rows, geographic(this.source.index.georeference)), "application/geo+json");
   }
 
+  /** A project of QGIS with the layers of the result in picture A, made by the server. */
+  async exportMap(): Promise<void> {
+    this.say("The map is being made");
+    const answer = await fetch(`data/${this.source.id}/map.zip`);
+    if (answer.ok) return download("flgpr-map.zip", await answer.blob());
+    const content = await answer.json().catch(() => null);
+    this.complain(content?.error ?? `the map: ${answer.status}`);
+  }
+
   setTheme(theme: string): void {
     document.documentElement.dataset["theme"] = theme;
     this.scoresChanged();

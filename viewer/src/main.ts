@@ -63,6 +63,7 @@ function wireButtons(app: App): void {
   click("export-svg", () => app.exportSvg());
   click("export-csv", () => app.exportTable("csv"));
   click("export-geojson", () => app.exportTable("geojson"));
+  click("export-map", () => void app.exportMap());
   click("export-notes", () => app.notes.save());
   input("load-notes", (field) => {
     const file = field.files?.[0];
@@ -167,7 +168,7 @@ function liveSource(): Source {
 async function start(): Promise<void> {
   document.documentElement.dataset["theme"] = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   fillHelp();
-  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; georeference: Georeference | null }>("data/session.json");
+  const session = await getJson<{ results: string[]; live: boolean; raw: boolean; map: boolean; georeference: Georeference | null }>("data/session.json");
   const sources = await loadSources(session.results);
   let app: App | null = null;
   const live: Live | null = session.live
@@ -180,6 +181,7 @@ async function start(): Promise<void> {
   if (!sources.length && live) sources.push(liveSource());
   for (const { index } of sources) index.georeference = session.georeference ?? index.georeference;
   el("follow").hidden = !live;
+  el("export-map").hidden = !session.map || !sources.some(({ index }) => index.georeference && index.detections.length);
   app = new App(sources);
   app.live = live;
   const title = sources.map((one) => one.title).join(" / ");

@@ -53,7 +53,8 @@ def view(
     try:
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
-        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw)
+        make_map = lambda *given: tasks.map_bytes(*given)  # noqa: E731
+        viewer.serve(shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw, make_map)
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
@@ -75,7 +76,7 @@ def demo(
         print_scores(scored)
         typer.echo(f"report: {(result.folder / 'report.html').resolve()}")
     if view:
-        viewer.serve(result.folder, announce=typer.echo)
+        viewer.serve(result.folder, announce=typer.echo, make_map=tasks.map_bytes)
 
 
 @app.command()

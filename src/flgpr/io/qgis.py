@@ -5,8 +5,9 @@ The elements are those of QGIS 3 ("QGIS File Formats" in its user manual); what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
@@ -79,7 +80,7 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
     edges = np.append(edges, edges[-1]) if edges.size == 1 else edges
     renderer = _renderer("graduatedSymbol", attr=column, graduatedMethod="GraduatedColor")
     ranges, symbols = _put(renderer, "ranges"), _put(renderer, "symbols")
-    for number, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for number, (low, high) in enumerate(pairwise(edges)):
         share = (number + 1) / (edges.size - 1)
         label = f"{low:.3g} to {high:.3g}"
         limits = {"lower": repr(float(low)), "upper": repr(float(high))}
@@ -90,7 +91,7 @@ def graduated(column: str, values: ArrayLike) -> ElementTree.Element:
     return renderer
 
 
-def by_kind(kinds: Sequence[str], colour: str) -> ElementTree.Element:
+def by_kind(kinds: Iterable[str], colour: str) -> ElementTree.Element:
     """Draw targets or objects by their ``kind``, each with the shape that the viewer gives it."""
     renderer = _renderer("categorizedSymbol", attr="kind")
     categories, symbols = _put(renderer, "categories"), _put(renderer, "symbols")

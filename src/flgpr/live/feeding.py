@@ -8,8 +8,8 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,8 @@ PathLike = str | Path
 FAULTS = ("lost", "late", "twice", "nan")
 
 
-class Fault(NamedTuple):
+@dataclass(frozen=True)
+class Fault:
     """What goes wrong from a scan on: so many are lost, come twice or have a sweep of NaN; one comes so much later."""
 
     kind: str

@@ -100,6 +100,7 @@ __all__ = [
     "load_recipe",
     "make_picture",
     "make_signature",
+    "map_bytes",
     "outcome_table",
     "parse_size",
     "plan_files",

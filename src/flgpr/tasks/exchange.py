@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import zipfile
 from collections.abc import Sequence
@@ -184,7 +185,7 @@ def export_qgis(
         georeferenced.write_outline(held.lane, home / "lane.gpkg", tie)
         layers.append(qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline()))
         georeferenced.write_geotiff(chosen.view, home / "run-view.tif", tie, identity)
-        layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(chosen)))
+        layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(held, chosen)))
         places = transform_lonlat(tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm())
         extent = (*(places.min(axis=0) - _MARGIN), *(places.max(axis=0) + _MARGIN))
         title = f"{held.manifest['run']['title']}: {chosen.title}"
@@ -202,11 +203,12 @@ def map_bytes(result: Path, anchor: Path | None, score: Path | None) -> bytes:
         return export_qgis(result, Path(folder) / f"{result.name}-map.zip", anchor, score=score).read_bytes()
 
 
-def _shaded(detection: Detection) -> ElementTree.Element:
+def _shaded(result: Result, detection: Detection) -> ElementTree.Element:
     """Draw the channel that raised the alarms, from the median to what only one pixel in 500 exceeds."""
     view = detection.view
     names = [(str(a), str(b)) for a in view["polarization"].values for b in view["subband"].values]
-    band = names.index(detection.channel) if detection.channel in names else 0
+    channel = tuple(json.loads((result.folder / "view" / "index.json").read_bytes())["channel"])
+    band = names.index(channel) if channel in names else 0
     values = view.values.reshape(len(names), -1)[band]
     seen = values[np.isfinite(values)]
     low, high = np.quantile(seen, (0.5, 0.998)) if seen.size else (0.0, 1.0)

@@ -39,7 +39,8 @@ class Guard:
     """Lets a request through only if host, origin and token are right; answers GET only.
 
     The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
-    a cookie. ``framed`` lets pages of this machine, such as a notebook's, frame the answers. On a wildcard address any literal address and this machine's own name are right, foreign names are not.
+    a cookie. ``framed`` lets pages of this machine, such as a notebook's, frame the answers. On a wildcard address any
+    literal address and this machine's own name are right, foreign names are not.
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int, framed: bool = False) -> None:
