@@ -1,5 +1,6 @@
 """A result as a project of QGIS: what the project says of its layers, and the layers beside it."""
 
+import itertools
 import json
 import re
 import shutil
@@ -91,7 +92,7 @@ def test_every_alarm_falls_into_a_class_and_every_kind_has_a_symbol(demo, unpack
     assert sorted(confidence) == sorted(demo[0].detections[0].alarms["confidence"])
     ranges = [(float(one.get("lower")), float(one.get("upper"))) for one in graduated.findall("ranges/range")]
     assert all(any(low <= value <= high for low, high in ranges) for value in confidence)
-    assert all(a[1] == b[0] for a, b in zip(ranges, ranges[1:], strict=False))
+    assert all(a[1] == b[0] for a, b in itertools.pairwise(ranges))
     for renderer in root.findall("projectlayers/maplayer/renderer-v2"):
         symbols = {one.get("name") for one in renderer.findall("symbols/symbol")}
         used = {one.get("symbol") for one in renderer.iter() if one.get("symbol") is not None}

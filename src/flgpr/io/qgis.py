@@ -105,7 +105,7 @@ def outline() -> ElementTree.Element:
     """Draw an area by its border alone."""
     renderer = _renderer("singleSymbol")
     symbol = _put(_put(renderer, "symbols"), "symbol", type="fill", name="0", alpha="1", clip_to_extent="1")
-    options = {"style": "no", "outline_color": "20,20,20,255", "outline_style": "dash", "outline_width": "0.5"}
+    options = {"style": "no", "outline_color": "255,140,0,255", "outline_style": "dash", "outline_width": "0.6"}
     _symbol_layer(symbol, "SimpleFill", options | {"outline_width_unit": "MM"})
     return renderer
 
