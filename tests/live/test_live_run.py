@@ -385,6 +385,8 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
         with pytest.raises(ValueError, match="fault must be lost, late, twice, nan with"):
             feed(home / "run.zarr", tmp_path / "other", FAST, faults=[text])
+    with pytest.raises(ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"):
+        feed(home / "run.zarr", tmp_path / "other", FAST, faults=[f"nan:{SCANS}"])
     assert not (tmp_path / "other").exists()
 
 

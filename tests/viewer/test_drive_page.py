@@ -104,6 +104,20 @@ def test_a_radar_that_falls_silent_is_seen_within_a_second(driving):
     assert screen.says()["state-words"] == "Scans unusable"
 
 
+def test_a_loss_is_seen_at_the_desk_and_nothing_moves_for_it(driving):
+    screen, feeder = driving
+    screen.page.click("#to-desk")
+    feeder.give(scan(1, 1.0))
+    screen.alive()
+    screen.pass_time(400)
+    assert screen.page.locator("#state").is_hidden()
+    before = [screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")]
+    screen.pass_time(1000)
+    assert screen.page.inner_text("#state-words").upper() == "NO RADAR"
+    assert screen.page.locator("#state").is_visible()
+    assert [screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")] == before
+
+
 def test_a_slow_radar_has_its_own_rhythm(driving):
     screen, feeder = driving
     for number in range(1, 12):
@@ -111,7 +125,7 @@ def test_a_slow_radar_has_its_own_rhythm(driving):
         screen.alive()
         screen.pass_time(1200)
     assert screen.says()["state-words"] == ""
-    screen.pass_time(2000)
+    screen.pass_time(4000)
     assert screen.says()["state-words"] == "No radar"
 
 
@@ -208,23 +222,26 @@ def test_whether_it_can_stop_follows_the_settings(driving):
 def test_sound_is_off_until_it_is_switched_on(driving):
     screen, feeder = driving
     screen.page.evaluate(AUDIO)
-    near = [scan(1, 0.0), alarm("alarm-1", -0.6, 3.0, 4.5, 0.0)]
+    feeder.give(scan(1, 0.0))
+    screen.alive()
+    screen.pass_time(400)
     assert screen.says()["drive-aside"] == "nothing seen yet"
-    feeder.give(*near, view_event(0, np.ones((200, 60), np.float32)))
+    near = alarm("alarm-1", -0.6, 3.0, 4.5, 0.0)
+    feeder.give(scan(2, 0.0), near, view_event(0, np.ones((200, 60), np.float32)))
     screen.alive()
     screen.pass_time(400)
     assert screen.says()["verdict"] == "halt"
     assert screen.page.evaluate("tones") == []
     screen.page.click("#drive-sound")
     assert screen.page.get_attribute("#drive-sound", "aria-pressed") == "true"
-    feeder.give(scan(2, 0.1))
+    feeder.give(scan(3, 0.1))
     screen.alive()
     screen.pass_time(500)
     assert screen.page.evaluate("tones").count(1200) >= 1
     screen.pass_time(1500)
     assert screen.page.evaluate("tones[tones.length - 1]") == 220  # nothing comes any more
     screen.page.click("#drive-sound")
-    feeder.give(scan(3, 8.0))
+    feeder.give(scan(4, 8.0))
     screen.alive()
     screen.pass_time(400)
     assert re.fullmatch("none in 1[01] m", screen.says()["drive-aside"])

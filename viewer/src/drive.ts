@@ -65,7 +65,7 @@ export class Drive {
     el("drive").hidden = !on;
     const theme = document.documentElement.dataset["theme"]!;
     if (on && theme === "dark") this.dress("night");
-    if (!on && theme !== "light") app.setTheme("dark");
+    if (!on && theme !== "dark") app.setTheme(theme === "night" ? "dark" : "light");
     app.view.turned = on;
     app.enlarged = on ? ENLARGED : 1;
     live.labelled = on ? 0 : LABELLED; // what the picture says is as old as its scan; the number beside it is not
@@ -190,6 +190,7 @@ export class Drive {
   }
 
   private ring(ahead: { alarm: LiveAlarm; left: number }[], state: Health): void {
+    if (document.hidden) return; // the browser lets a page in the background look at its clock only now and then
     const { live, sound } = this;
     const names = ahead.map(({ alarm }) => alarm.id);
     const fresh = this.known !== null && names.some((name) => !this.known!.has(name));

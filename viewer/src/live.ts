@@ -62,6 +62,8 @@ const FAULTS: Record<string, string> = {
 const LISTED = 8;
 /** Alarms in the picture, the nearest ones, that tell their distance. */
 export const LABELLED = 8;
+/** Between two requests, ms; a browser makes it longer for a page in the background. */
+const POLL = 200;
 /** A request that hangs is given up after so long, ms. */
 const PATIENCE = 2000;
 /** Time over which the speed is measured, s, and how far apart two scans may lie for it. */
@@ -190,7 +192,7 @@ export class Live {
   }
 
   private async poll(): Promise<void> {
-    let again = document.hidden ? 2000 : 200;
+    let again = POLL;
     try {
       const control = new AbortController();
       const patience = setTimeout(() => control.abort(), PATIENCE);

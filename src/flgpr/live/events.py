@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -43,7 +44,8 @@ class EventFile:
 
     def beat(self) -> None:
         """Give the file a new time stamp: whoever shows it sees that detection runs though nothing comes."""
-        os.utime(self.path)
+        with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
+            os.utime(self.path)
 
 
 def as_line(event: Mapping[str, Any]) -> str:

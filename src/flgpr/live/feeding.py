@@ -74,6 +74,9 @@ def feed(
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     last = total if count is None else min(first + count, total)
+    beyond = [fault.scan for fault in wrong if not first <= fault.scan < last]
+    if beyond:
+        raise ValueError(f"fault must begin with a scan that is played ({first} to {last - 1}), got {beyond[0]}")
     sink = _FolderSink(Path(folder)) if folder is not None else _SocketSink(Path(str(socket_path)))
     with sink:
         sink.begin(description)
