@@ -328,6 +328,19 @@ def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, ser
     assert min(smallest[name] for name in ("drive-left", "drive-verdict", "state-words")) >= 48
 
 
+def test_a_hand_on_the_picture_does_not_take_it_from_the_vehicle(driving):
+    screen, _ = driving
+    assert screen.page.get_attribute("#follow", "aria-pressed") == "true"
+    box = screen.page.locator("#lane").bounding_box()
+    screen.page.mouse.move(box["x"] + 200, box["y"] + 200)
+    screen.page.mouse.down()
+    screen.page.mouse.move(box["x"] + 300, box["y"] + 500, steps=4)
+    screen.page.mouse.up()
+    screen.page.mouse.wheel(0, 300)
+    assert screen.page.get_attribute("#follow", "aria-pressed") == "true"
+    assert screen.page.locator("#alarm").is_hidden()
+
+
 def test_the_button_goes_through_day_night_and_sun(driving):
     screen, _ = driving
     assert screen.page.inner_text("#drive-theme") == "Day"

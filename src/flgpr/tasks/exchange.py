@@ -188,7 +188,7 @@ def export_qgis(
         layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(held, chosen)))
         places = transform_lonlat(tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm())
         extent = (*(places.min(axis=0) - _MARGIN), *(places.max(axis=0) + _MARGIN))
-        title = f"{held.manifest['run']['title']}: {chosen.title}"
+        title = f"{held.manifest['run'].get('title', held.folder.name)}: {chosen.title}"
         about = f"{georeferenced.STATEMENT} Processing {identity}."
         (home / "lane.qgs").write_bytes(qgis.project(title, about, tie.utm(), extent, layers))
         with partial_of(target) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as bundle:
