@@ -1,4 +1,4 @@
-"""``flgpr.view(result)``: the viewer inside a notebook, served by the kernel for as long as it lives."""
+"""The viewer inside a notebook, served by the kernel for as long as it lives; the package has its name ``view``."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def view(
 ) -> View:
     """Show results, two of them side by side, or a run in a notebook: the page of ``flgpr view`` as the cell's value.
 
-    ``results`` are result folders or what :func:`flgpr.read_result` gave, or run stores; ``score`` is the score's
+    ``results`` are result folders or what ``read_result`` gave, or run stores; ``score`` is the score's
     folder if not the result's, ``anchor`` a TOML that ties the lane to the Earth, ``live`` the folder of a live run to
     follow; ``height`` is in pixels, and ``port`` 0 takes a free one. The server ends with the kernel, with
     :meth:`View.close`, or when the same is viewed again. Outside a notebook the address is printed, to be opened in a
