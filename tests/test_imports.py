@@ -32,9 +32,10 @@ ALLOWED = {
     "benchmark": BELOW | {"chain", "results", "report", "execution", "tasks"},
     "accessor": {"model", "imaging", "calibrate", "screen", "chain", "results"},
     "viewer": {"model", "io"},
+    "notebook": {"tasks", "results", "viewer"},
     "cli": {"tasks", "chain", "viewer", "benchmark"},
     "__main__": {"cli"},
-    "__init__": {"chain", "results", "tasks"} | BELOW,
+    "__init__": {"chain", "results", "tasks", "notebook"} | BELOW,
 }
 FACES = sorted(path.parent for path in ROOT.rglob("__init__.pyi"))
 HEAVY = {"numba", "scipy", "matplotlib", "sklearn", "skimage", "h5py", "pyproj", "starlette", "uvicorn", "jinja2"}

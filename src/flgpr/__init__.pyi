@@ -8,6 +8,7 @@ from flgpr.model.frames import Grid
 from flgpr.model.lane import Lane
 from flgpr.model.run import make_run
 from flgpr.model.sensor import Sensor, load_sensor
+from flgpr.notebook import view
 from flgpr.results.result import Result, read_result
 from flgpr.scoring.lane_roc import roc
 from flgpr.simulate.scene import Scene, load_scene
@@ -45,4 +46,5 @@ __all__ = [
     "score",
     "simulate",
     "train",
+    "view",
 ]

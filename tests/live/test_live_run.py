@@ -49,7 +49,9 @@ def events(folder, kind=None):
 
 
 def without_times(lines):
-    return [{k: v for k, v in line.items() if k not in ("latency_ms", "latency", "margin_m")} for line in lines]
+    return [
+        {k: v for k, v in line.items() if k not in ("arrived", "latency_ms", "latency", "margin_m")} for line in lines
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -360,6 +362,39 @@ def test_feed_keeps_its_rate_and_announces_the_end_only_at_the_end(home, tmp_pat
     (folder / "run.json").write_text("{}")
     with pytest.raises(ValueError, match="same run"):
         feed(home / "run.zarr", folder, FAST)
+
+
+def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
+    faults = ["lost:10:3", "late:20:2", "twice:25", "nan:30:2"]
+    assert feed(home / "run.zarr", tmp_path / "in", FAST, faults=faults) == SCANS - 3 + 1
+    names = {p.name for p in (tmp_path / "in").glob("*.scan")}
+    assert names == {scan_name(k) for k in range(SCANS) if k not in (10, 11, 12)} | {"scan-000025-again.scan"}
+    whole = home / "incoming" / scan_name(25)
+    assert (tmp_path / "in" / "scan-000025-again.scan").read_bytes() == whole.read_bytes()
+    report = LiveRun(options(home, tmp_path / "out", tmp_path / "in")).run()
+    told = {name: count for name, count in report.counts.items() if count}
+    assert told == {
+        "received": SCANS - 2,
+        "taken": SCANS - 4 - 3 - 2,
+        "warm_up": 4,
+        "missing": 3,
+        "duplicate": 1,
+        "masked": 2,
+    }
+    assert events(tmp_path / "out", "counts")[0]["missing"] == 3  # a loss is told when it is seen, not at the end
+    for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
+        with pytest.raises(ValueError, match="fault must be lost, late, twice, nan with"):
+            feed(home / "run.zarr", tmp_path / "other", FAST, faults=[text])
+    with pytest.raises(ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"):
+        feed(home / "run.zarr", tmp_path / "other", FAST, faults=[f"nan:{SCANS}"])
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_late_scan_is_played_after_those_that_overtake_it(home, tmp_path):
+    waits = []
+    feed(home / "run.zarr", tmp_path / "in", 1e9, first=4, count=4, wait=waits.append, faults=["late:5:2"])
+    times = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "in").glob("*.scan")}
+    assert sorted(times, key=times.__getitem__) == [scan_name(k) for k in (4, 6, 7, 5)]
 
 
 def test_poses_are_filled_in_on_the_straight_line():

@@ -57,6 +57,7 @@ def follow(serving, watch):
     def start(folder, **options):
         with serving([], live=folder) as viewer:
             page = watch(viewer, **options)
+            page.page.click("#to-desk")
             try:
                 yield page
             finally:

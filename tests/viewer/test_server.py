@@ -1,6 +1,7 @@
 import contextlib
 import http.client
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -22,6 +23,7 @@ from flgpr.viewer.session import LiveFile, ResultFiles, ViewError
 ROUTES = [
     "", "app.js", "app.css", "icon.svg", "data/session.json", "data/live", "data/0/index.json", "data/0/score.json",
     "data/0/tile/0/0/0", "data/0/evidence/0/0", "data/9/index.json", "nowhere",
+    "data/0/map.zip",
 ]  # fmt: skip
 
 ANCHOR = """
@@ -72,7 +74,7 @@ def test_only_get_is_answered(shown, path, method):
 @pytest.mark.parametrize("path", ROUTES)
 def test_every_answer_forbids_other_origins(shown, path):
     answer = ask(shown, path, origin=f"http://127.0.0.1:{shown.port}")
-    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live") else 200)
+    assert answer.status == (404 if path in ("data/9/index.json", "nowhere", "data/live", "data/0/map.zip") else 200)
     policy = answer.getheader("content-security-policy")
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
@@ -242,9 +244,12 @@ def test_live_events_come_line_by_line(tmp_path, serving):
             answer = json.loads(ask(viewer, f"data/live?after={offset}").body)
             offset, count, more = answer["next"], count + len(answer["events"]), answer["more"]
     assert (count, offset) == (9000, len(lines))
-    assert LiveFile(file).after(0) == LiveFile(tmp_path).after(0)
+    named, found = (LiveFile(path).after(0) for path in (file, tmp_path))
+    assert named | {"age": 0} == found | {"age": 0}
+    os.utime(file, (0, 0))
+    assert LiveFile(file).after(0)["age"] > 1e6
     assert LiveFile(tmp_path / "other.jsonl").after(5) == {
-        "events": [], "next": 0, "bad": 0, "restarted": True, "more": False,
+        "events": [], "next": 0, "bad": 0, "restarted": True, "more": False, "age": None,
     }  # fmt: skip
 
 

@@ -49,6 +49,8 @@ export class App {
   thresholds: (number | null)[] = [null];
   private waiting = 0;
   fitting = true;
+  /** How much larger than at the desk the picture's lines and words are. */
+  enlarged = 1;
   private marked = false;
   /** Whether there are scores and no pictures. */
   private readonly scored: boolean;
@@ -222,6 +224,7 @@ export class App {
   setThreshold(row: number): void {
     this.row = Math.min(Math.max(row, 0), this.thresholds.length - 1);
     if (this.live) {
+      this.live.wanted = null;
       this.live.least = this.source.title !== "live" || this.row >= this.thresholds.length - 1 ? -Infinity : (this.threshold ?? Infinity);
       this.live.report();
     }
@@ -430,7 +433,7 @@ export class App {
   }
 
   resized(): void {
-    const { width, height } = fitted(el<HTMLCanvasElement>("lane"));
+    const { width, height } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
     this.view.box = Picture.box(width, height);
     if (this.fitting) this.view.fit();
     else this.view.hold();
@@ -448,7 +451,7 @@ export class App {
 
   private draw(): void {
     const start = performance.now();
-    const { context, width, height, density } = fitted(el<HTMLCanvasElement>("lane"));
+    const { context, width, height, density } = fitted(el<HTMLCanvasElement>("lane"), this.enlarged);
     const palette = this.palette();
     const { box } = this.view;
     context.clearRect(0, 0, width, height);
@@ -467,7 +470,7 @@ export class App {
     drawComparison(this, pen);
     context.restore();
     this.picture.axes(pen, palette);
-    if (this.source.index.layers.length) colourBar(pen, box, this.colours, palette, box.top + 166);
+    if (this.source.index.layers.length && this.enlarged === 1) colourBar(pen, box, this.colours, palette, box.top + 166);
     this.showBadge();
     if (whole && !this.marked && box.width > 10) {
       this.marked = true;
@@ -607,6 +610,15 @@ export class App {
     const rows = alarmRows(this.source, this.detection, this.exportRows(), (row) => this.note(row));
     if (form === "csv") download("flgpr-alarms.csv", asCsv(rows), "text/csv");
     else download("flgpr-alarms.geojson", asGeoJson(rows, geographic(this.source.index.georeference)), "application/geo+json");
+  }
+
+  /** A project of QGIS with the layers of the result in picture A, made by the server. */
+  async exportMap(): Promise<void> {
+    this.say("The map is being made");
+    const answer = await fetch(`data/${this.source.id}/map.zip`);
+    if (answer.ok) return download("flgpr-map.zip", await answer.blob());
+    const content = await answer.json().catch(() => null);
+    this.complain(content?.error ?? `the map: ${answer.status}`);
   }
 
   setTheme(theme: string): void {

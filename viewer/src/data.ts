@@ -13,8 +13,8 @@ export const HALF = (() => {
   return table;
 })();
 
-export async function getJson<T>(path: string): Promise<T> {
-  const answer = await fetch(path);
+export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T> {
+  const answer = await fetch(path, signal ? { signal } : {});
   const content = await answer.json().catch(() => null);
   if (!answer.ok) throw new Error(content?.error ?? `${path}: ${answer.status}`);
   return content as T;

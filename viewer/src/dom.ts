@@ -42,10 +42,10 @@ export function options(select: HTMLSelectElement, items: { value: string; label
   }
 }
 
-/** Fit a canvas's pixels to its size on the screen; gives its context in CSS pixels. */
-export function fitted(canvas: HTMLCanvasElement): { context: CanvasRenderingContext2D; width: number; height: number; density: number } {
-  const density = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
+/** Fit a canvas's pixels to its size on the screen; gives its context in CSS pixels, or in larger ones. */
+export function fitted(canvas: HTMLCanvasElement, enlarged = 1): { context: CanvasRenderingContext2D; width: number; height: number; density: number } {
+  const density = (window.devicePixelRatio || 1) * enlarged;
+  const [width, height] = [canvas.clientWidth / enlarged, canvas.clientHeight / enlarged];
   const [w, h] = [Math.max(Math.round(width * density), 1), Math.max(Math.round(height * density), 1)];
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
   const context = canvas.getContext("2d")!;

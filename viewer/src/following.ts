@@ -32,8 +32,13 @@ export class Following {
     el("subset").hidden = el("roc-plot").hidden = el("explain").hidden = true;
     app.detectionChanged();
     app.showChoices();
-    this.set(live.lane === null || app.view.length > 80);
+    this.set(this.suits(live) || app.enlarged > 1);
     app.resized();
+  }
+
+  /** Whether the picture goes with the vehicle at the desk: over a lane that is long or has no end. */
+  suits(live: Live): boolean {
+    return live.begun && (live.lane === null || this.app.view.length > 80);
   }
 
   /** Rows of a live run-view came. */
@@ -59,7 +64,8 @@ export class Following {
       const { index } = app.source;
       const id = app.selected === null ? null : app.detection?.alarms.alarm_id?.[app.selected];
       const ticked = new Set([...app.ticked].map((row) => app.detection?.alarms.alarm_id?.[row]));
-      const [least, last] = [app.threshold, app.row >= app.thresholds.length - 1];
+      const least = live.wanted ?? app.threshold;
+      const last = live.wanted === null && app.row >= app.thresholds.length - 1;
       index.detections = [live.detection()];
       const names = index.detections[0]!.alarms.alarm_id!;
       app.thresholds = thresholdsOf(app.source, "live");

@@ -6,6 +6,8 @@ interface Event {
   event?: string;
   scan?: number;
   pose?: number[];
+  arrived?: number;
+  threshold?: number | null;
   outcome?: string;
   alarm_id?: string;
   state?: string;
@@ -22,7 +24,7 @@ interface Event {
   grid?: Omit<Grid, "ny"> | null;
   channel?: [string, string];
   georeference?: Georeference | null;
-  vehicle?: { front?: number; stopping_distance?: number | null };
+  vehicle?: { [name: string]: number | null | undefined };
   title?: string;
   row?: number;
   rows?: number;
@@ -31,7 +33,7 @@ interface Event {
   words?: string;
   [count: string]: unknown;
 }
-interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean }
+interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean; age?: number | null }
 export interface LiveAlarm {
   id: string;
   x: number;
@@ -58,6 +60,14 @@ const FAULTS: Record<string, string> = {
   missing: "missing",
 };
 const LISTED = 8;
+/** Alarms in the picture, the nearest ones, that tell their distance. */
+export const LABELLED = 8;
+/** Between two requests, ms; a browser makes it longer for a page in the background. */
+const POLL = 200;
+/** A request that hangs is given up after so long, ms. */
+const PATIENCE = 2000;
+/** Time over which the speed is measured, s, and how far apart two scans may lie for it. */
+const [MEASURED, FARTHEST] = [0.9, 3];
 
 /** Half floats of base64. */
 export function halves(text: string): Uint16Array {
@@ -77,23 +87,37 @@ export interface LiveHandlers {
 
 /** Follows live.jsonl: `start`, `scan`, `view`, `alarm`, `counts`, `problem`, `resume` and `end`; what it does not know it leaves alone. */
 export class Live {
-  readonly track: { scan: number; x: number; y: number; heading: number }[] = [];
+  readonly track: { scan: number; x: number; y: number; heading: number; time: number | null }[] = [];
   readonly alarms = new Map<string, LiveAlarm>();
   lane: Lane | null = null;
   grid: Grid | null = null;
   channel: [string, string] = ["", ""];
   georeference: Georeference | null = null;
   front = 0;
-  stopping: number | null = null;
+  /** Speed as stated and as chosen on the page, m/s; reaction time, s; deceleration, m/s². */
+  stated: number | null = null;
+  chosen: number | null = null;
+  reaction = 1.5;
+  deceleration = 3;
   title = "";
+  /** On the page's clock, ms: the last answer, the last frame of the radar, the last scan that was of use, the last pose. */
+  readonly came = { answer: performance.now(), frame: 0, use: 0, pose: 0 };
+  /** Between the last frames, ms. */
+  readonly rhythm: number[] = [];
+  /** How long before the last answer detection gave a sign of life, s; null where there is no file of events. */
+  age: number | null = null;
+  /** From the arrival of the last scan to its alarms, ms. */
+  delay = 0;
+  begun = false;
+  ended = false;
+  caughtUp = false;
+  counts: Record<string, number> = {};
+  private told: number | null = null;
   private offset = 0;
   private scans = new Set<number>();
   private bad = 0;
-  private counts: Record<string, number> = {};
   private problem = "";
   private latency: number[] = [];
-  private ended = false;
-  private caughtUp = false;
 
   constructor(private readonly handlers: LiveHandlers) {}
 
@@ -104,6 +128,40 @@ export class Live {
 
   get here(): { x: number; y: number; heading: number } | null {
     return this.track[this.track.length - 1] ?? null;
+  }
+
+  /** Speed over the last scans by their poses and arrivals, m/s; null where they do not tell. */
+  get measured(): number | null {
+    const last = this.track[this.track.length - 1];
+    if (!last || last.time === null) return null;
+    for (let i = this.track.length - 2; i >= 0; i--) {
+      const { x, y, time } = this.track[i]!;
+      if (time === null || last.time - time > FARTHEST) return null;
+      if (last.time - time >= MEASURED) return Math.hypot(last.x - x, last.y - y) / (last.time - time);
+    }
+    return null;
+  }
+
+  get speed(): number | null {
+    return this.chosen ?? this.measured ?? this.stated;
+  }
+
+  /** v·t + v²/(2·a), m. */
+  get stopping(): number | null {
+    const { speed } = this;
+    return speed === null ? this.told : speed * this.reaction + speed ** 2 / (2 * this.deceleration);
+  }
+
+  /** How far ahead of the vehicle's front the run-view reaches, m; not positive where nothing is seen ahead. */
+  get sight(): number {
+    const { grid, here } = this;
+    if (!grid?.ny || !here) return 0;
+    return (this.distance({ x: here.x, y: grid.y + (grid.ny - 0.5) * grid.dy }) ?? 0) - this.driven;
+  }
+
+  /** How far the vehicle has driven since the last pose was taken, m. */
+  get driven(): number {
+    return ((this.speed ?? 0) * (performance.now() - this.came.pose + this.delay)) / 1000;
   }
 
   /** Ground distance from the vehicle's front to an alarm along its heading, m; negative once it is passed. */
@@ -134,9 +192,13 @@ export class Live {
   }
 
   private async poll(): Promise<void> {
-    let again = document.hidden ? 2000 : 200;
+    let again = POLL;
     try {
-      const answer = await getJson<Answer>(`data/live?after=${this.offset}`);
+      const control = new AbortController();
+      const patience = setTimeout(() => control.abort(), PATIENCE);
+      const answer = await getJson<Answer>(`data/live?after=${this.offset}`, control.signal).finally(() => clearTimeout(patience));
+      this.came.answer = performance.now();
+      this.age = answer.age ?? null;
       if (answer.restarted) this.forget();
       this.offset = answer.next;
       this.bad += answer.bad;
@@ -161,10 +223,11 @@ export class Live {
     this.bad = 0;
     this.counts = {};
     this.problem = "";
-    this.ended = false;
+    this.ended = this.begun = false;
   }
 
   private take(event: Event, fresh: Map<string, LiveAlarm>): void {
+    if (event.event === "scan" || event.event === "counts" || event.event === "problem") this.heard();
     if (event.event === "start") this.begin(event);
     else if (event.event === "scan") this.takeScan(event);
     else if (event.event === "view") this.takeView(event);
@@ -177,8 +240,16 @@ export class Live {
     else this.bad++;
   }
 
+  private heard(): void {
+    const now = performance.now();
+    if (now - this.came.frame > 20 && this.came.frame) this.rhythm.push(now - this.came.frame);
+    if (this.rhythm.length > 9) this.rhythm.shift();
+    this.came.frame = now;
+  }
+
   private begin(event: Event): void {
     this.title = String(event.title ?? "");
+    this.begun = true;
     this.ended = false;
     const { lane, grid } = event;
     if (lane && [lane.x_min, lane.x_max, lane.y_min, lane.y_max].every(number)) this.lane = lane;
@@ -186,7 +257,12 @@ export class Live {
     if (Array.isArray(event.channel)) this.channel = [String(event.channel[0]), String(event.channel[1])];
     this.georeference = event.georeference ?? null;
     this.front = number(event.vehicle?.front) ? event.vehicle.front : 0;
-    this.stopping = number(event.vehicle?.stopping_distance) ? event.vehicle.stopping_distance : null;
+    const { speed, reaction, deceleration, stopping_distance: told } = event.vehicle ?? {};
+    this.stated = number(speed) ? speed : null;
+    this.told = number(told) ? told : null;
+    if (number(reaction)) this.reaction = reaction;
+    if (number(deceleration)) this.deceleration = deceleration;
+    if (number(event.threshold)) this.wanted = this.least = event.threshold;
     this.handlers.began(this);
   }
 
@@ -195,12 +271,15 @@ export class Live {
     if (!number(x) || !number(y)) return;
     const scan = number(event.scan) ? event.scan : this.track.length;
     this.scans.add(scan);
-    const one = { scan, x, y, heading: number(heading) ? heading : 0 };
+    const one = { scan, x, y, heading: number(heading) ? heading : 0, time: number(event.arrived) ? event.arrived : null };
     const at = this.track.findIndex((other) => other.scan >= scan);
     if (at < 0) this.track.push(one);
     else if (this.track[at]!.scan === scan) this.track[at] = one;
     else this.track.splice(at, 0, one);
     if (number(event.latency_ms) && event.outcome === "taken") this.latency.push(event.latency_ms);
+    if (event.outcome !== "late") this.came.use = performance.now();
+    if (at < 0) this.came.pose = performance.now();
+    this.delay = number(event.latency_ms) ? event.latency_ms : 0;
   }
 
   private takeView(event: Event): void {
@@ -254,7 +333,10 @@ export class Live {
     return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, confidence ${fixed(alarm.confidence, 2)}`;
   }
 
+  /** Alarms are shown from this confidence on; as the run was started with, until the page's threshold is moved. */
   least = -Infinity;
+  wanted: number | null = null;
+  labelled = LABELLED;
 
   report(): void {
     const sorted = [...this.latency].sort((a, b) => a - b);

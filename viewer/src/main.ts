@@ -2,6 +2,7 @@ import { App } from "./app";
 import type { Compare } from "./compare";
 import { getJson, loadSources } from "./data";
 import { el } from "./dom";
+import { Drive } from "./drive";
 import { fillHelp, listenToKeys } from "./keys";
 import { Live } from "./live";
 import { Notes } from "./notes";
@@ -64,6 +65,7 @@ function wireButtons(app: App): void {
   click("export-svg", () => app.exportSvg());
   click("export-csv", () => app.exportTable("csv"));
   click("export-geojson", () => app.exportTable("geojson"));
+  click("export-map", () => void app.exportMap());
   click("export-notes", () => app.notes.save());
   input("load-notes", (field) => {
     const file = field.files?.[0];
@@ -83,7 +85,7 @@ function wirePointer(app: App): void {
   let held: { x: number; y: number; moved: boolean; dividing: boolean } | null = null;
   const place = (event: MouseEvent): [number, number] => {
     const box = canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return [(event.clientX - box.left) / app.enlarged, (event.clientY - box.top) / app.enlarged];
   };
   const onLine = (px: number, py: number): boolean => {
     if (app.compare !== "swipe") return false;
@@ -171,6 +173,7 @@ interface Session {
   identities: string[];
   live: boolean;
   raw: boolean;
+  map: boolean;
   verdicts: string | null;
   georeference: Georeference | null;
   backdrop: Backdrop["box"] | null;
@@ -192,6 +195,7 @@ async function start(): Promise<void> {
   if (!sources.length && live) sources.push(liveSource());
   for (const { index } of sources) index.georeference = session.georeference ?? index.georeference;
   el("follow").hidden = !live;
+  el("export-map").hidden = !session.map || !sources.some(({ index }) => index.georeference && index.detections.length);
   const notes = new Notes(sources, session.verdicts);
   await notes.open();
   app = new App(sources, notes);
@@ -204,7 +208,11 @@ async function start(): Promise<void> {
   wireButtons(app);
   wirePointer(app);
   listenToKeys(app);
-  live?.start();
+  if (live) {
+    const drive = new Drive(app, live);
+    if (!session.results.length) drive.show(true);
+    live.start();
+  }
   const run = sources[0]?.index.run;
   if (run && session.raw) {
     app.raw = new RawPanel(sources[0]!, (scan) => app?.markScan(scan));

@@ -122,7 +122,6 @@ function drawTruth(pen: Pen, view: View, overlay: Overlay, size: number): void {
 }
 
 const STOP = "#ff7a59";
-const LABELLED = 8;
 
 function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
   const points = live.track.map(({ x, y }) => view.toScreen(x, y));
@@ -137,14 +136,14 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     pen.path(ends, false, { stroke: STOP, width: 2, dash: [9, 5] });
   }
   const own = overlay.detection?.name === "live";
-  const labelled = new Set(live.ahead(live.least).slice(0, LABELLED).map(({ alarm }) => alarm.id));
+  const labelled = new Set(live.ahead(live.least).slice(0, live.labelled).map(({ alarm }) => alarm.id));
   for (const alarm of live.alarms.values()) {
     const [px, py] = view.toScreen(alarm.x, alarm.y);
     if (!overlay.show.alarms || alarm.confidence < live.least || !inBox(view, px, py)) continue;
     const left = live.distance(alarm);
     const ahead = left !== null && left > 0;
     if (!own) drawAlarm(pen, px, py, "plain");
-    if (ahead && alarm.inTime === false) drawLate(pen, px, py);
+    if (ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping)) drawLate(pen, px, py);
     if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: alarm.inTime === false ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: alarm.inTime === false });
   }
   if (here) {

@@ -11,7 +11,7 @@ from typer import Argument, Option
 from flgpr import tasks
 from flgpr.cli.common import Output, Quiet, plain_errors, progress, tell_written
 
-FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "cphd")
+FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
 
 import_app = typer.Typer(name="import", help="Read other formats into a run.", no_args_is_help=True)
 
@@ -146,6 +146,8 @@ def export(
     with plain_errors():
         if to == "cphd":
             tasks.export_run(source, output, anchor)
+        elif to == "qgis":
+            tasks.export_qgis(source, output, anchor, detection, time)
         elif source.suffix == ".csv":
             tasks.export_table(source, output, to, anchor, kind, time)
         else:

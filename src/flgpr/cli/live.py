@@ -44,6 +44,7 @@ def live(
     span: Annotated[int | None, Option(help="Scans that the background remembers; default all.")] = None,
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
     idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
+    threshold: Annotated[float | None, Option(help="Confidence from which the page shows alarms; default all.")] = None,
     fresh: Annotated[bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
     view: Annotated[bool, Option("--view", help="Show it in the browser.")] = False,
     no_browser: Annotated[bool, Option("--no-browser", help="With --view: print the address only.")] = False,
@@ -54,7 +55,7 @@ def live(
         vehicle = tasks.Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
         options = tasks.LiveOptions(
             recipe, output, incoming, socket, model, lane, anchor, tasks.LiveSettings(looks, warm_up, span), vehicle,
-            snapshot, idle, fresh,
+            snapshot, idle, threshold, fresh,
         )  # fmt: skip
         run = tasks.LiveRun(options, (lambda _: None) if quiet else _print)
         with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:
@@ -74,11 +75,16 @@ def feed(
     first: Annotated[int, Option(help="First scan.")] = 0,
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[float, Option(help="Time between the run's description and its first scan, s.")] = 2.0,
+    fault: Annotated[
+        list[str] | None, Option(help="Rehearse a fault: lost, late, twice or nan, as lost:40:13; may repeat.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Play a stored run as the radar would write it."""
     with plain_errors():
-        played = tasks.feed(run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead)
+        played = tasks.feed(
+            run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead, faults=fault or []
+        )
     if not quiet:
         typer.echo(f"played {played} scans")
 

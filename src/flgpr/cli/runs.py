@@ -61,8 +61,9 @@ def view(
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
         viewer.serve(
-            shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw, backdrop, verdicts
-        )
+            shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw=raw,
+            backdrop=backdrop, verdicts=verdicts, make_map=lambda *given: tasks.map_bytes(*given),
+        )  # fmt: skip
     except (ValueError, OSError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
@@ -84,7 +85,7 @@ def demo(
         print_scores(scored)
         typer.echo(f"report: {(result.folder / 'report.html').resolve()}")
     if view:
-        viewer.serve(result.folder, announce=typer.echo)
+        viewer.serve(result.folder, announce=typer.echo, make_map=tasks.map_bytes)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-from flgpr.io.anchor import Anchor, fit_anchor, read_anchor
+from flgpr.io.anchor import Anchor, fit_anchor, own_anchor, read_anchor
 from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
 from flgpr.io.backdrop import map_backdrop
 from flgpr.io.bundle import Bundle, BundleError, write_bundle
@@ -92,6 +92,7 @@ __all__ = [
     "map_backdrop",
     "open_arrays",
     "open_run",
+    "own_anchor",
     "parse_description",
     "parse_verdicts",
     "propose_mapping",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -124,6 +124,18 @@ class _AnchorFile(BaseModel):
         if (len(self.point) >= 2) == (self.azimuth_deg is not None) or not self.point:
             raise ValueError("give two or more points, or one point and azimuth_deg with azimuth_accuracy_deg")
         return self
+
+
+def own_anchor(reference: Mapping[str, Any]) -> Anchor:
+    """Make the anchor of a run's attribute ``georeference``; how well it ties the lane is not known (NaN)."""
+    told = [reference.get(name) for name in ("longitude", "latitude", "azimuth")]
+    if not all(isinstance(one, int | float) and math.isfinite(one) for one in told):
+        raise ValueError(f"georeference must have longitude, latitude and azimuth in degrees, got {dict(reference)}")
+    longitude, latitude, azimuth = map(float, told)  # type: ignore[arg-type]
+    return Anchor(
+        (longitude, latitude, 0.0), math.radians(azimuth), (0.0, 0.0, 0.0), (0.0, 0.0), math.nan, 1, math.inf, 0.0, (),
+        GEODETIC, math.nan, False,
+    )  # fmt: skip
 
 
 def read_anchor(path: str | Path) -> Anchor:

@@ -15,11 +15,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import partial_of, write_whole
 from flgpr.io.tables import json_value, write_features
+from flgpr.model.lane import Lane
 
 STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
@@ -115,10 +117,15 @@ def _document(space: str, root: str, **attributes: str) -> tuple[Any, Any]:
 
     def add(parent: Any, tag: str, text: Any = None, **attributes: str) -> Any:
         child = ElementTree.SubElement(parent, f"{{{space}}}{tag}", attributes)
-        child.text = None if text is None else "".join(c if c in "\t\n" or c >= " " else "?" for c in str(text))
+        child.text = None if text is None else printable(str(text))
         return child
 
     return ElementTree.Element(f"{{{space}}}{root}", attributes), add
+
+
+def printable(text: str) -> str:
+    """Replace what XML does not allow in a text by question marks."""
+    return "".join(c if c in "\t\n" or (c >= " " and not "\ud800" <= c <= "\udfff") else "?" for c in text)
 
 
 def _name_of(row: Mapping[Any, Any], number: int) -> str:
@@ -136,6 +143,23 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
     )
     with partial_of(Path(path)) as partial:
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+
+
+def write_outline(lane: Lane, path: str | Path, anchor: Anchor, layer: str = "lane") -> None:
+    """Write the outline of a lane as a GeoPackage of one polygon, WGS 84; whole or absent (geopandas, pyogrio)."""
+    geopandas = optional("geopandas", "gis")
+    optional("pyogrio", "gis")
+    polygon = optional("shapely.geometry", "gis").Polygon(anchor.to_geodetic(corners(lane))[:, :2])
+    told = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
+    frame = geopandas.GeoDataFrame(told, geometry=[polygon], crs="EPSG:4326")
+    with partial_of(Path(path)) as partial:
+        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+
+
+def corners(lane: Lane) -> NDArray[np.float64]:
+    """Corners of a lane at its mean ground, (4, 3), m, going round."""
+    x, y = (lane.x_min, lane.x_max), (lane.y_min, lane.y_max)
+    return np.array([[x[i], y[k], 0.0] for i, k in ((0, 0), (1, 0), (1, 1), (0, 1))])
 
 
 def write_geotiff(

@@ -6,9 +6,12 @@ import json
 import math
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from flgpr.io import (
     RunDescription,
@@ -22,6 +25,25 @@ from flgpr.io import (
 from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
 
 PathLike = str | Path
+FAULTS = ("lost", "late", "twice", "nan")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong from a scan on: so many are lost, come twice or have a sweep of NaN; one comes so much later."""
+
+    kind: str
+    scan: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Fault:
+        """Read ``KIND:SCAN`` or ``KIND:SCAN:COUNT``, such as ``lost:40:13``."""
+        kind, _, rest = text.partition(":")
+        numbers = rest.split(":")
+        if kind not in FAULTS or len(numbers) > 2 or not all(n.isascii() and n.isdigit() for n in numbers):
+            raise ValueError(f"fault must be {', '.join(FAULTS)} with a scan and a number, as lost:40:5, got {text!r}")
+        return cls(kind, int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 1)
 
 
 def feed(
@@ -33,12 +55,15 @@ def feed(
     count: int | None = None,
     lead: float = 0.0,
     wait: Callable[[float], None] = time.sleep,
+    faults: Sequence[str] = (),
 ) -> int:
-    """Play a stored run into a folder, made if need be, or a Unix socket, and give the number of scans played.
+    """Play a stored run into a folder, made if need be, or a Unix socket, and give the number of frames played.
 
     ``rate`` is in scans per second; infinity plays as fast as possible. The end is announced only after the run's last
     scan. ``lead`` is the time between description and first scan, s, as when a radar is switched on; ``wait`` waits.
+    ``faults`` rehearse what a radar gets wrong, see :class:`Fault`: the vehicle drives on while scans are lost.
     """
+    wrong = [Fault.parse(text) for text in faults]
     if not rate > 0:
         raise ValueError(f"rate must be positive, got {rate}")
     if (folder is None) == (socket_path is None):
@@ -49,22 +74,40 @@ def feed(
     if not 0 <= first < total:
         raise ValueError(f"first must be a scan of the run (0 to {total - 1}), got {first}")
     last = total if count is None else min(first + count, total)
+    beyond = [fault.scan for fault in wrong if not first <= fault.scan < last]
+    if beyond:
+        raise ValueError(f"fault must begin with a scan that is played ({first} to {last - 1}), got {beyond[0]}")
     sink = _FolderSink(Path(folder)) if folder is not None else _SocketSink(Path(str(socket_path)))
     with sink:
         sink.begin(description)
         if lead > 0:
             wait(lead)
         start = time.monotonic()
-        for scan in range(first, last):
+        played = _played(first, last, wrong)
+        for moment, scan, again, spoilt in played:
             one = dataset.isel(scan=scan)
-            frame = encode_scan(scan, one["signal"].values, one["pose"].values, float(one["time"]), description.run_id)
-            due = 0.0 if math.isinf(rate) else start + (scan - first) / rate - time.monotonic()
+            signal = np.array(one["signal"].values)
+            if spoilt:
+                signal[0, 0] = np.nan
+            frame = encode_scan(scan, signal, one["pose"].values, float(one["time"]), description.run_id)
+            due = 0.0 if math.isinf(rate) else start + (moment - first) / rate - time.monotonic()
             if due > 0:
                 wait(due)
-            sink.scan(scan, frame)
+            sink.scan(scan, frame, again)
         if last == total:
             sink.end(total)
-    return last - first
+    return len(played)
+
+
+def _played(first: int, last: int, faults: Sequence[Fault]) -> list[tuple[float, int, bool, bool]]:
+    """Order what is played: when, in scans, which scan, whether once more, and whether a sweep of it is NaN."""
+    played = []
+    for scan in range(first, last):
+        late = sum(fault.count + 0.5 for fault in faults if fault.kind == "late" and fault.scan == scan)
+        kinds = {fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count}
+        if "lost" not in kinds:
+            played += [(scan + late, scan, again, "nan" in kinds) for again in (False, True)[: 1 + ("twice" in kinds)]]
+    return sorted(played)
 
 
 class _FolderSink(AbstractContextManager["_FolderSink"]):
@@ -82,8 +125,9 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         elif path.read_text(encoding="utf-8") != json.dumps(description.as_json(), indent=1) + "\n":
             raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
 
-    def scan(self, number: int, frame: bytes) -> None:
-        write_whole(self._folder / scan_name(number), frame)
+    def scan(self, number: int, frame: bytes, again: bool) -> None:
+        name = Path(scan_name(number))
+        write_whole(self._folder / (f"{name.stem}-again{name.suffix}" if again else name), frame)
 
     def end(self, scans: int) -> None:
         write_whole(self._folder / END_FILE, json.dumps({"scans": scans}) + "\n")
@@ -104,7 +148,7 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
     def begin(self, description: RunDescription) -> None:
         self._socket.sendall(encode_frame("run", description.as_json()))
 
-    def scan(self, number: int, frame: bytes) -> None:  # noqa: ARG002
+    def scan(self, number: int, frame: bytes, again: bool) -> None:  # noqa: ARG002
         self._socket.sendall(frame)
 
     def end(self, scans: int) -> None:

@@ -56,6 +56,7 @@ class LiveOptions:
     vehicle: Vehicle = field(default_factory=Vehicle)
     snapshot: int = 20  #: a snapshot is written after that many scans; 0 writes only the last
     idle: float | None = None  #: end after so many seconds without a scan
+    threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
 
 
@@ -80,6 +81,8 @@ class LiveRun:
     def __init__(self, options: LiveOptions, tell: Callable[[str], None] = lambda _: None) -> None:
         if options.incoming is None and options.socket is None:
             raise ValueError("live needs a folder or a socket to take scans from, got neither")
+        if options.threshold is not None and not np.isfinite(options.threshold):
+            raise ValueError(f"threshold must be finite, got {options.threshold}")
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options, self._tell = options, tell
@@ -141,6 +144,7 @@ class LiveRun:
     def _loop(self, events: EventFile, writer: SnapshotWriter) -> None:
         last, since = time.monotonic(), 0
         while not self.inbox.stop.is_set():
+            events.beat()
             try:
                 arrival = self.inbox.arrivals.get(timeout=_TICK)
             except queue.Empty:
@@ -207,7 +211,7 @@ class LiveRun:
             shown = [round(float(value), 4) for value in scan.pose]
             lines.append(
                 {"event": "scan", "scan": scan.number, "pose": shown, "outcome": update.outcome,
-                 "latency_ms": round(1e3 * latency, 1)}
+                 "arrived": round(arrival.when, 3), "latency_ms": round(1e3 * latency, 1)}
             )  # fmt: skip
             where = detector.where if detector.where is not None else scan.pose
             told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
@@ -256,6 +260,7 @@ class LiveRun:
             "grid": detector.view_grid(),
             "channel": [screen.polarization, screen.subband],
             "georeference": self._anchor.georeference() if self._anchor is not None else reference,
+            "threshold": self.options.threshold,
             "vehicle": asdict(vehicle) | {"stopping_distance": vehicle.stopping_distance},
         }
 
@@ -291,7 +296,7 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:
-    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up", "missing")}
+    return {name: n for name, n in counts.items() if name not in ("received", "taken", "warm_up")}
 
 
 def _percentiles(latency: list[float]) -> dict[str, float]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +43,27 @@ def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | 
     body = canonical_json(content)
     head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
     return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
+
+
+def read_scored_truth(result: Result, folder: Path | None = None) -> tuple[pd.DataFrame, pd.DataFrame | None] | None:
+    """Read truth and objects that a result, or a score's ``folder``, was scored with; None where it was not scored.
+
+    A file that is altered or another result's is a ValueError.
+    """
+    path = (result.folder if folder is None else folder) / VIEW_SCORE
+    if not path.is_file():
+        return None
+    try:
+        stored = json.loads(path.read_bytes())
+        content = stored["content"]
+        if sha256(canonical_json(content)) != stored["sha256"]:
+            raise ValueError("it differs from what was written")
+        if content["result_sha256"] != result.manifest["identity"]:
+            raise ValueError("it belongs to another result")
+        objects = content["objects"]
+        return pd.DataFrame(content["truth"]), None if objects is None else pd.DataFrame(objects)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: {error}; run flgpr score again") from None
 
 
 def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:

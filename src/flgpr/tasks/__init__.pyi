@@ -18,12 +18,14 @@ from flgpr.tasks.bench import bench_imaging, format_bench
 from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_joint, calibrate_range_bias
 from flgpr.tasks.detection import detect_long, detect_run, detect_runs
 from flgpr.tasks.exchange import (
+    export_qgis,
     export_result,
     export_run,
     export_table,
     import_cphd,
     import_gpr,
     import_with_mapping,
+    map_bytes,
     track_of,
 )
 from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
@@ -83,6 +85,7 @@ __all__ = [
     "detect_run",
     "detect_runs",
     "explain_file",
+    "export_qgis",
     "export_result",
     "export_run",
     "export_table",
@@ -99,6 +102,7 @@ __all__ = [
     "load_recipe",
     "make_picture",
     "make_signature",
+    "map_bytes",
     "outcome_table",
     "parse_size",
     "plan_files",

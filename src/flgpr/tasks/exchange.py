@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
+import json
+import tempfile
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
-from flgpr.io import MAX_MEMORY, georeferenced, gpr_run, open_run, read_gpr, read_table, save_run, sha256, write_table
-from flgpr.io.anchor import Anchor, read_anchor
+from flgpr.chain.lane_chain import Detection
+from flgpr.io import (
+    MAX_MEMORY,
+    georeferenced,
+    gpr_run,
+    open_run,
+    qgis,
+    read_gpr,
+    read_table,
+    save_run,
+    sha256,
+    write_table,
+)
+from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.files import check_new, existing
+from flgpr.io.files import check_new, existing, partial_of
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.track import reference_track
-from flgpr.results.result import read_result
+from flgpr.results.result import Result, read_result
+from flgpr.results.view_score import read_scored_truth
+
+if TYPE_CHECKING:
+    from xml.etree import ElementTree
 
 PathLike = str | Path
 TABLE_FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv")
-FORMATS = (*TABLE_FORMATS, "geotiff", "cphd")
+FORMATS = (*TABLE_FORMATS, "geotiff", "qgis", "cphd")
+_MARGIN = 5.0  # m of ground about the lane
 
 
 def import_with_mapping(
@@ -114,18 +135,94 @@ def export_result(
     """
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
+    _, chosen, identity = _chosen(result, detection)
+    target, tie = Path(output), read_anchor(anchor)
+    if to == "geotiff":
+        _fresh(target)
+        georeferenced.write_geotiff(chosen.view, target, tie, identity)
+        return target
+    return _write_points(chosen.alarms, target, to, tie, "alarms", identity, time)
+
+
+def export_qgis(
+    result: PathLike,
+    output: PathLike,
+    anchor: PathLike | None = None,
+    detection: str = "main",
+    time: str | None = None,
+    score: PathLike | None = None,
+) -> Path:
+    """Export a result as a zip that holds a project of QGIS and its layers, all that a map on another machine needs.
+
+    The layers are the alarms, styled by confidence, the truth and objects if the result, or ``score``, its score's
+    folder, was scored with them, the lane's outline, and the run-view. ``anchor`` (TOML) ties the lane to the Earth,
+    else what the run told of its place; a ValueError where it told nothing.
+    """
+    target = Path(output)
+    if target.suffix != ".zip":
+        raise ValueError(f"output must end in .zip, got {output}")
+    _fresh(target)
+    held, chosen, identity = _chosen(result, detection)
+    reference = held.manifest["run"].get("georeference")
+    if anchor is None and reference is None:
+        raise ValueError(f"{result}: the run does not tell where it lies; an anchor is needed")
+    tie = read_anchor(anchor) if anchor is not None else own_anchor(reference)
+    scored = read_scored_truth(held, None if score is None else Path(score))
+    truth, objects = (None, None) if scored is None else scored
+    with tempfile.TemporaryDirectory() as folder:
+        home, layers = Path(folder), []
+        for kind, rows, colour in (
+            ("truth", truth, "#d7263d"),
+            ("alarms", chosen.alarms, ""),
+            ("objects", objects, "#707070"),
+        ):
+            if rows is None or not len(rows):
+                continue
+            style = qgis.by_kind(rows["kind"], colour) if colour else qgis.graduated("confidence", rows["confidence"])
+            points = georeferenced.georeference(rows, tie, kind, identity, time)
+            georeferenced.write_geopackage(points, home / f"{kind}.gpkg", kind)
+            layers.append(qgis.Layer(kind, f"{kind}.gpkg", "EPSG:4326", "Point", style))
+        georeferenced.write_outline(held.lane, home / "lane.gpkg", tie)
+        layers.append(qgis.Layer("lane", "lane.gpkg", "EPSG:4326", "Polygon", qgis.outline()))
+        georeferenced.write_geotiff(chosen.view, home / "run-view.tif", tie, identity)
+        layers.append(qgis.Layer("run-view", "run-view.tif", tie.utm(), "", _shaded(held, chosen)))
+        places = transform_lonlat(tie.to_geodetic(georeferenced.corners(held.lane))[:, :2], tie.utm())
+        extent = (*(places.min(axis=0) - _MARGIN), *(places.max(axis=0) + _MARGIN))
+        title = f"{held.manifest['run'].get('title', held.folder.name)}: {chosen.title}"
+        about = f"{georeferenced.STATEMENT} Processing {identity}."
+        (home / "lane.qgs").write_bytes(qgis.project(title, about, tie.utm(), extent, layers))
+        with partial_of(target) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as bundle:
+            for path in sorted(home.iterdir()):
+                bundle.write(path, f"{target.stem}/{path.name}")
+    return target
+
+
+def map_bytes(result: Path, anchor: Path | None, score: Path | None) -> bytes:
+    """Give what :func:`export_qgis` writes, for the viewer."""
+    with tempfile.TemporaryDirectory() as folder:
+        return export_qgis(result, Path(folder) / f"{result.name}-map.zip", anchor, score=score).read_bytes()
+
+
+def _shaded(result: Result, detection: Detection) -> ElementTree.Element:
+    """Draw the channel that raised the alarms, from the median to what only one pixel in 500 exceeds."""
+    view = detection.view
+    names = [(str(a), str(b)) for a in view["polarization"].values for b in view["subband"].values]
+    channel = tuple(json.loads((result.folder / "view" / "index.json").read_bytes())["channel"])
+    band = names.index(channel) if channel in names else 0
+    values = view.values.reshape(len(names), -1)[band]
+    seen = values[np.isfinite(values)]
+    low, high = np.quantile(seen, (0.5, 0.998)) if seen.size else (0.0, 1.0)
+    return qgis.shaded(band + 1, float(low), float(high))
+
+
+def _chosen(result: PathLike, detection: str) -> tuple[Result, Detection, str]:
+    """Read a result; give it, its detection of that name, and the id of the processing."""
     held = read_result(result)
     chosen = [one for one in held.detections if one.name == detection]
     if not chosen:
         known = ", ".join(one.name for one in held.detections)
         raise ValueError(f"detection must be one of {known}, got {detection!r}")
-    identity = f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}"
-    target, tie = Path(output), read_anchor(anchor)
-    if to == "geotiff":
-        _fresh(target)
-        georeferenced.write_geotiff(chosen[0].view, target, tie, identity)
-        return target
-    return _write_points(chosen[0].alarms, target, to, tie, "alarms", identity, time)
+    return held, chosen[0], f"{held.manifest['recipe_sha256'][:16]}-{held.manifest['identity'][:16]}"
 
 
 def _write_points(

@@ -24,6 +24,7 @@ SECURITY_HEADERS = {
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
     "cache-control": "no-store",
 }
+_OWN_PAGES = "http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
 _WILDCARDS = ("0.0.0.0", "::")  # noqa: S104
 
 
@@ -39,10 +40,13 @@ class Guard:
     """Lets a request through only if host, origin and token are right; answers GET, and PUT on the paths of ``puts``.
 
     The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
-    a cookie. On a wildcard address any literal address and this machine's own name are right, foreign names are not.
+    a cookie. ``framed`` lets pages of this machine, such as a notebook's, frame the answers. On a wildcard address any
+    literal address and this machine's own name are right, foreign names are not.
     """
 
-    def __init__(self, app: ASGIApp, token: str, host: str, port: int, puts: Collection[str] = ()) -> None:
+    def __init__(
+        self, app: ASGIApp, token: str, host: str, port: int, puts: Collection[str] = (), framed: bool = False
+    ) -> None:
         self._app, self._token, self._port, self._puts = app, token, port, puts
         own = f"[{host}]" if ":" in host else host.lower()
         names = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {own}
@@ -50,6 +54,12 @@ class Guard:
         if self._wildcard:
             names |= {socket.gethostname().lower(), "localhost"}
         self._names = names
+        self._headers = dict(SECURITY_HEADERS)
+        if framed:
+            del self._headers["x-frame-options"]
+            policy = self._headers["content-security-policy"]
+            ancestors = f"frame-ancestors {_OWN_PAGES}"
+            self._headers["content-security-policy"] = policy.replace("frame-ancestors 'none'", ancestors)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -60,17 +70,17 @@ class Guard:
             return
         inner = self._inner_path(scope["path"])
         if inner is None or not self._right_place(Headers(scope=scope)):
-            await PlainTextResponse("403 forbidden\n", 403, dict(SECURITY_HEADERS))(scope, receive, send)
+            await PlainTextResponse("403 forbidden\n", 403, self._headers)(scope, receive, send)
             return
         allowed = ("GET", "PUT") if inner in self._puts else ("GET",)
         if scope["method"] not in allowed:
-            headers = dict(SECURITY_HEADERS) | {"allow": ", ".join(allowed)}
+            headers = self._headers | {"allow": ", ".join(allowed)}
             await PlainTextResponse(f"405 only {' and '.join(allowed)}\n", 405, headers)(scope, receive, send)
             return
 
         async def send_secured(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [(name.encode(), value.encode()) for name, value in SECURITY_HEADERS.items()]
+                own = [(name.encode(), value.encode()) for name, value in self._headers.items()]
                 message["headers"] = [*message.get("headers", []), *own]
             await send(message)
 

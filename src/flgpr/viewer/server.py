@@ -47,13 +47,20 @@ class Raw(Protocol):
 
 
 OpenRaw = Callable[[str | Path], Raw]
+#: makes a zip of a map project of a result folder, tied by an anchor's file or else by itself, with a score's folder
+MakeMap = Callable[[Path, Path | None, Path | None], bytes]
 
 
 _AROUND = 20.0  # m of map around what is shown, at least
 
 
 class Viewer:
-    """A viewer that listens, and serves once :meth:`run` is called."""
+    """A viewer that listens, and serves once :meth:`run` is called.
+
+    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
+    ``verdicts`` the file that takes an analyst's verdicts; ``framed`` lets pages of this machine frame the page, and
+    ``make_map`` makes a map project of a result.
+    """
 
     def __init__(
         self,
@@ -67,6 +74,8 @@ class Viewer:
         raw: OpenRaw | None = None,
         backdrop: str | Path | None = None,
         verdicts: str | Path | None = None,
+        framed: bool = False,
+        make_map: MakeMap | None = None,
     ) -> None:
         self._georeference = read_anchor(anchor).georeference() if anchor is not None else None
         if not paths and live is None:
@@ -85,6 +94,8 @@ class Viewer:
         self._live = None if live is None else LiveFile(live)
         self._backdrop = None if backdrop is None else self._drawn(backdrop)
         self._verdicts = None if verdicts is None else VerdictFile(verdicts, self._sources)
+        self._anchor = None if anchor is None else Path(anchor)
+        self._make_map, self._score = make_map, None if score is None else Path(score)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -92,12 +103,13 @@ class Viewer:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((host, port))
+            self._socket.listen(128)  # who asks before run is called waits
         except OSError:
             self._socket.close()
             raise
         self.host, self.port = host, int(self._socket.getsockname()[1])
         puts = () if self._verdicts is None else (VERDICTS_PATH,)
-        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts)
+        app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, lifespan="off", server_header=False, ws="none", http="h11"
         )
@@ -135,11 +147,12 @@ class Viewer:
         reads: dict[str, Callable[..., Response]] = {
             "/data/session.json": self._session,
             "/data/live": self._live_events,
-            "/data/backdrop.png": self._map,
+            "/data/backdrop.png": self._ground_below,
             "/data/{source:int}/index.json": self._of(lambda one: one.index_bytes(), _JSON),
             "/data/{source:int}/score.json": self._of(lambda one: one.score_bytes() or b"null", _JSON),
             "/data/{source:int}/tile/{layer:int}/{level:int}/{tile:int}": self._of(lambda one, **at: one.tile(**at)),
             "/data/{source:int}/raw/{what:str}": self._raw_data,
+            "/data/{source:int}/map.zip": self._map,
             "/data/{source:int}/evidence/{detection:int}/{alarm:int}": self._of(lambda one, **at: one.evidence(**at)),
         }
         routes = [Route(path, _endpoint(read), methods=["GET"]) for path, read in reads.items()]
@@ -152,11 +165,12 @@ class Viewer:
         told: dict[str, Any] = {"results": titles, "live": self._live is not None, "georeference": self._georeference}
         told["verdicts"] = None if self._verdicts is None else self._verdicts.path.name
         told["identities"] = [one.identity if isinstance(one, ResultFiles) else "" for one in self._sources]
+        told["map"] = self._make_map is not None
         told["raw"] = self._open_raw is not None and bool(self._sources) and isinstance(self._sources[0], RunFiles)
         told["backdrop"] = None if self._backdrop is None else self._backdrop[1]
         return _answer(json.dumps(told).encode(), _JSON)
 
-    def _map(self, request: Request) -> Response:  # noqa: ARG002
+    def _ground_below(self, request: Request) -> Response:  # noqa: ARG002
         if self._backdrop is None:
             raise HTTPException(404)
         return _answer(self._backdrop[0], "image/png")
@@ -182,6 +196,18 @@ class Viewer:
         except RunStoreError as error:
             raise ViewError(str(error)) from None
         except ValueError as error:
+            return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
+
+    def _map(self, request: Request) -> Response:
+        """Answer with a map project of a result; what stands against it is told so (400)."""
+        number = request.path_params["source"]
+        source = self._sources[number] if number < len(self._sources) else None
+        if self._make_map is None or not isinstance(source, ResultFiles):
+            raise HTTPException(404)
+        try:
+            score = self._score if number == 0 else None
+            return _answer(self._make_map(source.folder, self._anchor, score), "application/zip")
+        except (ValueError, OSError, ImportError) as error:
             return Response(json.dumps({"error": str(error)}), 400, media_type=_JSON)
 
     def _of(self, read: Callable[..., bytes | None], kind: str = _BYTES) -> Callable[[Request], Response]:
@@ -234,17 +260,11 @@ def serve(
     score: str | Path | None = None,
     anchor: str | Path | None = None,
     announce: Callable[[str], None] = print,
-    raw: OpenRaw | None = None,
-    backdrop: str | Path | None = None,
-    verdicts: str | Path | None = None,
+    **more: Any,
 ) -> None:
-    """Show results in the browser until interrupted.
-
-    ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
-    and ``verdicts`` the file that takes an analyst's verdicts.
-    """
+    """Show results in the browser until interrupted; ``more`` are further options of :class:`Viewer`."""
     several = [paths] if isinstance(paths, str | Path) else list(paths)
-    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, raw, backdrop, verdicts)
+    viewer = Viewer(several, host, port, allow_remote, live, score, anchor, **more)
     announce(viewer.url)
     if open_browser:
         threading.Timer(0.3, webbrowser.open, [viewer.url]).start()

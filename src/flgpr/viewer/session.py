@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -212,17 +213,18 @@ class LiveFile:
         """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
 
         ``bad`` counts lines that were no JSON object; a file begun anew is ``restarted``; ``more`` tells that there is
-        more.
+        more; ``age``, s, since detection last touched the file, None without one.
         """
         try:
             with self._path.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
+                state = os.fstat(file.fileno())
+                size, age = state.st_size, max(time.time() - state.st_mtime, 0.0)
                 restarted = offset > size
                 start = 0 if restarted else offset
                 file.seek(start)
                 data = file.read(_LIVE_BYTES)
         except OSError:
-            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0, "more": False}
+            return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0, "more": False, "age": None}
         whole = data[: data.rfind(b"\n") + 1]
         if not whole and len(data) == _LIVE_BYTES:
             whole = data
@@ -237,7 +239,8 @@ class LiveFile:
             else:
                 bad += bool(line.strip())
         more = len(data) == _LIVE_BYTES
-        return {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
+        told = {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
+        return told | {"age": round(age, 3)}
 
 
 Source = ResultFiles | RunFiles | ScoreFiles
