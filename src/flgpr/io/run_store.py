@@ -143,6 +143,8 @@ class RunWriter:
             self._attrs = json.loads(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
+        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        self._check(np.zeros(6))
         self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
         about = {
@@ -162,7 +164,6 @@ class RunWriter:
         except FileExistsError:
             self._discard()
             raise
-        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
         self._drop_what_is_not_sure()
         import zarr  # takes long to load, and only writing needs it
 
@@ -192,14 +193,19 @@ class RunWriter:
             raise ValueError(
                 f"signal must have the shape (polarization, pair, frequency) {self._shape}, got {block.shape}"
             )
+        place = np.asarray(pose, dtype=np.float64)
+        self._check(place)
         count = len(self)
+        if math.isinf(time) or (count and time < self._journal.scans[-1].time):
+            before = f" after {self._journal.scans[-1].time:g}" if count else ""
+            raise ValueError(f"time must be finite, or NaN, and not decrease from scan to scan, got {time:g}{before}")
         self._signal.resize((count + 1, *self._shape))
         self._signal[count] = block
         chunk = self._chunk(count)
         sync_file(chunk)
         valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
         digest = sha256(chunk.read_bytes())
-        self._journal.append(WrittenScan(digest, np.asarray(pose, dtype=np.float64), float(time), valid))
+        self._journal.append(WrittenScan(digest, place, float(time), valid))
 
     def commit(self) -> None:
         """Write the small arrays and the manifest, then give the store its name; a run without scans is an error."""
@@ -216,6 +222,7 @@ class RunWriter:
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
+        self._signal.resize((len(scans), *self._shape))  # a scan that append failed at does not count
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = run[name].values
             self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
@@ -232,6 +239,11 @@ class RunWriter:
             raise FileExistsError(
                 f"path must not exist yet, got {self.path}: move it away (overwrite=True replaces it)"
             )
+
+    def _check(self, pose: NDArray[np.float64]) -> None:
+        """Refuse at once what could not be committed, not when the last scan is written."""
+        probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
+        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, pose[None])
 
     def _discard(self) -> None:
         """Throw away what was written: out of the name first, for the next writer may take that at once."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import decibels
+from flgpr.io.files import write_all
 from flgpr.live.detector import LiveAlarm
 from flgpr.live.vehicle import Vehicle
 
@@ -38,8 +39,7 @@ class EventFile:
     def append(self, events: Iterable[Event]) -> None:
         """Write events in one piece."""
         text = "".join(as_line(event) for event in events)
-        if text:
-            self._file.write(text.encode())
+        write_all(self._file, text.encode())
 
 
 def as_line(event: Mapping[str, Any]) -> str:
