@@ -10,9 +10,7 @@ import json
 import math
 import shutil
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -170,6 +168,18 @@ class RunWriter:
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
         self._signal = self._array("signal", (len(self), *self._shape), (1, *self._shape), "complex64")
 
+    @classmethod
+    def resumed(cls, *fixed: Any, inputs: dict[str, Any]) -> RunWriter:
+        """Go on where a writer of the same run and inputs was stopped; what is left of another is thrown away."""
+        try:
+            return cls(*fixed, resume=True, inputs=inputs)
+        except RunStoreError as error:
+            if not isinstance(error.__cause__, OtherRunError):
+                raise
+        writer = cls(*fixed, inputs=inputs)  # empties what the other run left, with the journal in hand
+        writer.keeps = True
+        return writer
+
     def __len__(self) -> int:
         return len(self._journal.scans)
 
@@ -307,23 +317,12 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
         run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
     )
     attrs = {str(key): value for key, value in run.attrs.items()}
-    begin = partial(RunWriter, path, frequency, polarization, tx_position, rx_position, attrs, overwrite)
-    with begin() if not resume else _resumed(begin, _digests(run)) as writer:
+    fixed = path, frequency, polarization, tx_position, rx_position, attrs, overwrite
+    with RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed) as writer:
         for scan in range(len(writer), run.sizes["scan"]):
             one = run.isel(scan=scan)
             writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
     return Path(path)
-
-
-def _resumed(begin: Callable[..., RunWriter], inputs: dict[str, Any]) -> RunWriter:
-    try:
-        return begin(resume=True, inputs=inputs)
-    except RunStoreError as error:
-        if not isinstance(error.__cause__, OtherRunError):
-            raise
-    writer = begin(inputs=inputs)  # empties what the other run left, with the journal in hand
-    writer.keeps = True
-    return writer
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:
