@@ -8,6 +8,7 @@ started again. Files are taken away some 2000 scans after they came. Usage::
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 15 python benchmarks/soak.py [--hours 8] [--speed 10] [--kills 6]
         [--record soak.json] [--figure soak.png]
 
+Ctrl-C ends the drive before its time and judges what there is.
 Prints, every minute, memory, lag and latency, and at the end: memory over the drive, the lag behind the radar's clock,
 the counts of the faults against those that were made, and the alarms lost. These are the places of a lap that a drive
 without faults raises in each of its last laps, counted in every lap of the soak. A drive that would fall farther behind
@@ -197,45 +198,49 @@ def drive(world: World, home: Path, options: argparse.Namespace) -> dict[str, An
     lying: deque[tuple[int, str]] = deque()
     process = subprocess.Popen(command)
     start, held, due = time.monotonic(), 0.0, 60.0 / options.speed
-    for number, files in enumerate(frames(world, scans, options.seed, made, gaps)):
-        wait = start + held + number / rate - time.monotonic()
-        if wait > 0:
-            time.sleep(wait)
-        for name, frame in files:
-            (incoming / (name + ".new")).write_bytes(frame)
-            (incoming / (name + ".new")).rename(incoming / name)
-            lying.append((number, name))
-        while lying and lying[0][0] < number - TAKEN_AWAY:
-            (incoming / lying.popleft()[1]).unlink()
-        if number % 20 == 0:
-            watched.look()
-        if kills and number >= kills[-1]:
-            kills.pop()
-            process.kill()
-            process.wait()
-            process = subprocess.Popen(command)
-        began = time.monotonic()
-        while number - watched.newest > FARTHEST:
-            if process.poll() is not None:
-                raise RuntimeError(f"live ended with {process.returncode} at scan {number}")
-            time.sleep(0.1)
-            watched.look()
-        held += time.monotonic() - began
-        if number / RATE >= due:
-            due += 60.0
-            latency = np.percentile(watched.latency or [math.nan], [50, 95])
-            rows.append(
-                {"hour": number / RATE / 3600, "memory_mb": memory(process), "lag_scans": number - watched.newest,
-                 "median_ms": latency[0], "p95_ms": latency[1], "files": len(lying),
-                 "wall_s": time.monotonic() - start, "late_s": time.monotonic() - start - number / rate}
-            )  # fmt: skip
-            print("  ".join(f"{name} {value:.5g}" for name, value in rows[-1].items()), flush=True)
-            if options.record:
-                options.record.write_text(json.dumps({"rows": rows, "made": made}))
+    number = 0
+    try:
+        for number, files in enumerate(frames(world, scans, options.seed, made, gaps)):
+            wait = start + held + number / rate - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            for name, frame in files:
+                (incoming / (name + ".new")).write_bytes(frame)
+                (incoming / (name + ".new")).rename(incoming / name)
+                lying.append((number, name))
+            while lying and lying[0][0] < number - TAKEN_AWAY:
+                (incoming / lying.popleft()[1]).unlink()
+            if number % 20 == 0:
+                watched.look()
+            if kills and number >= kills[-1]:
+                kills.pop()
+                process.kill()
+                process.wait()
+                process = subprocess.Popen(command)
+            began = time.monotonic()
+            while number - watched.newest > FARTHEST:
+                if process.poll() is not None:
+                    raise RuntimeError(f"live ended with {process.returncode} at scan {number}")
+                time.sleep(0.1)
+                watched.look()
+            held += time.monotonic() - began
+            if number / RATE >= due:
+                due += 60.0
+                latency = np.percentile(watched.latency or [math.nan], [50, 95])
+                rows.append(
+                    {"hour": number / RATE / 3600, "memory_mb": memory(process), "lag_scans": number - watched.newest,
+                     "median_ms": latency[0], "p95_ms": latency[1], "files": len(lying),
+                     "wall_s": time.monotonic() - start, "late_s": time.monotonic() - start - number / rate}
+                )  # fmt: skip
+                print("  ".join(f"{name} {value:.5g}" for name, value in rows[-1].items()), flush=True)
+                if options.record:
+                    options.record.write_text(json.dumps({"rows": rows, "made": made}))
+    except KeyboardInterrupt:
+        print("ended early", flush=True)
     (incoming / "end.json").write_text("{}")
     process.wait(600)
     report = json.loads((output / "live.json").read_text())
-    wall = time.monotonic() - start
+    wall, scans = time.monotonic() - start, number + 1
     return {"rows": rows, "made": dict(made), "gaps": sorted(gaps), "report": report, "scans": scans, "wall_s": wall}
 
 
@@ -268,22 +273,21 @@ def lost(alarms: Any, want: np.ndarray, gaps: list[int], laps: range) -> tuple[i
 
 
 def draw(record: dict[str, Any], path: Path) -> None:
-    """Draw memory and lag over the hours of the drive."""
+    """Draw memory and speed over the hours of the drive."""
     from matplotlib.figure import Figure
 
     rows = record["rows"]
     hour = [row["hour"] for row in rows]
-    figure = Figure(figsize=(6.4, 3.6), dpi=100, layout="constrained")
+    figure = Figure(figsize=(6.4, 3.4), dpi=100, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     above.plot(hour, [row["memory_mb"] for row in rows], color="tab:blue", linewidth=1.2)
-    above.set_ylim(bottom=0)
     above.set_ylabel("memory (MB)")
-    below.plot(hour, [row["p95_ms"] for row in rows], color="tab:orange", linewidth=1.2, label="95th percentile")
-    below.plot(hour, [row["median_ms"] for row in rows], color="tab:blue", linewidth=1.2, label="median")
-    below.set_yscale("log")
-    below.set_ylabel("latency (ms)")
+    between = np.diff([row["wall_s"] for row in rows])
+    below.plot(hour[1:], 3600 * np.diff(hour) / between, color="tab:orange", linewidth=1.2)
+    below.set_ylabel("speed (times the clock)")
     below.set_xlabel("hours of the radar")
-    below.legend(fontsize=8, loc="upper right")
+    for axes in (above, below):
+        axes.set_ylim(bottom=0)
     figure.savefig(path)
     try:
         from PIL import Image
@@ -293,7 +297,7 @@ def draw(record: dict[str, Any], path: Path) -> None:
 
 
 def main() -> None:
-    """Run the soak, or draw the figure of an earlier one's record."""
+    """Run the soak."""
     from flgpr.io import read_table
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -302,7 +306,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=6)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", type=Path, default=None, help="JSON of what was seen, written as it goes")
-    parser.add_argument("--figure", type=Path, default=None, help="PNG of memory and latency")
+    parser.add_argument("--figure", type=Path, default=None, help="PNG of memory and speed")
     options = parser.parse_args()
     world = World(options.seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -315,7 +319,7 @@ def main() -> None:
         laps = range(2, record["scans"] // LAP - 1)
         due, missing, excused = lost(alarms, want, record["gaps"], laps)
         record |= {"due": due, "missing": missing, "excused": excused, "alarms": len(alarms)}
-    settled = [row for row in record["rows"] if row["hour"] > options.hours * 0.4]
+    settled = [row for row in record["rows"] if row["hour"] > options.hours * 0.4] or record["rows"]
     slope, first = np.polyfit([row["hour"] for row in settled], [row["memory_mb"] for row in settled], 1)
     record |= {"memory_slope_mb_per_hour": slope, "speed": record["scans"] / RATE / record["wall_s"]}
     if options.record:

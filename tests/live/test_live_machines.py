@@ -14,7 +14,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from damage import MACHINE
+from damage import CASES, MACHINE
 from flgpr.io import ScanFileError, describe_for_live, encode_scan
 from flgpr.io.scan_file import scan_name
 from flgpr.live import session, watch
@@ -27,7 +27,7 @@ from live_lane import make_lane_run, small_recipe
 TINY = describe_for_live(
     make_run(np.zeros((1, 1, 1, 2)), [1e9, 2e9], ["HH"], [[0, 0, 0]], [[1, 0, 0]], np.zeros((1, 6)))
 )
-NUMBERS = st.integers(0, 30)
+NUMBERS, FEW = st.integers(0, 30), st.integers(0, 4)
 
 
 class IntakeMachine(RuleBasedStateMachine):
@@ -139,7 +139,7 @@ class WatchMachine(RuleBasedStateMachine):
     def frame(self, number):
         return encode_scan(number, np.full(TINY.shape, number + 0.5), np.zeros(6))
 
-    @rule(number=NUMBERS)
+    @rule(number=FEW)
     def write(self, number):
         """Write a scan as a radar should, over one of that name, too."""
         path = self.folder / scan_name(number)
@@ -148,7 +148,7 @@ class WatchMachine(RuleBasedStateMachine):
         self.torn.pop(path.name, None)
         self.whole[path.name] = self.frame(number)
 
-    @rule(number=NUMBERS, share=st.floats(0, 1, exclude_max=True))
+    @rule(number=FEW, share=st.floats(0, 1, exclude_max=True))
     def write_a_part(self, number, share):
         path, frame = self.folder / scan_name(number), self.frame(number)
         if path.name not in self.whole:
@@ -166,9 +166,17 @@ class WatchMachine(RuleBasedStateMachine):
         self.whole[name] = frame
 
     @precondition(lambda self: self.whole or self.torn)
-    @rule(data=st.data())
-    def take_away(self, data):
-        name = data.draw(st.sampled_from(sorted({**self.whole, **self.torn})))
+    @rule(data=st.data(), again=st.booleans())
+    def take_away(self, data, again):
+        """Take a file away; once that was seen, another of its name is another file."""
+        number = int(data.draw(st.sampled_from(sorted({**self.whole, **self.torn})))[5:11])
+        self.take_away_one(number)
+        if again:
+            self.look_once()
+            self.write(number)
+
+    def take_away_one(self, number):
+        name = scan_name(number)
         (self.folder / name).unlink()
         self.whole.pop(name, None)
         self.torn.pop(name, None)
@@ -233,7 +241,15 @@ class WatchMachine(RuleBasedStateMachine):
 
 
 TestWatch = WatchMachine.TestCase
-TestWatch.settings = MACHINE
+TestWatch.settings = settings(MACHINE, max_examples=CASES)
+
+
+def test_a_file_that_was_taken_away_may_come_again():
+    machine = WatchMachine()
+    for step in (machine.write, machine.take_away_one, machine.write):
+        step(3)
+        machine.look_once()
+    machine.teardown()
 
 
 class Killed(BaseException):
