@@ -129,6 +129,7 @@ class RunWriter:
         rx_position: ArrayLike,
         attrs: dict[str, Any] | None = None,
         overwrite: bool = False,
+        *,
         resume: bool = False,
         inputs: dict[str, Any] | None = None,
     ) -> None:
