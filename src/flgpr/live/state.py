@@ -80,8 +80,8 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
     detector.view = _group(arrays, "view.")
     detector.history = [CleanedScan(number, **_group(arrays, f"scan{i}.")) for i, number in enumerate(words["history"])]
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
-    for name, numbers in _group(arrays, "numbers.").items():
-        setattr(detector, name, array("d", numbers.tobytes()))
+    for name in _NUMBERS:
+        setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
     first, newest = words["first_pose"], words["newest"]
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
