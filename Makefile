@@ -31,7 +31,8 @@ lint: $(VENV)/.test
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(BIN)/python -m pytest -n 2 --dist loadfile \
-	    tests/robustness tests/io/test_fuzz_exchange.py tests/live/test_live_fuzz.py
+	    tests/robustness tests/io/test_fuzz_exchange.py tests/io/test_store_machines.py \
+	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
 
 docs: $(VENV)/.docs
 	$(BIN)/codespell *.md docs src tests benchmarks viewer

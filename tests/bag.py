@@ -75,6 +75,30 @@ TYPES = {
     "/fix": ("made/msg/Fix", FIX + HEADER),
     "/radar": ("made/msg/Radar", RADAR + HEADER),
 }
+MAPPING = """
+title = "drive"
+polarization = ["VV"]
+[signal]
+variable = "/radar/iq"
+interleaved = true
+shape = [-1, 2, 3]
+dims = ["scan", "pair", "frequency"]
+[frequency]
+span = [1.0, 2.0]
+unit = "GHz"
+[antenna_position]
+values = [[-0.5, 0, 0], [0.5, 0, 0]]
+unit = "m"
+[time]
+variable = "/radar/header.stamp"
+unit = "s"
+[track]
+time = {variable = "/pose/header.stamp", unit = "s"}
+position = {variable = "/pose/pose.position", unit = "m"}
+orientation = {variable = "/pose/pose.orientation", body = ["-y", "x", "z"]}
+axes = ["-y", "x", "z"]
+clock_offset = 0.0
+"""
 EPOCH = 1_700_000_000.25
 
 

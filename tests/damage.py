@@ -14,7 +14,8 @@ FUZZ = settings(
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
 )
-
+MACHINE = settings(FUZZ, max_examples=max(CASES // 4, 1), stateful_step_count=20)
+"""Of a state machine, whose cases are long."""
 
 _BLOWS = st.lists(
     st.tuples(

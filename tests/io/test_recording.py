@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bag import EPOCH, drive
+from bag import EPOCH, MAPPING, drive
 from flgpr.cli import app
 from flgpr.io.arrays import open_arrays
 from flgpr.io.cdr import message_decoder
@@ -71,32 +71,6 @@ def test_a_recording_is_told_by_topic(path):
     ):
         assert line in told.mapping
     assert "tx_position" not in told.mapping
-
-
-MAPPING = """
-title = "drive"
-polarization = ["VV"]
-[signal]
-variable = "/radar/iq"
-interleaved = true
-shape = [-1, 2, 3]
-dims = ["scan", "pair", "frequency"]
-[frequency]
-span = [1.0, 2.0]
-unit = "GHz"
-[antenna_position]
-values = [[-0.5, 0, 0], [0.5, 0, 0]]
-unit = "m"
-[time]
-variable = "/radar/header.stamp"
-unit = "s"
-[track]
-time = {variable = "/pose/header.stamp", unit = "s"}
-position = {variable = "/pose/pose.position", unit = "m"}
-orientation = {variable = "/pose/pose.orientation", body = ["-y", "x", "z"]}
-axes = ["-y", "x", "z"]
-clock_offset = 0.0
-"""
 
 
 def test_a_drive_becomes_a_run(path):

@@ -252,3 +252,32 @@ def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_
     assert seen == [None, None, None, 2, 3]
     assert {p.relative_to(tmp_path / "a"): p.read_bytes() for p in files_of(tmp_path / "a")} == want
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "w"]
+
+
+def test_zarr_itself_does_not_make_zeros_of_a_scan_that_is_gone(small_run, tmp_path):
+    """Other programs open runs with it: NaN, or an error where its version can be asked for one."""
+    store = save_run(small_run, tmp_path / "run.zarr")
+    (store / "signal" / "c" / "2" / "0" / "0" / "0").unlink()
+    signal = zarr.open_group(store, mode="r")["signal"]
+    assert np.isnan(signal[2]).all()
+    assert np.isfinite(signal[1]).all()
+    if "read_missing_chunks" in zarr.config.get("array"):
+        with zarr.config.set({"array.read_missing_chunks": False}), pytest.raises(Exception, match="chunk"):
+            zarr.open_group(store, mode="r")["signal"][2]
+
+
+def test_what_could_not_be_committed_is_refused_when_it_comes(small_run, tmp_path):
+    fixed = [small_run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")]
+    with pytest.raises(ValueError, match="must increase strictly"):
+        RunWriter(tmp_path / "run.zarr", fixed[0][::-1], *fixed[1:])
+    assert not list(tmp_path.iterdir())
+    with RunWriter(tmp_path / "run.zarr", *fixed) as writer:
+        signal = small_run["signal"].values
+        for pose, match in (([0, 0, 1.5, 90.0, 0, 0], "in degrees"), ([0, 0, 1.5], "shape"), ([np.nan] * 6, "finite")):
+            with pytest.raises(ValueError, match=match):
+                writer.append(signal[0], pose, 5.0)
+        writer.append(signal[0], np.zeros(6), 5.0)
+        with pytest.raises(ValueError, match=r"time must .* not decrease from scan to scan, got 4 after 5"):
+            writer.append(signal[0], np.zeros(6), 4.0)
+        writer.append(signal[1], np.zeros(6))
+    assert open_run(tmp_path / "run.zarr").sizes["scan"] == 2

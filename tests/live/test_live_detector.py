@@ -14,7 +14,7 @@ from flgpr.chain.gathering import AlarmSums
 from flgpr.chain.recipe import load_recipe, parse_recipe
 from flgpr.chain.stages import ClutterStage, FeatureStage
 from flgpr.detect import FisherDiscriminant, HistogramNormalizer
-from flgpr.io import Scan, describe_for_live
+from flgpr.io import Scan, canonical_json, describe_for_live
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.intake import Intake
 from flgpr.live.state import (
@@ -309,6 +309,21 @@ def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, sharp, tmp_path, how)
         assert mine.alarms == update.alarms
         np.testing.assert_array_equal(mine.view, update.view)
     pd.testing.assert_frame_equal(second.table(), whole.table())
+
+
+def test_passed_alarms_are_a_few_bytes_each(run, recipe, scans):
+    """After hours on the road a snapshot is still written at once: their words do not grow with them."""
+    detector, intake = start(run, recipe), Intake(describe_for_live(run))
+    play(detector, scans)
+    words, arrays = take_snapshot(detector, intake, set(), "")
+    known, size = len(detector.table()), sum(array.nbytes for array in arrays.values())
+    detector.passed.extend(list(detector.passed) * 999)
+    more, grown = take_snapshot(detector, intake, set(), "")
+    assert len(canonical_json(more)) == len(canonical_json(words))
+    assert sum(array.nbytes for array in grown.values()) == size + 999 * known * 48
+    table = detector.table()
+    assert len(table) == 1000 * known > 10_000
+    assert table["alarm_id"].nunique() == known
 
 
 def test_a_snapshot_of_something_else_or_damaged_is_refused(run, recipe, scans, tmp_path):

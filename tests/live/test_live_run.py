@@ -22,6 +22,7 @@ from flgpr.live.events import EventFile
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
 from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
 from flgpr.live.watch import FolderWatch, Inbox, SocketWatch
 from flgpr.scoring import roc
@@ -225,6 +226,20 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
     assert report.counts == whole[1].counts
     assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
     assert len(events(output, "resume")) >= 1
+
+
+def test_files_that_were_taken_away_are_forgotten(home, whole, tmp_path):
+    incoming, output = tmp_path / "in", tmp_path / "out"
+    feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)
+    LiveRun(options(home, output, incoming, idle=0.5)).run()
+    assert len(read_snapshot(output / "snapshot.bundle")[0]["names"]) == SCANS - 3
+    for k in range(SCANS - 5):
+        (incoming / scan_name(k)).unlink()
+    feed(home / "run.zarr", incoming, FAST, first=SCANS - 3)
+    report = LiveRun(options(home, output, incoming)).run()
+    assert report.counts == whole[1].counts
+    assert read_snapshot(output / "snapshot.bundle")[0]["names"] == [scan_name(k) for k in range(SCANS - 5, SCANS)]
+    assert (output / "alarms.csv").read_bytes() == (whole[0] / "alarms.csv").read_bytes()
 
 
 def lines_of(output):

@@ -9,17 +9,22 @@ import os
 import shutil
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import bag
+import io_gpr
 from flgpr import tasks
 from flgpr.execution import checkpoint
 from flgpr.execution.lane_run import results_at
 from flgpr.io import open_run
+from flgpr.io.journal import JOURNAL
 from flgpr.results.result import ResultError, read_result
 from robust import content, digests
 
+DATA = Path(__file__).parents[1] / "data"
 KILLS = int(os.environ.get("FLGPR_KILLS", "6"))
 MOST_IN_A_ROW = 4
 OPERATIONS = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir"}
@@ -139,33 +144,99 @@ class Detection:
 class Import:
     """An import that may have been done already."""
 
-    def __init__(self, archive):
-        self.archive = archive
+    def __init__(self, work, *arguments):
+        self.work, self.arguments = work, arguments
 
     def __call__(self, output):
+        output.mkdir(exist_ok=True)
         store = output / "run.zarr"
         if not store.exists():
-            tasks.import_fullwave_lane(self.archive, store)
+            getattr(tasks, self.work)(*self.arguments, store)
 
 
-def test_kills_of_an_import(fullwave_archive, tmp_path):
-    arrays = dict(np.load(fullwave_archive))
+def a_fullwave_lane(home):
+    arrays = dict(np.load(DATA / "lane_a.npz"))
     scans = np.arange(24) % 3
     moved = {name: arrays[name][scans] + 0.0 for name in ("data", "tx_xyz_m", "rx_xyz_m")}
     for name in ("tx_xyz_m", "rx_xyz_m"):
         moved[name] = arrays[name][:1] + np.arange(24)[:, None, None] * [0.0, 0.1, 0.0]
     moved["data"] = moved["data"][..., :20] * np.exp(1j * np.arange(24))[:, None, None, None, None]
-    np.savez(tmp_path / "long.npz", **{**arrays, **moved, "frequency_hz": arrays["frequency_hz"][:20]})
+    np.savez(home / "long.npz", **{**arrays, **moved, "frequency_hz": arrays["frequency_hz"][:20]})
+    return "import_fullwave_lane", home / "long.npz"
 
+
+def a_mapped_array(home):
+    rng = np.random.default_rng(4)
+    np.savez(home / "a.npz", s=rng.normal(size=(24, 20)) + 1j, t=np.arange(24.0))
+    (home / "m.toml").write_text(MAPPED)
+    return "import_with_mapping", home / "m.toml"
+
+
+def a_recording(home):
+    pytest.importorskip("mcap_ros2")
+    (home / "drive.mcap").write_bytes(bag.drive(scans=24, poses=150))
+    (home / "m.toml").write_text(f'files.data = "drive.mcap"\n{bag.MAPPING}')
+    return "import_with_mapping", home / "m.toml"
+
+
+def a_gpr_line(home):
+    return "import_gpr", io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
+
+
+MAPPED = """
+title = "made up"
+polarization = ["HH"]
+files.data = "a.npz"
+[signal]
+variable = "s"
+dims = ["scan", "frequency"]
+[frequency]
+span = [1.0, 1.2]
+unit = "GHz"
+[antenna_position]
+values = [[0, 0, 0]]
+unit = "m"
+[time]
+variable = "t"
+unit = "s"
+[pose]
+x = 0
+y = "t"
+z = 1.5
+heading = 0
+pitch = 0
+roll = 0
+unit = "m"
+angle_unit = "deg"
+"""
+
+
+@pytest.mark.parametrize("made", [a_fullwave_lane, a_mapped_array, a_recording, a_gpr_line])
+def test_kills_of_an_import(made, tmp_path):
     def check():
-        """A store that is there is whole."""
+        """A store that is there is whole; what was acknowledged of one that is not was not written again."""
+        nonlocal known
         if (tmp_path / "out" / "run.zarr").exists():
             open_run(tmp_path / "out" / "run.zarr").load()
+        else:
+            now = written(tmp_path / "out")
+            assert {scan: now.get(scan) for scan in known} == known
+            known = now
 
-    killer = Killer(8, tmp_path, Import(tmp_path / "long.npz"))
+    killer = Killer(8, tmp_path, Import(*made(tmp_path)))
     want = digests(tmp_path / "probe")
     assert sum("signal/c/" in name for name in want) == 24
     while killer.kills < KILLS:
+        known = {}
         killer.siege(tmp_path / "out", check)
         assert digests(tmp_path / "out") == want
         shutil.rmtree(tmp_path / "out")
+
+
+def written(folder):
+    """Scans that a journal says are there, and which file each has."""
+    partial = folder / "run.zarr.partial"
+    if not (partial / JOURNAL).is_file():
+        return {}
+    whole = (partial / JOURNAL).read_bytes().count(b"\n") - 1
+    return {k: (partial / f"signal/c/{k}/0/0/0").stat().st_ino for k in range(whole)}

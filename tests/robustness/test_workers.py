@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import time
@@ -264,3 +265,33 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, stop, tmp_path, mo
     assert count == 4 * 36 + 1
     assert content(tmp_path / "result") == lane.content
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
+
+
+@pytest.mark.parametrize("confidence", ["contrast", "magnitude"])
+def test_a_recipe_without_features_goes_on_as_well(lane, confidence, tmp_path, monkeypatch):
+    """Images and a prescreener alone, with a contrast or without: stopped at every pass, each scan is made once."""
+    text = re.sub(r"(?ms)^\[features\].*?(?=^\[)", "", lane.recipe.read_text())
+    (tmp_path / "bare.toml").write_text(f'confidence = "{confidence}"\n{text}')
+    monkeypatch.setattr(checkpoint, "KEEP_EVERY", 0.0)
+    count, image, ends = 0, ScanImager.image, []
+
+    def counted(imager, *arguments):
+        nonlocal count
+        count += 1
+        if count in ends:
+            raise KeyboardInterrupt
+        return image(imager, *arguments)
+
+    monkeypatch.setattr(ScanImager, "image", counted)
+    where = lane.run, tmp_path / "bare.toml"
+    tasks.detect_run(*where, tmp_path / "whole", lane.area, report=False)
+    once, count = count, 0
+    assert once == 4 * 36
+    ends += [2, 40, 75, 120]
+    for _ in ends:
+        with pytest.raises(KeyboardInterrupt):
+            tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
+    tasks.detect_run(*where, tmp_path / "result", lane.area, report=False)
+    assert count == once + len(ends)
+    assert content(tmp_path / "result") == content(tmp_path / "whole")
+    assert not (tmp_path / "result.work").exists()

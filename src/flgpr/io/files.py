@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 _MOST_EXPANSION, _SMALL = 200, 64 * 2**20
 """What is above the second number of bytes may take this many times its room in the file, not more."""
@@ -60,6 +60,13 @@ def sync_file(path: Path) -> None:
     """Flush a file's content to disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
+
+
+def write_all(file: BinaryIO, data: bytes) -> None:
+    """Write to a file without a buffer, which may take a part at a time when the disk is nearly full."""
+    left = memoryview(data)
+    while left:
+        left = left[file.write(left) :]
 
 
 def write_whole(path: Path, data: bytes | str) -> None:

@@ -7,6 +7,7 @@ time step and number of steps, ``rxs/rx1`` and so on hold the fields ``Ex`` to `
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.io.arrays import LIMIT, open_arrays
+from flgpr.io.files import canonical_json
 
 FORMAT = "flgpr-gprmax-1"
 MANIFEST = "manifest.json"
@@ -251,7 +253,8 @@ class GprmaxRun:
         wanted = {run["file"] for run in self.manifest["runs"]}
         if not keep_direct:
             wanted |= {run["free"] for run in self.manifest["runs"]}
-        missing = sorted(name for name in wanted if self._found(name) is None)
+        self._wanted = sorted(wanted)
+        missing = [name for name in self._wanted if self._found(name) is None]
         if missing:
             raise ValueError(
                 f"{folder}: {len(missing)} of {len(wanted)} results are missing, {missing[0]}{ENDINGS[0]} (or "
@@ -280,6 +283,14 @@ class GprmaxRun:
                             field = field - self._field(air, receiver[label[1]])
                         signal[row, pair] = 1j * field / moment
         return signal.astype(np.complex64)
+
+    def digest(self) -> str:
+        """SHA-256 of the manifest and all results that the scans are made of."""
+        whole = hashlib.sha256(canonical_json(self.manifest))
+        for name in self._wanted:
+            with (self._found(name) or Path()).open("rb") as file:
+                whole.update(hashlib.file_digest(file, "sha256").digest())
+        return whole.hexdigest()
 
     def _found(self, name: str) -> Path | None:
         return next((p for p in (self.folder / f"{name}{end}" for end in ENDINGS) if p.is_file()), None)

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io.files import canonical_json, sha256, sync_directory
+from flgpr.io.files import canonical_json, sha256, sync_directory, write_all
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"
@@ -102,8 +102,12 @@ class Journal:
 
     def _write(self, value: dict[str, Any]) -> None:
         content = canonical_json(value)
-        self._file.write(sha256(content).encode() + b" " + content + b"\n")
-        os.fsync(self._file.fileno())
+        try:
+            write_all(self._file, sha256(content).encode() + b" " + content + b"\n")
+            os.fsync(self._file.fileno())
+        except BaseException:  # half a line, as of a full disk, would spoil the next one
+            self._file.truncate(self._ends[-1] if self._ends else 0)
+            raise
         self._ends.append(self._file.seek(0, os.SEEK_END))
 
 

@@ -10,9 +10,7 @@ import json
 import math
 import shutil
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -131,6 +129,7 @@ class RunWriter:
         rx_position: ArrayLike,
         attrs: dict[str, Any] | None = None,
         overwrite: bool = False,
+        *,
         resume: bool = False,
         inputs: dict[str, Any] | None = None,
     ) -> None:
@@ -143,6 +142,8 @@ class RunWriter:
             self._attrs = json.loads(canonical_json(attrs or {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
+        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
+        self._check(np.zeros(6))
         self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
         about = {
@@ -162,12 +163,23 @@ class RunWriter:
         except FileExistsError:
             self._discard()
             raise
-        self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
         self._drop_what_is_not_sure()
         import zarr  # takes long to load, and only writing needs it
 
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
         self._signal = self._array("signal", (len(self), *self._shape), (1, *self._shape), "complex64")
+
+    @classmethod
+    def resumed(cls, *fixed: Any, inputs: dict[str, Any]) -> RunWriter:
+        """Go on where a writer of the same run and inputs was stopped; what is left of another is thrown away."""
+        try:
+            return cls(*fixed, resume=True, inputs=inputs)
+        except RunStoreError as error:
+            if not isinstance(error.__cause__, OtherRunError):
+                raise
+        writer = cls(*fixed, inputs=inputs)  # empties what the other run left, with the journal in hand
+        writer.keeps = True
+        return writer
 
     def __len__(self) -> int:
         return len(self._journal.scans)
@@ -192,14 +204,19 @@ class RunWriter:
             raise ValueError(
                 f"signal must have the shape (polarization, pair, frequency) {self._shape}, got {block.shape}"
             )
+        place = np.asarray(pose, dtype=np.float64)
+        self._check(place)
         count = len(self)
+        if math.isinf(time) or (count and time < self._journal.scans[-1].time):
+            before = f" after {self._journal.scans[-1].time:g}" if count else ""
+            raise ValueError(f"time must be finite, or NaN, and not decrease from scan to scan, got {time:g}{before}")
         self._signal.resize((count + 1, *self._shape))
         self._signal[count] = block
         chunk = self._chunk(count)
         sync_file(chunk)
         valid = np.asarray(np.isfinite(block).all(axis=-1), dtype=np.bool_)
         digest = sha256(chunk.read_bytes())
-        self._journal.append(WrittenScan(digest, np.asarray(pose, dtype=np.float64), float(time), valid))
+        self._journal.append(WrittenScan(digest, place, float(time), valid))
 
     def commit(self) -> None:
         """Write the small arrays and the manifest, then give the store its name; a run without scans is an error."""
@@ -216,6 +233,7 @@ class RunWriter:
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
+        self._signal.resize((len(scans), *self._shape))  # a scan that append failed at does not count
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = run[name].values
             self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
@@ -232,6 +250,11 @@ class RunWriter:
             raise FileExistsError(
                 f"path must not exist yet, got {self.path}: move it away (overwrite=True replaces it)"
             )
+
+    def _check(self, pose: NDArray[np.float64]) -> None:
+        """Refuse at once what could not be committed, not when the last scan is written."""
+        probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
+        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, pose[None])
 
     def _discard(self) -> None:
         """Throw away what was written: out of the name first, for the next writer may take that at once."""
@@ -295,23 +318,12 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
         run[name].values for name in ("frequency", "polarization", "tx_position", "rx_position")
     )
     attrs = {str(key): value for key, value in run.attrs.items()}
-    begin = partial(RunWriter, path, frequency, polarization, tx_position, rx_position, attrs, overwrite)
-    with begin() if not resume else _resumed(begin, _digests(run)) as writer:
+    fixed = path, frequency, polarization, tx_position, rx_position, attrs, overwrite
+    with RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed) as writer:
         for scan in range(len(writer), run.sizes["scan"]):
             one = run.isel(scan=scan)
             writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
     return Path(path)
-
-
-def _resumed(begin: Callable[..., RunWriter], inputs: dict[str, Any]) -> RunWriter:
-    try:
-        return begin(resume=True, inputs=inputs)
-    except RunStoreError as error:
-        if not isinstance(error.__cause__, OtherRunError):
-            raise
-    writer = begin(inputs=inputs)  # empties what the other run left, with the journal in hand
-    writer.keeps = True
-    return writer
 
 
 def _digests(run: xr.Dataset) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -37,6 +38,8 @@ State = Literal["new", "update", "withdrawn", "final"]
 _FARTHEST_GAP = 50.0  # m; ground farther back than this before a scan is closed without another look
 _MOST_SCANS = 64
 _SHOWN = ("x", "y", "confidence", "scans")  # an alarm in which one of these changed is told anew
+_KEPT = ("x", "y", "confidence", "magnitude", "scans")  # of a passed alarm, after the number in its name
+_NAME = "alarm-"
 _WITHOUT_END = 1e9  # m
 
 
@@ -121,8 +124,9 @@ class LiveDetector:
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them
-        self.passed: list[LiveAlarm] = []
-        self.magnitudes: list[float] = []  # of all passed maxima that the density rule counts, ascending
+        # A day's drive passes 100,000 of them and more: bare numbers, so that memory and snapshots stay small.
+        self.passed = array("d")  # of final alarms the number in the name and ``_KEPT``, one after the other
+        self.magnitudes = array("d")  # of all passed maxima that the density rule counts, ascending
         self.seen_area = 0.0  # passed, m²
         self.closed = -math.inf  # ground up to here (lane y) is final
         self.newest: tuple[int, FloatArray] | None = None
@@ -163,16 +167,14 @@ class LiveDetector:
 
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
-        closed = [replace(alarm, state="final") for alarm in self.alarms.values()]
-        self.passed += closed
-        self.alarms.clear()
-        return closed
+        return self._pass(list(self.alarms.values()))
 
     def table(self) -> pd.DataFrame:
         """All alarms that stand, passed and open, as an alarm table: the most mine-like first."""
-        rows = [*self.passed, *self.alarms.values()]
-        columns = ["alarm_id", "x", "y", "confidence", "magnitude", "scans"]
-        table = pd.DataFrame([[getattr(row, name) for name in columns] for row in rows], columns=columns)
+        rows = self.passed + array("d", [value for one in self.alarms.values() for value in _numbers(one)])
+        table = pd.DataFrame(np.reshape(rows, (-1, 1 + len(_KEPT))), columns=["alarm_id", *_KEPT])
+        names = [f"{_NAME}{number:.0f}" for number in table["alarm_id"]]
+        table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
         return table.sort_values("confidence", ascending=False, kind="stable", ignore_index=True)
 
     def view_grid(self) -> dict[str, float] | None:
@@ -254,7 +256,9 @@ class LiveDetector:
     def _threshold(self, found: pd.DataFrame, view: xr.DataArray) -> float:
         """Magnitude that the density rule asks for, on the ground seen so far (Wang et al. 2007, Sec. II-B)."""
         screen = self.recipe.prescreen
-        magnitudes = np.append(self.magnitudes, found["magnitude"].to_numpy()[self._counts(found["x"], found["y"])])
+        magnitudes = np.append(
+            np.frombuffer(self.magnitudes), found["magnitude"].to_numpy()[self._counts(found["x"], found["y"])]
+        )
         area = self.seen_area + self._area(view, self.closed, math.inf)
         return density_threshold(magnitudes, area, screen.radius, screen.density)
 
@@ -289,7 +293,7 @@ class LiveDetector:
             else:
                 left = float(lane_to_scan([x, y, 0.0], pose)[1])
                 self.named += 1
-                name, state = f"alarm-{self.named}", "new"
+                name, state = f"{_NAME}{self.named}", "new"
             one = LiveAlarm(name, float(x), float(y), float(confidence), float(magnitude), int(scans), state, left)  # type: ignore[arg-type]
             if state == "new" or any(getattr(one, n) != getattr(self.alarms[name], n) for n in _SHOWN):
                 changed.append(one)
@@ -304,13 +308,16 @@ class LiveDetector:
         return self._finals(limit) if math.isfinite(self.closed) and limit > self.closed else []
 
     def _finals(self, limit: float) -> list[LiveAlarm]:
-        final = [replace(one, state="final") for one in self.alarms.values() if one.y <= limit]
-        for one in final:
-            del self.alarms[one.alarm_id]
-        self.passed += final
+        final = self._pass([one for one in self.alarms.values() if one.y <= limit])
         self.closed = limit
         self.history = [one for one in self.history if self._reach(one.pose)[1] >= limit - self._margin()]
         return final
+
+    def _pass(self, alarms: list[LiveAlarm]) -> list[LiveAlarm]:
+        for one in alarms:
+            del self.alarms[one.alarm_id]
+            self.passed.extend(_numbers(one))
+        return [replace(one, state="final") for one in alarms]
 
     def _close(self, found: pd.DataFrame, view: xr.DataArray, limit: float) -> list[LiveAlarm]:
         """Make the ground up to ``limit`` final."""
@@ -322,6 +329,10 @@ class LiveDetector:
 
     def _margin(self) -> float:
         return self.recipe.prescreen.radius + 2 * self.recipe.run_view.spacing
+
+
+def _numbers(alarm: LiveAlarm) -> list[float]:
+    return [float(alarm.alarm_id.removeprefix(_NAME)), *(float(getattr(alarm, name)) for name in _KEPT)]
 
 
 @contextmanager

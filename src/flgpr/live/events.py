@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import decibels
+from flgpr.io.files import write_all
 from flgpr.live.detector import LiveAlarm
 from flgpr.live.vehicle import Vehicle
 
@@ -39,8 +40,7 @@ class EventFile:
     def append(self, events: Iterable[Event]) -> None:
         """Write events in one piece."""
         text = "".join(as_line(event) for event in events)
-        if text:
-            self._file.write(text.encode())
+        write_all(self._file, text.encode())
 
     def beat(self) -> None:
         """Give the file a new time stamp: whoever shows it sees that detection runs though nothing comes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 import time
@@ -267,6 +268,8 @@ class LiveRun:
     def _snapshot(self) -> Any:
         if self._detector is None or self._intake is None:
             raise ValueError("a snapshot needs a run, got none")
+        if self.options.incoming is not None and os.path.isdir(self.options.incoming):
+            self._names.intersection_update(os.listdir(self.options.incoming))  # what was taken away is not read again
         return take_snapshot(self._detector, self._intake, self._names, self._fingerprint)
 
     def _finish(self, events: EventFile, writer: SnapshotWriter) -> LiveReport:

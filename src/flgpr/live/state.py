@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from array import array
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 2
+FORMAT, VERSION = "flgpr-live-snapshot", 3
+_NUMBERS = ("passed", "magnitudes")
 _SCALARS = ("closed", "seen_area", "named")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
@@ -31,6 +33,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
     arrays |= {f"view.{name}": value for name, value in detector.view.items()}
     for i, one in enumerate(detector.history):
         arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
+    arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
     newest, scalars = detector.newest, {name: getattr(detector, name) for name in _SCALARS}
     words = {
         "format": FORMAT,
@@ -41,8 +44,6 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "intake": intake.state(),
         "history": [one.number for one in detector.history],
         "alarms": [asdict(one) for one in detector.alarms.values()],
-        "passed": [asdict(one) for one in detector.passed],
-        "magnitudes": list(detector.magnitudes),
         "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
         "newest": None if newest is None else [newest[0], newest[1].tolist()],
         "scalars": {name: value if np.isfinite(value) else None for name, value in scalars.items()},
@@ -79,8 +80,8 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
     detector.view = _group(arrays, "view.")
     detector.history = [CleanedScan(number, **_group(arrays, f"scan{i}.")) for i, number in enumerate(words["history"])]
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
-    detector.passed = [LiveAlarm(**one) for one in words["passed"]]
-    detector.magnitudes = list(words["magnitudes"])
+    for name in _NUMBERS:
+        setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
     first, newest = words["first_pose"], words["newest"]
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))

@@ -94,6 +94,7 @@ class FolderWatch(threading.Thread):
             self._described = True
             self._inbox.put(Arrival("run", str(self._folder), time.time(), value=description.as_json()))
         names = set(os.listdir(self._folder))
+        self._known &= names  # a radar that takes away what was read lets us forget it
         self._growing = {name: seen for name, seen in self._growing.items() if name in names}
         new = sorted(name for name in names - self._known if name.endswith(SCAN_SUFFIX))
         found = [name for name in new if self._read(name)]

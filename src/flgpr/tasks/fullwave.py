@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
+from flgpr import __version__
 from flgpr.chain.progress import Track, silent
 from flgpr.io import GprmaxRun, RunWriter, lane_text, save_run, write_geojson, write_table, write_whole
 from flgpr.io.files import check_new
@@ -59,7 +60,8 @@ def import_gprmax_results(
 ) -> list[Path]:
     """Read the results of a folder of gprMax decks into a new run; truth, objects and lane are written beside it.
 
-    Every input file must have its result; ``keep_direct`` leaves the direct wave in the data.
+    Every input file must have its result; ``keep_direct`` leaves the direct wave in the data. A stopped import goes on
+    with the scan it was at, unless a result has changed.
     """
     results, store = GprmaxRun(folder, keep_direct), Path(output)
     manifest = results.manifest
@@ -70,16 +72,18 @@ def import_gprmax_results(
         "fullwave": {name: manifest.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
     }
     parts = (results.frequency, manifest["polarization"], manifest["tx_position"], manifest["rx_position"], attrs)
-    with RunWriter(store, *parts) as writer:
-        for scan in track(range(len(results)), "reading results", len(results)):
-            writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
     written = [store]
-    for name in _BESIDE:
-        source = Path(folder) / name
-        if source.is_file():
-            target = store.with_name(f"{store.stem}-{name}")
-            write_whole(target, source.read_bytes())
-            written.append(target)
+    with RunWriter.resumed(store, *parts, inputs={"results": results.digest(), "flgpr": __version__}) as writer:
+        done, total = len(writer), len(results)
+        label = f"reading results, {done} scans were there" if done else "reading results"
+        for scan in track(range(done, total), label, total - done):
+            writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
+        for name in _BESIDE:  # before the run, whose presence says that all is there
+            source = Path(folder) / name
+            if source.is_file():
+                target = store.with_name(f"{store.stem}-{name}")
+                write_whole(target, source.read_bytes())
+                written.append(target)
     return written
 
 
@@ -96,4 +100,4 @@ def import_gprmax_models(
     """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
     check_new(output)
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
-    return [save_run(import_gprmax_files(paths, known), output)]
+    return [save_run(import_gprmax_files(paths, known), output, resume=True)]
