@@ -26,7 +26,7 @@ from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled,
 from flgpr.chain.recipe import Recipe
 from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
-from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
+from flgpr.chain.stages import ComplexArray, FeatureStage, MapStage, ScreenStage, Stage
 from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
 from flgpr.io import sha256
@@ -118,11 +118,11 @@ class CleanedRun:
     def __len__(self) -> int:
         return len(self.imager)
 
-    def scan(self, index: int) -> xr.DataArray:
-        """Image of the scan at an index among the complete ones, with its ``pose`` and number."""
+    def scan(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
+        """Image of the scan at an index among the complete ones, with its ``pose`` and number; ``data`` if at hand."""
         if self._whole is not None:
             return self._whole(index).isel(y=slice(self.grid.ny))
-        return self.imager.image(int(self.imager.scans[index]))
+        return self.imager.image(int(self.imager.scans[index]), data)
 
     def coherent(self, index: int) -> xr.DataArray:
         """Give the cleaned image of the scan at an index, in units of its background, with its phase."""
@@ -465,14 +465,16 @@ class LaneChain(Chain):
         sums, evidence = AlarmSums(self._reads, alarms.iloc[near], near), None
         if self._explains:
             evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
+        read_once = evidence is not None and self.imager.run is self.run
 
         def add(index: int) -> None:
-            image, gain = cleaned.scan(index), cleaned.gains[index]
+            data = self.imager.signal(int(self.imager.scans[index])) if read_once else None
+            image, gain = cleaned.scan(index, data), cleaned.gains[index]
             where = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
             scan = self._reads.clean(*where, image.values, gain, cleaned.background, own=evidence is not None)
             sums.add(scan)
             if evidence is not None:
-                evidence.add(self._reads.labelled(scan))
+                evidence.add(self._reads.labelled(scan), data)
 
         def state(_: bool) -> Arrays:
             return sums.state() | ({} if evidence is None else bundled({"evidence": evidence.state()}))
