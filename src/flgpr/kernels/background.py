@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from flgpr.kernels.filters import sorted_order
+
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 
 
@@ -45,9 +47,9 @@ def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-
             lowest += value * value if place < edge else 0.0
             border[at] = magnitude[i]
             at += place == edge
-        border = np.sort(border[:at])
+        order = sorted_order(border[:at])
         for i in range(keep - below):
-            lowest += np.float64(border[i]) ** 2
+            lowest += np.float64(border[order[i]]) ** 2
         gain[c] = np.sqrt(lowest / keep)
         limit[c] = mean + clip * np.sqrt(spread / magnitude.size)
 

@@ -20,7 +20,7 @@ _DIGIT = 11  # bits sorted at a time
 
 
 @njit(cache=True)
-def _sorted_order(values: Any) -> Any:
+def sorted_order(values: Any) -> Any:
     """Order of float32 values from small to large: a radix sort of their bits."""
     n = values.size
     bits = values.view(np.uint32)
@@ -198,7 +198,7 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: 
 def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
     orders = np.empty((images.shape[0], images.shape[1] * images.shape[2]), np.int32)
     for i in prange(images.shape[0]):
-        orders[i] = _sorted_order(images[i].ravel())
+        orders[i] = sorted_order(images[i].ravel())
     return orders
 
 
