@@ -201,7 +201,7 @@ def test_training_needs_one_truth_per_run(tmp_path):
 
 
 def cleaned_run(run, recipe) -> CleanedRun:
-    chain = LaneChain(run, recipe, LANE)
+    chain = LaneChain(run, recipe, LANE, whole=True)
     chain.go(names=("signature", "gain"))
     return chain.cleaned
 

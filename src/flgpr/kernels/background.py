@@ -56,10 +56,13 @@ def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-
 
 @njit(parallel=True, cache=True)
 def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: ignore[no-untyped-def]
-    """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals."""
+    """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
+
+    The totals may hold the first pixels alone.
+    """
     for c in prange(images.shape[0]):
         near = limit[c] * limit[c] * (1 - 1e-9)  # below it no magnitude need be taken, which is dear
-        for i in range(images.shape[1]):
+        for i in range(own_total.shape[1]):
             value = np.complex128(images[c, i])
             if value.real * value.real + value.imag * value.imag > near:
                 magnitude = abs(value)
