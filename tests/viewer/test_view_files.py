@@ -67,9 +67,9 @@ def test_trace_of_a_point_scatterer_peaks_on_it_at_unit_height(array):
     signal = echo(frequency, tx, rx, point)[None]
     offsets = np.linspace(-2, 2, 161)
     away = point + 0.5 * point * [1, 1, 0] / np.hypot(*point[:2])
-    here, there = focused_trace(
-        signal, frequency, tx, rx, np.stack([point, away]), range_kernel(frequency, offsets)
-    )[:, 0]
+    here, there = focused_trace(signal, frequency, tx, rx, np.stack([point, away]), range_kernel(frequency, offsets))[
+        :, 0
+    ]
     assert here[80] == pytest.approx(1, abs=1e-6)
     assert here.argmax() == 80
     assert offsets[there.argmax()] == pytest.approx(-0.5, abs=0.06)

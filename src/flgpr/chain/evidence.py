@@ -191,11 +191,14 @@ def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> 
 
 
 def _samples(image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape) -> list[NDArray[np.float32]]:
-    """Magnitudes about points (alarm, 3): patches (alarm, polarization, subband, y, x) and cuts along the line of sight."""
+    """Magnitudes about points (alarm, 3), by alarm and channel: patches (y, x), and cuts along the line of sight."""
     grid, magnitude, where = grid_of(image), np.abs(image.values), points[:, :2]
     away = where / np.maximum(np.hypot(where[:, :1], where[:, 1:]), np.finfo(float).tiny)
     parts = []
-    for offsets in (np.broadcast_to(patch.offsets(), (len(where), patch.size, patch.size, 2)), _CUT[:, None] * away[:, None]):
+    for offsets in (
+        np.broadcast_to(patch.offsets(), (len(where), patch.size, patch.size, 2)),
+        _CUT[:, None] * away[:, None],
+    ):
         at = where.reshape(-1, *[1] * (offsets.ndim - 2), 2) + offsets
         sampled = bilinear(magnitude, (at[..., 1] - grid.y_min) / grid.dy, (at[..., 0] - grid.x_min) / grid.dx)
         parts.append(np.moveaxis(sampled, 2, 0))

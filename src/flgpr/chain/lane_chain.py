@@ -327,7 +327,7 @@ class LaneChain(Chain):
         return notes
 
     def _image(self, index: int, suppressed: bool, rows: int | None = None) -> xr.DataArray:
-        """Image of the scan at an index among the complete ones, without the roadside if wanted, at least its ``rows``."""
+        """Image of the scan at an index among the complete ones, at least ``rows``; without the roadside if wanted."""
         if (index, suppressed) in self._images:
             return self._images[index, suppressed]
         scan = int(self.imager.scans[index])

@@ -142,9 +142,7 @@ class ImagingOperator:
         """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device."""
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
-    def adjoint(
-        self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None
-    ) -> NDArray[Any]:
+    def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
 
         ``data`` (..., polarization, pair, frequency) are received fields, finite; leading axes are scans taken with one
