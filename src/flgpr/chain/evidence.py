@@ -118,7 +118,7 @@ class EvidenceSums:
                 parts.append(focused_trace(read, frequency, tx, rx, local[wanted], self._kernel))
             values = np.concatenate([decibels(part).reshape(len(wanted), -1) for part in parts], axis=1)
             for number, one in zip(wanted, values, strict=True):
-                self._look(number, _Look(scan, _distance(local[number]), one))
+                self._look(number, _Look(scan, _distance(local[number]), one.copy()))
         self._seen[seen] = True
         if seen.size:
             self._coherency[seen] += _coherency(image.sel(subband=self._subband or subband[0]), local[seen])
