@@ -22,7 +22,7 @@ from flgpr.results.result import read_result
 from flgpr.screen import prescreen, run_view, select
 from flgpr_papers.wang2007.examples import save_examples
 from flgpr_papers.wang2007.study import wide_view
-from small_lane import LANE, TARGETS, small_recipe, small_run
+from small_lane import LANE, TARGETS, cut_down, small_recipe, small_run
 
 
 @pytest.fixture(scope="module")
@@ -201,9 +201,21 @@ def test_training_needs_one_truth_per_run(tmp_path):
 
 
 def cleaned_run(run, recipe) -> CleanedRun:
-    chain = LaneChain(run, recipe, LANE)
+    chain = LaneChain(run, recipe, LANE, whole=True)
     chain.go(names=("signature", "gain"))
     return chain.cleaned
+
+
+def test_a_background_as_far_ahead_as_counts_finds_what_that_of_whole_images_does(run):
+    recipe = parse_recipe(cut_down(small_recipe(3), [("y = [2.5, 5.5]", "y = [2.5, 8.5]")]))
+    near, whole = (LaneChain(run, recipe, LANE, whole=whole) for whole in (False, True))
+    for chain in (near, whole):
+        chain.go()
+    assert near.known["gain"]["gain"].shape[2] < whole.known["gain"]["gain"].shape[2] == recipe.image.grid().ny
+    for one, other in zip(near.detections(), whole.detections(), strict=True):
+        np.testing.assert_array_equal(one.view.values, other.view.values)
+        pd.testing.assert_frame_equal(one.alarms, other.alarms, check_exact=True)
+        pd.testing.assert_frame_equal(one.features, other.features, check_exact=True)
 
 
 def test_the_full_range_view_is_that_of_whole_images(run, recipe):

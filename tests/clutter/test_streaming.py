@@ -103,6 +103,30 @@ def test_cropping_keeps_the_nearest_rows(scans):
         np.testing.assert_array_equal(getattr(near, name)(part, tool.gains[3]), whole[..., :25, :])
 
 
+@pytest.mark.parametrize("method", ["mean", "median"])
+def test_the_background_of_the_nearest_rows_has_the_bits_of_the_whole(scans, method):
+    """Gains are those of whole images; the second pass need not see the rest."""
+    rows, reach = 20, 20 + WINDOWS[0][0] // 2 + WINDOWS[1][0] // 2
+    whole, near = BackgroundEstimator(*WINDOWS, 2, method), BackgroundEstimator(*WINDOWS, 2, method, reach)
+    for tool, seen in ((whole, SHAPE[2]), (near, reach)):
+        for image in scans:
+            tool.add_signature(image)
+        for image in scans:
+            tool.add_gain(image[..., :seen, :])
+    np.testing.assert_array_equal(near.gains, whole.gains)
+    for name, value in vars(whole.result().cropped(rows)).items():
+        np.testing.assert_array_equal(getattr(near.result().cropped(rows), name), value)
+
+
+@pytest.mark.parametrize("power", [-100, 80])
+def test_the_background_does_not_hang_on_the_unit_of_the_data(scans, power):
+    plain, background = estimate(scans)
+    other, same = estimate([image * np.float32(2.0) ** power for image in scans])
+    np.testing.assert_array_equal(np.stack(other.gains), np.stack(plain.gains) * 2.0**power)
+    for name, value in vars(background).items():
+        np.testing.assert_array_equal(getattr(same, name), value)
+
+
 def test_the_causal_self_signature_is_that_of_the_scans_so_far(scans):
     causal = CausalBackground(*WINDOWS, step=1, warm_up=3)
     for k, image in enumerate(scans):

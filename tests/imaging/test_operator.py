@@ -70,6 +70,14 @@ def test_images_go_where_they_are_told():
         operator.adjoint(data, out=out[..., :5])
 
 
+@pytest.mark.parametrize("kind", [{"method": "profile"}, {"method": "direct"}, {"dtype": "complex128"}])
+@pytest.mark.parametrize("rows", [1, 20, 33, 40])
+def test_the_nearest_rows_alone_have_the_bits_of_the_whole_image(kind, rows):
+    operator = ImagingOperator(TONES, TX, RX, grid(), BANDS, **kind)
+    data = noise((2, 3, 6, 128))
+    np.testing.assert_array_equal(operator.adjoint(data, rows=rows), operator.adjoint(data)[..., :rows, :])
+
+
 def test_no_polarization_gives_no_image():
     operator = ImagingOperator(TONES, TX, RX, grid(), BANDS)
     assert operator.adjoint(np.zeros((0, 6, 128))).shape == (0, 2, 33, 21)

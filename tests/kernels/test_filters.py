@@ -26,8 +26,31 @@ def test_bilinear_is_exact_on_a_plane_and_nan_outside():
     assert np.isnan(got[0]).tolist() == [True, False, True]
 
 
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (21, 21)])
-@pytest.mark.parametrize("step", [1, 3])
+@pytest.mark.parametrize("kind", [np.float32, np.complex64])
+@pytest.mark.parametrize("shape", [(1, 12), (12, 1), (5, 7)])
+def test_bilinear_is_its_definition_to_the_border_of_any_image(kind, shape):
+    rng = np.random.default_rng(2)
+    image = (rng.normal(size=(3, 2, *shape)) + 1j * rng.normal(size=(3, 2, *shape))).astype(np.complex64)
+    image = image if kind == np.complex64 else np.ascontiguousarray(image.real)
+    row, column = rng.uniform(-1, shape[0], (4, 25)), rng.uniform(-1, shape[1], (4, 25))
+    row[0], column[0] = 0.0, np.linspace(0, shape[1] - 1, 25)
+    got = bilinear(image, row, column)
+    assert got.dtype == kind
+    assert got.shape == (3, 2, 4, 25)
+    padded = np.pad(image, ((0, 0), (0, 0), (0, 1), (0, 1)), mode="edge").astype(complex)
+    for at, (r, c) in enumerate(zip(row.ravel(), column.ravel(), strict=True)):
+        one = got.reshape(3, 2, -1)[..., at]
+        if 0 <= r <= shape[0] - 1 and 0 <= c <= shape[1] - 1:
+            i, j = int(r), int(c)
+            (a, b), (d, e) = (padded[:, :, i + k, j : j + 2].transpose(2, 0, 1) for k in (0, 1))
+            want = (1 - r + i) * ((1 - c + j) * a + (c - j) * b) + (r - i) * ((1 - c + j) * d + (c - j) * e)
+            np.testing.assert_allclose(one, want if kind == np.complex64 else want.real, atol=1e-5)
+        else:
+            assert np.isnan(one).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (7, 9), (21, 21)])
+@pytest.mark.parametrize("step", [1, 2, 3, 7])
 def test_the_median_of_a_stack_is_exact_in_single_precision_too(size, step):
     rng = np.random.default_rng(4)
     stack = rng.normal(size=(3, 37, 29)).astype(np.float32)

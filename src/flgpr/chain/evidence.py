@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,17 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.features import PatchShape
+from flgpr.kernels.focus import focus
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, ground_points, lane_to_scan, vehicle_to_scan
-from flgpr.screen import sample_scan
+from flgpr.screen.views import grid_of
 
 MOST_SCANS = 4  # the nearest, where resolution is best
 MOST_ALARMS, MOST_GATHERED = 1000, 4000  # alarms that are explained; of how many, the strongest, it is gathered
 _CUT = np.round(np.arange(-40, 41) * 0.05, 3)
 _TRACE = np.round(np.arange(-80, 81) * 0.025, 4)
 _FLOOR = 1e-6
-
-Tracer = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,15 @@ class EvidenceSums:
         self._poses = poses
         self._nearest: list[set[int]] | None = None
 
-    def add(self, image: xr.DataArray) -> None:
-        """Take in a cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``."""
+    @cached_property
+    def _kernel(self) -> NDArray[np.complex128]:
+        return range_kernel(np.zeros(2) if self._run is None else self._run["frequency"].values, _TRACE)
+
+    def add(self, image: xr.DataArray, signal: NDArray[np.complex64] | None = None) -> None:
+        """Take in a cleaned scan image (polarization, subband, y, x) in the scan frame with ``scan`` and ``pose``.
+
+        ``signal`` is the run's data of the scan, where it has been read already.
+        """
         polarization, subband = ([str(label) for label in image[n].values] for n in ("polarization", "subband"))
         self._channels = (polarization, subband)
         scan, pose = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
@@ -101,11 +108,17 @@ class EvidenceSums:
         if self._poses is not None and self._nearest is None:
             self._nearest = self._nearest_scans(image, self._poses)
         seen = _in_sight(image, local, self._y_max)
-        wanted = [number for number in seen if self._nearest is None or scan in self._nearest[number]]
-        tracer = None if self._run is None or not wanted else _tracer(self._run, scan, pose)
-        for number in wanted:
-            values = _explain(image, local[number], self._patch, tracer)
-            self._look(int(number), _Look(scan, _distance(local[number]), values))
+        wanted = [int(number) for number in seen if self._nearest is None or scan in self._nearest[number]]
+        if wanted:
+            parts = _samples(image, local[wanted], self._patch)
+            if self._run is not None:
+                read = np.asarray(self._run["signal"].isel(scan=scan).values) if signal is None else signal
+                tx, rx = (vehicle_to_scan(self._run[name].values, pose) for name in ("tx_position", "rx_position"))
+                frequency = self._run["frequency"].values
+                parts.append(focused_trace(read, frequency, tx, rx, local[wanted], self._kernel))
+            values = np.concatenate([decibels(part).reshape(len(wanted), -1) for part in parts], axis=1)
+            for number, one in zip(wanted, values, strict=True):
+                self._look(number, _Look(scan, _distance(local[number]), one.copy()))
         self._seen[seen] = True
         if seen.size:
             self._coherency[seen] += _coherency(image.sel(subband=self._subband or subband[0]), local[seen])
@@ -177,24 +190,19 @@ def _in_sight(image: xr.DataArray, local: NDArray[np.float64], y_max: float) -> 
     return np.flatnonzero(inside & (local[:, 1] <= y_max))
 
 
-def _explain(
-    image: xr.DataArray, point: NDArray[np.float64], patch: PatchShape, tracer: Tracer | None
-) -> NDArray[np.float16]:
-    around = point[:2] + patch.offsets()
-    away = point[:2] / max(float(np.hypot(*point[:2])), np.finfo(float).tiny)
-    along = point[:2] + _CUT[:, None] * away
-    parts = [decibels(sample_scan(image, where)).ravel() for where in (around, along)]
-    if tracer is not None:
-        parts.append(decibels(tracer(point)).ravel())
-    return np.concatenate(parts)
-
-
-def _tracer(run: xr.Dataset, scan: int, pose: NDArray[np.float64]) -> Tracer:
-    signal = np.asarray(run["signal"].isel(scan=scan).values)
-    frequency = np.asarray(run["frequency"].values)
-    tx, rx = (vehicle_to_scan(run[name].values, pose) for name in ("tx_position", "rx_position"))
-    kernel = range_kernel(frequency, _TRACE)
-    return lambda point: focused_trace(signal, frequency, tx, rx, point, kernel)
+def _samples(image: xr.DataArray, points: NDArray[np.float64], patch: PatchShape) -> list[NDArray[np.float32]]:
+    """Magnitudes about points (alarm, 3), by alarm and channel: patches (y, x), and cuts along the line of sight."""
+    grid, magnitude, where = grid_of(image), np.abs(image.values), points[:, :2]
+    away = where / np.maximum(np.hypot(where[:, :1], where[:, 1:]), np.finfo(float).tiny)
+    parts = []
+    for offsets in (
+        np.broadcast_to(patch.offsets(), (len(where), patch.size, patch.size, 2)),
+        _CUT[:, None] * away[:, None],
+    ):
+        at = where.reshape(-1, *[1] * (offsets.ndim - 2), 2) + offsets
+        sampled = bilinear(magnitude, (at[..., 1] - grid.y_min) / grid.dy, (at[..., 0] - grid.x_min) / grid.dx)
+        parts.append(np.moveaxis(sampled, 2, 0))
+    return parts
 
 
 def range_kernel(frequency: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -210,19 +218,20 @@ def focused_trace(
     frequency: NDArray[np.float64],
     tx: NDArray[np.float64],
     rx: NDArray[np.float64],
-    point: NDArray[np.float64],
+    points: NDArray[np.float64],
     kernel: NDArray[np.complex128],
-) -> NDArray[np.float64]:
-    """A-scan of the whole array focused on one point: delays steered to it, then range along the focused beam.
+) -> NDArray[np.float32]:
+    """A-scans (point, polarization, range) of the whole array focused on points: delays steered to each, then range.
 
     ``s(r) = mean over pair and f of w(f)·b(pair, f)·exp(+j2πf(L_pair + 2r)/c)`` with the Hann window w of mean one,
     for a scan's signal b (polarization, pair, frequency) and the ranges of the ``kernel``; antennas (pair, 3) and
-    the point (3,) in the scan frame, m. A unit scatterer at the point alone gives the magnitude 1 at r = 0.
+    the points (point, 3) in the scan frame, m. A unit scatterer at the point alone gives the magnitude 1 at r = 0.
     """
-    path = np.linalg.norm(tx - point, axis=-1) + np.linalg.norm(rx - point, axis=-1)
-    steering = np.exp(2j * np.pi * path[:, None] * frequency / SPEED_OF_LIGHT)
-    beam = np.einsum("zpf,pf->zf", signal, steering) / len(path)
-    return np.asarray(np.abs(np.einsum("zf,fr->zr", beam, kernel)))  # too small for the threads of a matrix product
+    path = sum(np.linalg.norm(points[:, None] - ends, axis=-1) for ends in (tx, rx))
+    out = np.empty((len(points), len(signal), kernel.shape[1]), np.float32)
+    parts = np.stack([kernel.real, kernel.imag]).astype(np.float32)
+    focus(np.asarray(signal, np.complex64), frequency / SPEED_OF_LIGHT, path, parts, out)
+    return out
 
 
 def _coherency(image: xr.DataArray, points: NDArray[np.float64]) -> NDArray[np.complex128]:

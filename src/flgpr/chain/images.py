@@ -67,14 +67,17 @@ class RunImages:
         """List the passes that the clutter stages need beforehand."""
         return [each for stage in self.stages.values() for each in stage.passes()]
 
-    def image(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
-        """Whole image of the scan at an index among the complete ones; ``data`` stands in for a plain scan's own."""
+    def image(self, index: int, data: ComplexArray | None = None, rows: int | None = None) -> xr.DataArray:
+        """Image of the scan at an index among the complete ones, at least its nearest ``rows``, by default all.
+
+        ``data`` stands in for a plain scan's own.
+        """
         scan = int(self.imager.scans[index])
         if self.plain:
-            return self.imager.image(scan, data)
+            return self.imager.image(scan, data, rows)
         frames = self._data(index, self.frames)[:, self.setup.imaged]
         if len(frames) == 1:
-            return self.imager.image(scan, frames[0])
+            return self.imager.image(scan, frames[0], rows)
         points = scan_to_lane(self.imager.grid.points(), self.setup.pose(index))
         total = self.imager.operator(scan).adjoint(frames[-1])
         for back, frame in enumerate(frames[-2::-1], 1):

@@ -26,7 +26,7 @@ from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled,
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
-from flgpr.chain.stages import FeatureStage, MapStage, ScreenStage, Stage
+from flgpr.chain.stages import ComplexArray, FeatureStage, MapStage, ScreenStage, Stage
 from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
 from flgpr.io import sha256
@@ -118,11 +118,11 @@ class CleanedRun:
     def __len__(self) -> int:
         return len(self.imager)
 
-    def scan(self, index: int) -> xr.DataArray:
-        """Image of the scan at an index among the complete ones, with its ``pose`` and number."""
+    def scan(self, index: int, data: ComplexArray | None = None) -> xr.DataArray:
+        """Image of the scan at an index among the complete ones, with its ``pose`` and number; ``data`` if at hand."""
         if self._whole is not None:
             return self._whole(index).isel(y=slice(self.grid.ny))
-        return self.imager.image(int(self.imager.scans[index]))
+        return self.imager.image(int(self.imager.scans[index]), data)
 
     def coherent(self, index: int) -> xr.DataArray:
         """Give the cleaned image of the scan at an index, in units of its background, with its phase."""
@@ -138,7 +138,8 @@ class LaneChain(Chain):
     run-view are worked on: backgrounds are those of the whole run, and run-view, alarms and features those that the
     whole lane has there. ``others`` are runs taken together with it, by the names that the recipe gives them; ``truth``
     are the targets of a training lane, for the first stage that has not learnt yet. With ``explains`` what explains the
-    alarms to the viewer is gathered, too.
+    alarms to the viewer is gathered, too; with ``whole`` the background reaches as far as the images, by default as far
+    ahead as counts and as that depends on.
     """
 
     def __init__(
@@ -152,6 +153,7 @@ class LaneChain(Chain):
         others: Mapping[str, xr.Dataset] | None = None,
         truth: pd.DataFrame | None = None,
         explains: bool = True,
+        whole: bool = False,
     ) -> None:
         self._explains = explains
         self.run, self.recipe, self.lane, self.model = run, recipe, lane, as_model(model)
@@ -160,6 +162,9 @@ class LaneChain(Chain):
         self.untrained = unlearnt(recipe, self.model, training=truth is not None)
         self.images = RunImages(as_imaged(run, recipe), recipe, lane, self.model, known, others or {})
         self.imager, self.setup = self.images.imager, self.images.setup
+        (median, _), (mean, _), _ = recipe.smoothing
+        reach = self.imager.grid.ny if whole else self.images.grid.ny + median // 2 + mean // 2
+        self._reach = min(reach, self.imager.grid.ny)  # rows of the images that the background is estimated on
         made = {
             name: stage.of(stage.settings, self.setup, self.model.stages.get(name))
             for name, stage in names.items()
@@ -226,6 +231,7 @@ class LaneChain(Chain):
         later = kind in ("view", "features")
         tables = IMAGING | VIEWING if later else IMAGING
         told: dict[str, Any] = {"pass": name, "recipe": self.recipe.model_dump(mode="json", include=tables)}
+        told["rows"] = self._reach
         if later:
             told.update(explains=self._explains, kept=[self._kept.start, self._kept.stop])
         if kind == "features":
@@ -320,12 +326,13 @@ class LaneChain(Chain):
             notes |= self.roadside.notes()
         return notes
 
-    def _image(self, index: int, suppressed: bool) -> xr.DataArray:
-        """Whole image of the scan at an index among the complete ones, without the roadside if wanted."""
+    def _image(self, index: int, suppressed: bool, rows: int | None = None) -> xr.DataArray:
+        """Image of the scan at an index among the complete ones, at least ``rows``; without the roadside if wanted."""
         if (index, suppressed) in self._images:
             return self._images[index, suppressed]
         scan = int(self.imager.scans[index])
-        image = self.images.image(index, self.roadside.cleaned(scan) if suppressed else None)
+        data = self.roadside.cleaned(scan) if suppressed else None
+        image = self.images.image(index, data, None if self._remembers else rows)
         if self._remembers:
             self._images[index, suppressed] = image
         return image
@@ -354,7 +361,7 @@ class LaneChain(Chain):
             return self._rows_gain(variation, first)
         tool.continue_from(first, slice(None) if block is None else slice(block.start, block.stop))
         return Accumulator(
-            lambda index: tool.add_gain(self._image(index, variation.suppressed).values),
+            lambda index: tool.add_gain(self._image(index, variation.suppressed, self._reach).values),
             lambda _: tool.second_sums(),
             tool.take_second,
             lambda: {"gains": first["gains"]} | vars(tool.result()),
@@ -366,8 +373,8 @@ class LaneChain(Chain):
         sums = {"total": np.zeros((*first["signature"].shape[:3], 1)), "count": np.zeros(1)}
 
         def add(index: int) -> None:
-            image = self._image(index, variation.suppressed).values / first["gains"][index][..., None, None]
-            level = np.abs(image - first["signature"])[..., near]
+            image = self._image(index, variation.suppressed, self._reach).values[..., : self._reach, :]
+            level = np.abs(image / first["gains"][index][..., None, None] - first["signature"])[..., near]
             sums["total"] += np.median(level, axis=-1, keepdims=True)
             sums["count"] += 1
 
@@ -383,7 +390,7 @@ class LaneChain(Chain):
         return {"gains": first["gains"]} | vars(background)
 
     def _estimator(self, variation: Variation) -> BackgroundEstimator:
-        return BackgroundEstimator(*self.recipe.smoothing, variation.signature)
+        return BackgroundEstimator(*self.recipe.smoothing, variation.signature, self._reach)
 
     def _view(self, variation: Variation, block: range | None) -> Accumulator:
         sums, cleaned = look_sums(self.recipe.run_view, self.grid, self._rows(block)), self._cleaned_by(variation)
@@ -465,14 +472,16 @@ class LaneChain(Chain):
         sums, evidence = AlarmSums(self._reads, alarms.iloc[near], near), None
         if self._explains:
             evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
+        read_once = evidence is not None and self.imager.run is self.run
 
         def add(index: int) -> None:
-            image, gain = cleaned.scan(index), cleaned.gains[index]
+            data = self.imager.signal(int(self.imager.scans[index])) if read_once else None
+            image, gain = cleaned.scan(index, data), cleaned.gains[index]
             where = int(image.attrs["scan"]), np.asarray(image.attrs["pose"])
             scan = self._reads.clean(*where, image.values, gain, cleaned.background, own=evidence is not None)
             sums.add(scan)
             if evidence is not None:
-                evidence.add(self._reads.labelled(scan))
+                evidence.add(self._reads.labelled(scan), data)
 
         def state(_: bool) -> Arrays:
             return sums.state() | ({} if evidence is None else bundled({"evidence": evidence.state()}))

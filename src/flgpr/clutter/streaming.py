@@ -89,7 +89,8 @@ class BackgroundEstimator:
     :meth:`result`. The median is taken at every ``step``-th pixel both ways, and the mean over those: the gain
     background is smooth over the mean's window, so that little is lost (see the tests for how little) and most of the
     time is saved. Windows (y, x) are odd pixels; ``method`` is that of :func:`flgpr.clutter.self_signature`, whose
-    median keeps all images.
+    median keeps all images. With ``rows`` the background is that of the images' nearest rows alone; gains are always
+    those of whole images, so that the first pass must see them.
     """
 
     def __init__(
@@ -98,12 +99,14 @@ class BackgroundEstimator:
         mean_size: tuple[int, int] = (51, 51),
         step: int = 1,
         method: SelfSignature = "mean",
+        rows: int | None = None,
     ) -> None:
         check_windows(median_size, mean_size)
         check_method(method)
         if not 1 <= step <= max(1, min(mean_size) // 2):
             raise ValueError(f"step must lie between 1 and half of mean_size {mean_size}, got {step}")
         self.median_size, self.mean_size, self.step, self.method = median_size, mean_size, step, method
+        self._rows = slice(rows)
         self._scaled: list[ComplexArray] = []  # images over their gains, for the median
         self.gains: list[FloatArray] = []
         self._shape: tuple[int, ...] | None = None
@@ -114,15 +117,16 @@ class BackgroundEstimator:
 
     def add_signature(self, image: ComplexArray) -> FloatArray:
         """First pass: take a scan into the self-signature (Eq. 2); give its gain r_k, which ``gains`` keeps."""
+        near = image[..., self._rows, :]
         if self._shape is None:
-            self._begin(image.shape)
+            self._begin(near.shape)
         gain, limit = self._measure(image)
         if self.method == "mean":
             common = np.broadcast_to(shared_gain(gain), gain.shape)
             weight = 1 / gain.ravel(), np.ascontiguousarray(1 / common).ravel()
             add_clipped(_flat(image), limit.ravel(), *weight, self._own_total, self._shared_total)
         elif self.method == "median":
-            self._scaled.append((image / gain[..., None, None]).astype(np.complex64))
+            self._scaled.append((near / gain[..., None, None]).astype(np.complex64))
         self.gains.append(gain)
         return gain
 
@@ -133,7 +137,7 @@ class BackgroundEstimator:
             raise ValueError(
                 f"add_gain must be called once per scan of the first pass, got more than {len(self.gains)}"
             )
-        smooth = self._smooth(image, self.gains[self._smoothed], signature)
+        smooth = self._smooth(image[..., self._rows, :], self.gains[self._smoothed], signature)
         self._median = smooth if self._median is None else self._median + smooth
         self._smoothed += 1
 
@@ -225,7 +229,7 @@ class BackgroundEstimator:
             self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
 
     def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        if image.shape != self._shape:
+        if image[..., self._rows, :].shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
         gain, limit = np.empty(image.shape[:2]), np.empty(image.shape[:2])
         pixels = image.shape[2] * image.shape[3]

@@ -28,7 +28,7 @@ class Engine:
     width: int
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
-        """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
+        """Fill ``out`` (polarization, subband, the first pixels or all) from ``data`` (polarization, pair, tone)."""
         raise NotImplementedError
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
@@ -89,12 +89,13 @@ class ProfileEngine(Engine):
         if self._phase is not None:
             data = data * self._phase
         pairs, blocks = data.shape[1], -(-out.shape[2] // BLOCK)
+        geometry = self._geometry._replace(pixel_count=out.shape[2])
         for rows, bands, channels in passes(*out.shape[:2]):
             table, lane = self._table(channels), (0,) * channels
             tones = (data[rows], self._weight[bands], self._spectrum, table, lane)
             share(pairs, partial(transform.compress, *tones))
             part = out[rows, bands].reshape(-1, out.shape[2])
-            share(blocks, partial(profiles.adjoint, table, self._bins, self._geometry, part, self._taps, lane))
+            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, self._taps, lane))
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""

@@ -142,17 +142,19 @@ class ImagingOperator:
         """Make memory for images (lead, subband, pixels), to be passed as ``out``; page-locked for a CUDA device."""
         return self.engine.buffer((*lead, len(self.subbands), *self.pixel_shape), self.dtype)
 
-    def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def adjoint(self, data: ArrayLike, out: NDArray[Any] | None = None, rows: int | None = None) -> NDArray[Any]:
         """Image data: apply A^H.
 
         ``data`` (..., polarization, pair, frequency) are received fields, finite; leading axes are scans taken with one
         geometry. Returns an image per polarization and sub-band, (..., polarization, subband, pixels), put in ``out``
-        if given, a contiguous array of the operator's dtype.
+        if given, a contiguous array of the operator's dtype. With ``rows`` only the first so many along the first axis
+        of the pixels are imaged, to the same bits.
         """
         block, lead = self._checked(data, "data", (self.pairs, self.frequency.size))
-        shape = (*lead, len(self.subbands), *self.pixel_shape)
+        pixels = self.pixel_shape if rows is None else (min(rows, self.pixel_shape[0]), *self.pixel_shape[1:])
+        shape = (*lead, len(self.subbands), *pixels)
         images = self.engine.buffer(shape, self.dtype) if out is None else _target(out, shape, self.dtype)
-        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(self.pixel_shape)))
+        self.engine.adjoint(block, images.reshape(block.shape[0], len(self.subbands), math.prod(pixels)))
         return images
 
     def forward(self, image: ArrayLike) -> NDArray[Any]:

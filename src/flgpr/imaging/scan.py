@@ -97,13 +97,13 @@ class ScanImager:
         """Read the data (polarization, pair, frequency) of a scan."""
         return np.asarray(self.run["signal"].isel(scan=scan).values, dtype=np.complex64)
 
-    def image(self, scan: int, signal: ArrayLike | None = None) -> xr.DataArray:
+    def image(self, scan: int, signal: ArrayLike | None = None, rows: int | None = None) -> xr.DataArray:
         """Image one scan, or other data of it such as cleaned ones: complex64 (polarization, subband, y, x).
 
-        Its attributes ``scan`` and ``pose`` tell where it was taken.
+        Its attributes ``scan`` and ``pose`` tell where it was taken. ``rows`` are those nearest, by default all.
         """
         data = self.signal(scan) if signal is None else signal
-        return self.labelled(scan, self.operator(scan).adjoint(data))
+        return self.labelled(scan, self.operator(scan).adjoint(data, rows=rows))
 
     def labelled(self, scan: int, values: NDArray[np.complex64]) -> xr.DataArray:
         """Attach to values (polarization, subband, y, x) the names, axes and pose of a scan's image."""
@@ -113,7 +113,7 @@ class ScanImager:
             coords={
                 "polarization": self.run["polarization"].values,
                 "subband": list(self.subbands),
-                "y": self.grid.y,
+                "y": self.grid.y[: values.shape[-2]],
                 "x": self.grid.x,
             },
             attrs={"scan": scan, "pose": self._poses[scan].tolist()},

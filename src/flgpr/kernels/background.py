@@ -7,61 +7,67 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from flgpr.kernels.filters import sorted_order
+
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 
 
 @njit(cache=True)
-def _rms_of_lowest(magnitude: Any, keep: int) -> float:
-    """Root mean square of the ``keep`` smallest values, none negative: bits of such floats order as they do."""
-    bits = magnitude.view(np.uint32)
-    count = np.zeros(1 << (32 - _SHIFT), np.int64)
-    for value in bits:
-        count[value >> _SHIFT] += 1
-    edge, below = 0, 0
-    while below + count[edge] < keep:
-        below += count[edge]
-        edge += 1
-    total, at = 0.0, 0
-    border = np.empty(count[edge], np.float32)
-    for i in range(magnitude.size):
-        place = bits[i] >> _SHIFT
-        if place < edge:
-            total += np.float64(magnitude[i]) ** 2
-        elif place == edge:
-            border[at] = magnitude[i]
-            at += 1
-    border.sort()
-    for i in range(keep - below):
-        total += np.float64(border[i]) ** 2
-    return np.sqrt(total / keep)
+def _magnitude(value: Any) -> Any:
+    """Magnitude of a complex64 value, in double precision: it cannot overflow, and is vector code as ``abs`` is not."""
+    re, im = np.float64(value.real), np.float64(value.imag)
+    return np.float32(np.sqrt(re * re + im * im))
 
 
 @njit(parallel=True, cache=True)
 def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-def]
-    """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel)."""
+    """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel).
+
+    The gain is the root mean square of the ``keep`` smallest magnitudes: bits of such floats order as they do.
+    """
     for c in prange(images.shape[0]):
         magnitude = np.empty(images.shape[1], np.float32)
+        for i in range(magnitude.size):
+            magnitude[i] = _magnitude(images[c, i])
+        bits = magnitude.view(np.uint32)
+        count = np.zeros(1 << (32 - _SHIFT), np.int64)
         total = 0.0
         for i in range(magnitude.size):
-            magnitude[i] = abs(images[c, i])
             total += magnitude[i]
-        mean = total / magnitude.size
-        spread = 0.0
-        for value in magnitude:
+            count[bits[i] >> _SHIFT] += 1
+        mean, edge, below = total / magnitude.size, 0, 0
+        while below + count[edge] < keep:
+            below += count[edge]
+            edge += 1
+        border = np.empty(count[edge] + 1, np.float32)  # one more: every value is written before it is judged
+        spread, lowest, at = 0.0, 0.0, 0
+        for i in range(magnitude.size):
+            value, place = np.float64(magnitude[i]), bits[i] >> _SHIFT
             spread += (value - mean) ** 2
-        gain[c] = _rms_of_lowest(magnitude, keep)
+            lowest += value * value if place < edge else 0.0
+            border[at] = magnitude[i]
+            at += place == edge
+        order = sorted_order(border[:at])
+        for i in range(keep - below):
+            lowest += np.float64(border[order[i]]) ** 2
+        gain[c] = np.sqrt(lowest / keep)
         limit[c] = mean + clip * np.sqrt(spread / magnitude.size)
 
 
 @njit(parallel=True, cache=True)
 def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: ignore[no-untyped-def]
-    """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals."""
+    """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
+
+    The totals may hold the first pixels alone.
+    """
     for c in prange(images.shape[0]):
-        for i in range(images.shape[1]):
+        near = limit[c] * limit[c] * (1 - 1e-9)  # below it no magnitude need be taken, which is dear
+        for i in range(own_total.shape[1]):
             value = np.complex128(images[c, i])
-            magnitude = abs(value)
-            if magnitude > limit[c]:
-                value *= limit[c] / magnitude
+            if value.real * value.real + value.imag * value.imag > near:
+                magnitude = abs(value)
+                if magnitude > limit[c]:
+                    value *= limit[c] / magnitude
             own_total[c, i] += own[c] * value
             shared_total[c, i] += shared[c] * value
 
@@ -72,7 +78,7 @@ def residual(images, gain, signature, out):  # type: ignore[no-untyped-def]
     for c in prange(images.shape[0]):
         scale = np.float32(1 / gain[c])
         for i in range(images.shape[1]):
-            out[c, i] = abs(images[c, i] * scale - signature[c, i])
+            out[c, i] = _magnitude(images[c, i] * scale - signature[c, i])
 
 
 @njit(parallel=True, cache=True)
@@ -81,7 +87,8 @@ def subtract_and_divide(images, gain, signature, background, out):  # type: igno
     for c in prange(images.shape[0]):
         scale = np.float32(1 / gain[c])
         for i in range(images.shape[1]):
-            out[c, i] = (images[c, i] * scale - signature[c, i]) / background[c, i]
+            value, level = images[c, i] * scale - signature[c, i], background[c, i]
+            out[c, i] = complex(value.real / level, value.imag / level)
 
 
 @njit(parallel=True, cache=True)
@@ -90,4 +97,4 @@ def magnitude_over_background(images, gain, signature, background, out):  # type
     for c in prange(images.shape[0]):
         scale = np.float32(1 / gain[c])
         for i in range(images.shape[1]):
-            out[c, i] = abs(images[c, i] * scale - signature[c, i]) / background[c, i]
+            out[c, i] = _magnitude(images[c, i] * scale - signature[c, i]) / background[c, i]

@@ -20,7 +20,7 @@ _DIGIT = 11  # bits sorted at a time
 
 
 @njit(cache=True)
-def _sorted_order(values: Any) -> Any:
+def sorted_order(values: Any) -> Any:
     """Order of float32 values from small to large: a radix sort of their bits."""
     n = values.size
     bits = values.view(np.uint32)
@@ -67,22 +67,20 @@ def _move_column(total: Any, enters: Any, leaves: Any) -> None:
 
 
 @njit(cache=True)
-def _bring_up(fine: Any, columns: Any, have: int, x: int, half: int) -> None:
-    """Bring one coarse bin of the window's fine histogram from column ``have`` to column ``x``."""
-    nx = columns.shape[0]
-    if have < 0 or x - have > half:
+def _bring_up(fine: Any, groups: Any, have: int, first: int, span: int) -> None:
+    """Bring one coarse bin of the fine histogram from the window at group ``have`` to that at group ``first``."""
+    count = groups.shape[0]
+    if have < 0 or first - have > span // 2:
         fine[:] = 0
-        for c in range(max(0, x - half), min(nx, x + half + 1)):
-            _add_column(fine, columns[c])
+        for g in range(first, min(count, first + span)):
+            _add_column(fine, groups[g])
         return
-    for at in range(have + 1, x + 1):
-        enter, leave = at + half, at - half - 1
-        if enter < nx and leave >= 0:
-            _move_column(fine, columns[enter], columns[leave])
-        elif enter < nx:
-            _add_column(fine, columns[enter])
-        elif leave >= 0:
-            _drop_column(fine, columns[leave])
+    for at in range(have + 1, first + 1):
+        enter, leave = at + span - 1, at - 1
+        if enter < count:
+            _move_column(fine, groups[enter], groups[leave])
+        else:
+            _drop_column(fine, groups[leave])
 
 
 @njit(cache=True)
@@ -101,38 +99,43 @@ def _pick(places: Any, rank: int, last: int, wanted: int, y0: int, y1: int, x0: 
 def _median_rows(
     places: Any, values: Any, bins: Any, half_y: int, half_x: int, step: int, first: int, last: int, out: Any
 ) -> None:
-    """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` lists the pixels (y, x) by rank."""
+    """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` lists the pixels (y, x) by rank.
+
+    Columns that enter and leave the window together share a histogram: ``step`` of them where the window is as many
+    whole groups. Group g begins ``half_x`` pixels before column g·wide, where the window about that column does.
+    """
     ny, nx = bins.shape
-    width = _bin_width(values.size)
-    columns_coarse = np.zeros((nx, _COARSE), np.uint16)
-    columns_fine = np.zeros((_COARSE, nx, _FINE), np.uint16)
+    width, wide = _bin_width(values.size), step if (2 * half_x + 1) % step == 0 else 1
+    span, groups = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
+    group = (np.arange(nx) + half_x) // wide
+    groups_coarse = np.zeros((groups, _COARSE), np.uint16)
+    groups_fine = np.zeros((_COARSE, groups, _FINE), np.uint16)
     coarse, fine = np.empty(_COARSE, np.uint16), np.empty((_COARSE, _FINE), np.uint16)
     upto = np.empty(_COARSE, np.int32)
     for y in range(first, last):
         y0, y1 = max(0, y - half_y), min(ny, y + half_y + 1)
         for v in range(y0 if y == first else y + half_y, y1):
             for x in range(nx):
-                b = bins[v, x]
-                columns_coarse[x, b // _FINE] += 1
-                columns_fine[b // _FINE, x, b % _FINE] += 1
+                b, g = bins[v, x], group[x]
+                groups_coarse[g, b // _FINE] += 1
+                groups_fine[b // _FINE, g, b % _FINE] += 1
         if y > first and y - half_y - 1 >= 0:
             for x in range(nx):
-                b = bins[y - half_y - 1, x]
-                columns_coarse[x, b // _FINE] -= 1
-                columns_fine[b // _FINE, x, b % _FINE] -= 1
+                b, g = bins[y - half_y - 1, x], group[x]
+                groups_coarse[g, b // _FINE] -= 1
+                groups_fine[b // _FINE, g, b % _FINE] -= 1
         if y % step:
             continue
         coarse[:] = 0
         upto[:] = -1
-        for x in range(min(half_x, nx)):
-            _add_column(coarse, columns_coarse[x])
-        for x in range(nx):
-            if x + half_x < nx:
-                _add_column(coarse, columns_coarse[x + half_x])
-            if x - half_x - 1 >= 0:
-                _drop_column(coarse, columns_coarse[x - half_x - 1])
-            if x % step:
-                continue
+        for g in range(min(span, groups)):
+            _add_column(coarse, groups_coarse[g])
+        for x in range(0, nx, step):
+            at = x // wide
+            for g in range(at - step // wide if x else at, at):
+                _drop_column(coarse, groups_coarse[g])
+                if g + span < groups:
+                    _add_column(coarse, groups_coarse[g + span])
             x0, x1 = max(0, x - half_x), min(nx, x + half_x + 1)
             count = (y1 - y0) * (x1 - x0)
             total = 0.0
@@ -141,9 +144,9 @@ def _median_rows(
                 while seen + coarse[segment] <= wanted:
                     seen += coarse[segment]
                     segment += 1
-                if upto[segment] != x:
-                    _bring_up(fine[segment], columns_fine[segment], upto[segment], x, half_x)
-                    upto[segment] = x
+                if upto[segment] != at:
+                    _bring_up(fine[segment], groups_fine[segment], upto[segment], at, span)
+                    upto[segment] = at
                 b = 0
                 while seen + fine[segment, b] <= wanted:
                     seen += fine[segment, b]
@@ -165,12 +168,16 @@ def _bin_width(pixels: int) -> int:
 def _ranked(order: Any, image: Any) -> Any:
     """Places and values by rank, and every pixel's bin."""
     ny, nx = image.shape
-    bins, places = np.empty((ny, nx), np.uint16), np.empty((order.size, 2), np.int16)
-    values, width = np.empty(order.size, image.dtype), _bin_width(order.size)
+    pixels, width = image.ravel(), _bin_width(order.size)
+    bins, places = np.empty(order.size, np.uint16), np.empty((order.size, 2), np.int16)
+    values, per_row = np.empty(order.size, image.dtype), 1 / nx
     for rank in range(order.size):
-        y, x = divmod(order[rank], nx)
-        places[rank, 0], places[rank, 1], values[rank], bins[y, x] = y, x, image[y, x], rank // width
-    return places, values, bins
+        y = int((order[rank] + 0.5) * per_row)  # a division of whole numbers takes several times as long
+        places[rank, 0], places[rank, 1] = y, order[rank] - y * nx
+    for first in range(0, order.size, width):
+        for rank in range(first, min(first + width, order.size)):
+            values[rank], bins[order[rank]] = pixels[order[rank]], first // width
+    return places, values, bins.reshape(ny, nx)
 
 
 @njit(parallel=True, cache=True)
@@ -191,7 +198,7 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: 
 def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
     orders = np.empty((images.shape[0], images.shape[1] * images.shape[2]), np.int32)
     for i in prange(images.shape[0]):
-        orders[i] = _sorted_order(images[i].ravel())
+        orders[i] = sorted_order(images[i].ravel())
     return orders
 
 

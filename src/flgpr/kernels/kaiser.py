@@ -80,6 +80,7 @@ def design(tones: int, tolerance: float, pixels: float = 1e5) -> Window:
     return min(found, key=lambda item: item[0])[1]
 
 
+@lru_cache(maxsize=256)
 def polynomials(window: Window, degree: int) -> FloatArray:
     """Weights of the taps as polynomials in the fraction of a bin less one half.
 

@@ -5,19 +5,33 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 
 def bilinear(images: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]) -> NDArray[Any]:
     """Sample images (..., y, x) at fractional pixels of any shape; NaN outside the outermost pixel centres."""
-    ny, nx = images.shape[-2:]
-    inside = (row >= -1e-9) & (row <= ny - 1 + 1e-9) & (column >= -1e-9) & (column <= nx - 1 + 1e-9)
-    r = np.clip(row, 0, ny - 1)
-    c = np.clip(column, 0, nx - 1)
-    r0 = np.minimum(r.astype(np.intp), max(ny - 2, 0))
-    c0 = np.minimum(c.astype(np.intp), max(nx - 2, 0))
-    r1, c1 = np.minimum(r0 + 1, ny - 1), np.minimum(c0 + 1, nx - 1)
-    fr, fc = (r - r0).astype(np.float32), (c - c0).astype(np.float32)
-    top = images[..., r0, c0] * (1 - fc) + images[..., r0, c1] * fc
-    bottom = images[..., r1, c0] * (1 - fc) + images[..., r1, c1] * fc
-    return np.where(inside, top * (1 - fr) + bottom * fr, np.nan).astype(images.dtype)
+    row, column = np.broadcast_arrays(row, column)
+    flat = np.ascontiguousarray(images).reshape(-1, *images.shape[-2:])
+    out = np.empty((len(flat), row.size), images.dtype)
+    _sample(flat, row.ravel().astype(np.float64), column.ravel().astype(np.float64), out)
+    return out.reshape(*images.shape[:-2], *row.shape)
+
+
+@njit(nogil=True, cache=True)
+def _sample(images: Any, row: Any, column: Any, out: Any) -> None:
+    ny, nx = images.shape[1:]
+    for i in range(row.size):
+        inside = (row[i] >= -1e-9) & (row[i] <= ny - 1 + 1e-9) & (column[i] >= -1e-9) & (column[i] <= nx - 1 + 1e-9)
+        if not inside:
+            out[:, i] = np.nan
+            continue
+        r, c = min(max(row[i], 0.0), ny - 1.0), min(max(column[i], 0.0), nx - 1.0)
+        r0, c0 = min(int(r), max(ny - 2, 0)), min(int(c), max(nx - 2, 0))
+        r1, c1 = min(r0 + 1, ny - 1), min(c0 + 1, nx - 1)
+        fr, fc = np.float32(r - r0), np.float32(c - c0)
+        gr, gc = np.float32(1) - fr, np.float32(1) - fc
+        for k in range(images.shape[0]):
+            top = images[k, r0, c0] * gc + images[k, r0, c1] * fc
+            bottom = images[k, r1, c0] * gc + images[k, r1, c1] * fc
+            out[k, i] = top * gr + bottom * fr

@@ -90,7 +90,7 @@ def lane_result(
     there = (extras.is_file() or not wide) and (pictures.is_file() or not examples)
     if not (there and _is_done(home, store, text)):
         run = open_run(store)
-        chain = LaneChain(run, recipe, lane, explains=False)
+        chain = LaneChain(run, recipe, lane, explains=False, whole=True)
         chain.go(track, ("signature", "gain", "view", "alarms", "features"))
         cleaned, found = chain.cleaned, chain.detection()
         extras.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,51 @@
+"""Range profiles of a whole array focused on points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import float32, njit, prange
+
+from flgpr.kernels.geometry import cos_sin
+
+
+@njit(fastmath=True, error_model="numpy", cache=True)
+def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -> None:
+    """Add to a beam (polarization, tone) the data of all pairs, their delays to a point undone."""
+    tones = wavenumber.size
+    cosine, sine = np.empty(tones, np.float32), np.empty(tones, np.float32)
+    for q in range(path.size):
+        for k in range(tones):
+            turns = wavenumber[k] * path[q]
+            cosine[k], sine[k] = cos_sin(float32(turns - np.floor(turns + 0.5)))
+        for c in range(signal.shape[0]):
+            for k in range(tones):
+                value = signal[c, q, k]
+                real[c, k] += value.real * cosine[k] - value.imag * sine[k]
+                imaginary[c, k] += value.real * sine[k] + value.imag * cosine[k]
+
+
+@njit(parallel=True, fastmath=True, error_model="numpy", cache=True)
+def focus(signal, wavenumber, path, kernel, out):  # type: ignore[no-untyped-def]
+    """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
+
+    ``signal`` (polarization, pair, tone) complex64; ``wavenumber`` f/c (tone,), 1/m; ``path`` (point, pair), m;
+    ``kernel`` (2, tone, range), the real and the imaginary part of what takes a beam to its ranges. A point's sums
+    hang on nothing but its own path.
+    """
+    channels, pairs, tones = signal.shape
+    ranges = kernel.shape[2]
+    for n in prange(path.shape[0]):
+        beam = np.zeros((2, channels, tones), np.float32)
+        _steer(signal, wavenumber, path[n], beam[0], beam[1])
+        total = np.zeros((2, channels, ranges), np.float32)
+        for k in range(tones):
+            for c in range(channels):
+                re, im = beam[0, c, k], beam[1, c, k]
+                for i in range(ranges):
+                    total[0, c, i] += re * kernel[0, k, i] - im * kernel[1, k, i]
+                    total[1, c, i] += re * kernel[1, k, i] + im * kernel[0, k, i]
+        for c in range(channels):
+            for i in range(ranges):
+                out[n, c, i] = np.sqrt(total[0, c, i] ** 2 + total[1, c, i] ** 2) / pairs
