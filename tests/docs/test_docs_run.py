@@ -136,6 +136,7 @@ NOT_HERE = (
     "flgpr prepare",
     "flgpr calibrate permittivity",
     "flgpr image",
+    "flgpr detect both.zarr",  # tests/physics/test_rail.py detects on the rail
     "flgpr info own.npz",
     "flgpr import mapped own.toml",
     "flgpr import mapped drive.toml --data drive.mcap -o vehicle.zarr",

@@ -472,7 +472,7 @@ class LaneChain(Chain):
         sums, evidence = AlarmSums(self._reads, alarms.iloc[near], near), None
         if self._explains:
             evidence = self._evidence_sums(variation, None if block is None else self._poses_near(block))
-        read_once = evidence is not None and self.imager.run is self.run
+        read_once = evidence is not None and self.imager.run is self.setup.run
 
         def add(index: int) -> None:
             data = self.imager.signal(int(self.imager.scans[index])) if read_once else None
