@@ -24,16 +24,20 @@ def paragraph_22_correlation(region, template):
 
 
 def section_311_clusters(values, x, y, threshold, radius):
-    """(place of the strongest pixel, amplitudes) of each cluster, strongest first."""
+    """(place of the strongest pixel, amplitudes) of each cluster, strongest first; only local maxima lead one."""
     marked = [(values[j, i], j, i) for j in range(len(y)) for i in range(len(x)) if values[j, i] > threshold]
     marked.sort(key=lambda m: (-m[0], m[1], m[2]))
-    clusters = []
-    while marked:
-        _, j0, i0 = marked[0]
-        near = [m for m in marked if math.hypot(x[m[2]] - x[i0], y[m[1]] - y[j0]) <= radius + 1e-9]
-        marked = [m for m in marked if m not in near]
-        clusters.append(((x[i0], y[j0]), [m[0] for m in near]))
-    return clusters
+
+    def near(m, n):
+        return math.hypot(x[m[2]] - x[n[2]], y[m[1]] - y[n[1]]) <= radius + 1e-9
+
+    leaders = [m for k, m in enumerate(marked) if not any(near(m, n) for n in marked[:k])]
+    clusters = {m: [] for m in leaders}
+    for m in marked:
+        joined = next((leader for leader in leaders if near(m, leader)), None)
+        if joined is not None:
+            clusters[joined].append(m[0])
+    return [((x[i], y[j]), amplitudes) for (_, j, i), amplitudes in clusters.items()]
 
 
 def section_313_ratio(values, x, y, u, v, half_x, half_y):

@@ -20,6 +20,10 @@ from reference import flsar2004
 X, Y = np.arange(-1.5, 1.51, 0.08), np.arange(0, 6.01, 0.04)
 
 
+def learn(places, **more):
+    return learn_thresholds([(image_of(np.ones((Y.size, X.size))), places)], Ellipse(1, 1), **more)
+
+
 def image_of(values):
     return xr.DataArray(values, dims=("y", "x"), coords={"y": Y, "x": X})
 
@@ -87,7 +91,7 @@ def test_thresholds_let_the_stated_share_of_mines_through(speckle):
     scene = 0.2 * speckle + sum(mine(x, y, rng.uniform(4, 8)) for x, y in places)
     ellipse = Ellipse(0.3, 0.16)
     for share in (1.0, 0.75):
-        limits = learn_thresholds(image_of(scene), places, ellipse, reach=0.2, pass_share=share)
+        limits = learn_thresholds([(image_of(scene), places)], ellipse, reach=0.2, pass_share=share)
         passed = prescreen_clusters(image_of(scene), limits, ellipse)
         hit = [np.hypot(passed["x"] - x, passed["y"] - y).min() < 0.2 for x, y in places]
         assert np.mean(hit) >= 1 - 3 * (1 - share)  # three limits, each of which may give up its share
@@ -132,9 +136,12 @@ def test_fusion_rules():
         (lambda: Ellipse(0.0, 1.0), "half-axes must be positive"),
         (lambda: fuse_clusters({}, 0.4), "at least one image"),
         (lambda: fuse_clusters({("HH", 1.0): table_of()}, 0.4, "xor"), "rule must be one of"),
-        (lambda: learn_thresholds(image_of(np.ones((Y.size, X.size))), [(90, 90)], Ellipse(1, 1)), "at least one mine"),
         (
-            lambda: learn_thresholds(image_of(np.ones((Y.size, X.size))), [(0, 1)], Ellipse(1, 1), pass_share=0),
+            lambda: learn_thresholds([(image_of(np.ones((Y.size, X.size))), [(90, 90)])], Ellipse(1, 1)),
+            "at least one mine",
+        ),
+        (
+            lambda: learn_thresholds([(image_of(np.ones((Y.size, X.size))), [(0, 1)])], Ellipse(1, 1), pass_share=0),
             "pass_share",
         ),
     ],

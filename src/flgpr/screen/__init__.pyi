@@ -7,7 +7,6 @@ from flgpr.screen.clusters import (
     fuse_clusters,
     learn_thresholds,
     prescreen_clusters,
-    thresholds_over,
 )
 from flgpr.screen.labels import label_alarms
 from flgpr.screen.maxima import counts, density_threshold, local_maxima, prescreen, view_threshold
@@ -43,7 +42,6 @@ __all__ = [
     "sample_scan",
     "seen_along",
     "select",
-    "thresholds_over",
     "view_array",
     "view_threshold",
 ]

@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 Rule = Literal["and", "or", "and-or"]
-Grouping = Literal["greedy", "local"]
 RULES = ("and", "or", "and-or")
 CLUSTER_COLUMNS = ("x", "y", "peak", "size", "mean", "std", "energy_ratio")
 
@@ -43,15 +42,12 @@ class ClusterThresholds:
     energy_ratio: float  #: largest E_out/E_in
 
 
-def find_clusters(
-    image: xr.DataArray, threshold: float, radius: float = 0.2, grouping: Grouping = "greedy"
-) -> pd.DataFrame:
+def find_clusters(image: xr.DataArray, threshold: float, radius: float = 0.2) -> pd.DataFrame:
     """Mark the pixels of a magnitude (y, x) above a threshold and gather them into clusters (Sec. 3.1.1).
 
-    The paper names a clustering method without its parameters; here the strongest marked pixel that is still free
-    gathers all free marked pixels within ``radius`` (m; the paper's is 20 cm), and so on. With the grouping "local"
-    only pixels that none within the radius outshines lead a cluster, and every other joins the strongest of those
-    within the radius: then a cluster depends on its surroundings alone, however long the lane.
+    The paper names a clustering method without its parameters; here a marked pixel that none within ``radius`` (m; the
+    paper's is 20 cm) outshines leads a cluster, and every other joins the strongest leader within the radius, if there
+    is one: a cluster depends on its surroundings alone, however long the lane.
 
     The table has x, y (m) of the strongest pixel, peak, size (marked area, m²), mean, std of the marked amplitudes;
     from strong to weak.
@@ -69,33 +65,20 @@ def find_clusters(
     place = np.column_stack([x[columns], y[rows]])
     pixel = _pixel(image)
     found = []
-    for members in _leaders(place, radius, grouping):
+    for members in _leaders(place, radius):
         inside = amplitude[members]
         found.append((*place[members[0]], inside[0], members.size * pixel, inside.mean(), inside.std()))
     return pd.DataFrame(found, columns=list(CLUSTER_COLUMNS[:-1]), dtype=np.float64)
 
 
-def _leaders(points: FloatArray, radius: float, grouping: Grouping = "greedy") -> list[NDArray[np.intp]]:
+def _leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
     """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
-    if grouping not in ("greedy", "local"):
-        raise ValueError(f"grouping must be greedy or local, got {grouping!r}")
     if not len(points):
         return []
-    tree = cKDTree(points)
-    if grouping == "local":
-        near = tree.query_ball_point(points, radius * (1 + 1e-9), return_sorted=True)
-        leads = np.array([one[0] == i for i, one in enumerate(near)])
-        joins = np.array([next((k for k in one if leads[k]), -1) for one in near])
-        return [np.flatnonzero(joins == leader) for leader in np.flatnonzero(leads)]
-    free = np.ones(len(points), np.bool_)
-    groups = []
-    for i in range(len(points)):
-        if free[i]:
-            near = np.sort(np.asarray(tree.query_ball_point(points[i], radius * (1 + 1e-9)), dtype=np.intp))
-            members = near[free[near]]
-            free[members] = False
-            groups.append(members)
-    return groups
+    near = cKDTree(points).query_ball_point(points, radius * (1 + 1e-9), return_sorted=True)
+    leads = np.array([one[0] == i for i, one in enumerate(near)])
+    joins = np.array([next((k for k in one if leads[k]), -1) for one in near])
+    return [np.flatnonzero(joins == leader) for leader in np.flatnonzero(leads)]
 
 
 def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
@@ -117,17 +100,13 @@ def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> Fl
 
 
 def prescreen_clusters(
-    image: xr.DataArray,
-    thresholds: ClusterThresholds,
-    ellipse: Ellipse,
-    radius: float = 0.2,
-    grouping: Grouping = "greedy",
+    image: xr.DataArray, thresholds: ClusterThresholds, ellipse: Ellipse, radius: float = 0.2
 ) -> pd.DataFrame:
     """Apply the three prescreeners in sequence to a magnitude (y, x) (Sec. 3.1): ``CLUSTER_COLUMNS`` of what passes.
 
-    Radius and grouping are those of :func:`find_clusters`.
+    The radius is that of :func:`find_clusters`.
     """
-    table = find_clusters(image, thresholds.amplitude, radius, grouping)
+    table = find_clusters(image, thresholds.amplitude, radius)
     table = table[(table["size"] >= thresholds.size) & (table["std"] <= thresholds.std)]
     ratio = energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse)
     table = table.assign(energy_ratio=ratio)
@@ -135,23 +114,16 @@ def prescreen_clusters(
 
 
 def learn_thresholds(
-    image: xr.DataArray, places: ArrayLike, ellipse: Ellipse, radius: float = 0.2, reach: float = 0.5,
+    lanes: Sequence[tuple[xr.DataArray, ArrayLike]], ellipse: Ellipse, radius: float = 0.2, reach: float = 0.5,
     pass_share: float = 0.9,
 ) -> ClusterThresholds:  # fmt: skip
     """Set the thresholds so that a share of given mines passes each prescreener on its own.
 
-    A mine's peak is the largest pixel of the magnitude (y, x) within ``reach`` of its place (n, 2), m. The amplitude
-    threshold is half the peak that the share of the mines exceeds, so that a cluster is what lies within 6 dB of a weak
-    mine's peak; the other limits are quantiles over the clusters about the peaks. The mines should be a subset that is
-    not used again; there must be one in the image.
+    Each lane is a magnitude (y, x) and the places (n, 2) of its mines, m. A mine's peak is the largest pixel within
+    ``reach`` of its place. The amplitude threshold is half the peak that the share of the mines exceeds, so that a
+    cluster is what lies within 6 dB of a weak mine's peak; the other limits are quantiles over the clusters about the
+    peaks. The mines should be a subset that is not used again; the images must see one.
     """
-    return thresholds_over([(image, places)], ellipse, radius, reach, pass_share)
-
-
-def thresholds_over(
-    lanes: Sequence[tuple[xr.DataArray, ArrayLike]], ellipse: Ellipse, radius: float, reach: float, pass_share: float
-) -> ClusterThresholds:
-    """Do as :func:`learn_thresholds` with the mines of several lanes: an image and places (n, 2) of each."""
     if not 0 < pass_share <= 1:
         raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
     found = [
@@ -222,7 +194,6 @@ def fuse_clusters(
     radius: float = 0.4,
     rule: Rule = "and",
     levels: Mapping[tuple[str, Any], float] | None = None,
-    grouping: Grouping = "greedy",
 ) -> pd.DataFrame:
     """Bring together the clusters of all polarizations and ranges into regions (par. 18 and 44).
 
@@ -236,8 +207,6 @@ def fuse_clusters(
         Which regions pass: those seen in all images (par. 18), in any, or in all ranges of some polarization (par. 44).
     levels : mapping of (polarization, range) to float, optional
         What the peaks of an image are measured in; default the mean peak of its clusters.
-    grouping : {"greedy", "local"}
-        As for :func:`find_clusters`.
 
     Returns
     -------
@@ -257,7 +226,7 @@ def fuse_clusters(
     pool = pd.concat(parts, ignore_index=True).sort_values("strength", ascending=False, kind="stable")
     pool = pool.reset_index(drop=True)
     regions = []
-    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius, grouping):
+    for members in _leaders(pool[["x", "y"]].to_numpy(dtype=np.float64), radius):
         best = pool.iloc[members].drop_duplicates("image")
         if _passes({keys[i] for i in best["image"]}, keys, rule):
             regions.append((best["x"].mean(), best["y"].mean(), len(best), best["strength"].iloc[0]))

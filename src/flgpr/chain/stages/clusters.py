@@ -19,8 +19,8 @@ from flgpr.screen import (
     Ellipse,
     fit_ellipse,
     fuse_clusters,
+    learn_thresholds,
     prescreen_clusters,
-    thresholds_over,
 )
 from flgpr.screen.clusters import Rule
 from flgpr.screen.views import grid_of
@@ -95,9 +95,9 @@ class ClusterScreen(ScreenStage):
             ellipse, limits = self._limits(p, r)
             key = polarization, name
             channel = view.isel(polarization=p, subband=r)
-            tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius, "local")
+            tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius)
             levels[key] = limits.amplitude
-        regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels, "local")
+        regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels)
         return regions.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
 
     def _channels(self, view: xr.DataArray) -> list[tuple[tuple[int, str], tuple[int, str]]]:
@@ -123,7 +123,7 @@ class ClusterScreen(ScreenStage):
         for p, r in np.ndindex(*templates.shape[:2]):
             ellipse = fit_ellipse(templates[p, r], (first.dx, first.dy))
             views = [(lane.view[p, r], some[["x", "y"]].to_numpy()) for lane, some in zip(examples, mines, strict=True)]
-            limits = thresholds_over(views, ellipse, settings.radius, settings.reach, settings.pass_share)
+            limits = learn_thresholds(views, ellipse, settings.radius, settings.reach, settings.pass_share)
             for name in _LIMITS:
                 learnt[name][p, r] = getattr(ellipse if name.startswith("half") else limits, name)
         return learnt, {"mines_for_thresholds": sum(len(one) for one in mines)}
