@@ -146,6 +146,7 @@ NOT_HERE = (
     "flgpr simulate scene.toml -o lane.zarr --sensor sri-array",  # half a minute
     "flgpr simulate signature ring.toml",  # minutes; tests/simulate makes tables
     "flgpr plan survey",  # what a crew fills in; tests/scoring/test_scoring_register.py fills it in
+    "flgpr score --agreement",  # tests/viewer/test_verdicts.py has analysts
     "flgpr reproduce",  # minutes; tests/papers has the studies
 )
 

@@ -10,7 +10,8 @@ from numba import float32, njit, prange
 from flgpr.kernels.geometry import cos_sin
 
 
-@njit(fastmath=True, error_model="numpy", cache=True)
+# Neither is compiled by fast mathematics: then the sums differed between a process that compiles and one that loads.
+@njit(error_model="numpy", cache=True)
 def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -> None:
     """Add to a beam (polarization, tone) the data of all pairs, their delays to a point undone."""
     tones = wavenumber.size
@@ -26,7 +27,7 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
                 imaginary[c, k] += value.real * sine[k] + value.imag * cosine[k]
 
 
-@njit(parallel=True, fastmath=True, error_model="numpy", cache=True)
+@njit(parallel=True, error_model="numpy", cache=True)
 def focus(signal, wavenumber, path, kernel, out):  # type: ignore[no-untyped-def]
     """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
 
