@@ -71,10 +71,12 @@ def view(
     if not height >= 100:
         raise ValueError(f"height must be at least 100 pixels, got {height}")
     paths = [one.folder if isinstance(one, Result) else Path(one) for one in results]
+    key = tuple(str(Path(one).resolve()) for one in (*paths, *([live] if live is not None else [])))
+    if port and key in _open:  # its port may be the one that is asked for
+        _open.pop(key).close()
     viewer = Viewer(
         paths, port=port, live=live, score=score, anchor=anchor, raw=tasks.RawRun, framed=True, make_map=tasks.map_bytes
     )
-    key = tuple(str(Path(one).resolve()) for one in (*paths, *([live] if live is not None else [])))
     if key in _open:
         _open.pop(key).close()
     _open[key] = shown = View(viewer, height)

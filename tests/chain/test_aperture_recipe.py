@@ -1,5 +1,7 @@
 """A run that is one synthetic aperture: its image, its recipe, and detection that finds reflectors where they are."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -84,6 +86,7 @@ def test_stored_detection_is_that_in_memory_and_is_replayed(tmp_path):
     there = detect(run, recipe)[0]
     np.testing.assert_allclose(stored[["x", "y"]], there.alarms[["x", "y"]])
     assert np.isfinite(there.view.values).mean() > 0.95  # the image is upright in the lane: it covers all of it
+    assert json.loads((folder / "view" / "index.json").read_text())["aperture"] is True
     assert replay(folder)["identical"]
 
 
@@ -106,3 +109,13 @@ def test_what_an_aperture_cannot_do_is_refused(monkeypatch):
 def test_a_vehicle_that_drives_ahead_keeps_its_scans():
     run = rail(heading=0.0)
     assert parse_recipe(fit_recipe(run)).image.frames == 1
+
+
+def test_a_vehicle_that_drives_there_and_back_keeps_its_scans():
+    run = rail(waits=0)
+    pose = run["pose"].values
+    pose[:, 3] = np.where(np.arange(len(pose)) < 31, 0.0, np.pi - 0.01)
+    pose[:, 0] = np.where(np.arange(len(pose)) < 31, -3.0, 1.0)
+    assert parse_recipe(fit_recipe(run)).image.frames == 1
+    with pytest.raises(ValueError, match="head one way"):
+        aperture_pose(run)

@@ -77,6 +77,24 @@ def test_one_band_is_grey_and_the_end_of_the_map_is_clear(tmp_path):
     assert (picture[..., 3][~known] == 0).all()
 
 
+def test_a_long_lane_is_as_sharp_whichever_way_it_lies(tmp_path):
+    """Stripes of 8 m across the lane; a fourth band that is not opacity changes nothing."""
+    for azimuth in (0.0, 60.0, 90.0):
+        turn = np.radians(azimuth)
+        transform = rasterio.transform.from_origin(EAST - 600, NORTH + 600, 0.5, 0.5)
+        east, north = (np.arange(2400) - 1199.5) * 0.5, (1199.5 - np.arange(2400)[:, None]) * 0.5
+        stripes = (np.floor((east * np.sin(turn) + north * np.cos(turn)) / 8) % 2 * 255).astype(np.uint8)
+        about = {"driver": "GTiff", "width": 2400, "height": 2400, "count": 4, "dtype": "uint8", "crs": "EPSG:32632"}
+        about |= {"photometric": "rgb", "alpha": "no"}
+        with rasterio.open(tmp_path / "s.tif", "w", transform=transform, **about) as file:
+            file.write(np.stack([stripes] * 3 + [np.full_like(stripes, 30)]))
+        tie = TIE | {"azimuth": azimuth + 1.7}  # the grid's convergence here, about
+        picture = np.asarray(Image.open(io.BytesIO(map_backdrop(tmp_path / "s.tif", tie, (-10.0, 10.0, 0.0, 500.0)))))
+        line = picture[:, picture.shape[1] // 2, 0].astype(int)
+        assert np.count_nonzero(np.diff(line > 127)) == pytest.approx(500 / 8, abs=4)
+        assert (picture[..., 3] == 255).all()
+
+
 def test_few_pixels_are_means_of_many(tmp_path):
     """Of a mark that is smaller than a pixel of the picture something is left."""
     picture = drawn(write(tmp_path / "m.tif"), most=20).astype(int)

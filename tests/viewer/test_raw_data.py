@@ -350,3 +350,24 @@ def test_the_page_tells_why_there_is_no_picture(watch, viewer):
     one.until("document.getElementById('raw-error').textContent.includes('band must have')")
     assert all("400" in line for line in one.errors)  # the browser's own word on a refused query
     one.errors.clear()
+
+
+def test_one_scan_on_the_ground_has_no_image(tmp_path):
+    make_raw_lane(tmp_path / "air.zarr", 12)
+    run = open_run(tmp_path / "air.zarr").compute()
+    run["pose"][:, 2] = 0.0
+    save_run(run.assign_attrs(sounding="ground-coupled"), tmp_path / "ground.zarr")
+    raw, query = tasks.RawRun(tmp_path / "ground.zarr"), {"polarization": "HH", "pair": "0", "permittivity": "6"}
+    with pytest.raises(ValueError, match="whole must be true for antennas on the ground"):
+        raw.answer("image", query | {"scan": "3"})
+    assert raw.answer("image", query | {"whole": "true"})["up"][0] == "z"
+
+
+@pytest.mark.parametrize("window", [1e9, 1e300])
+def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
+    query = {"polarization": "HH", "pair": "0", "to_ns": "60"}
+    answers = [
+        tasks.RawRun(lane).answer("bscan", query | {"steps": json.dumps([{"do": "agc", "window_ns": one}])})["halves"]
+        for one in (80.5, window)
+    ]
+    assert answers[0] == answers[1]

@@ -140,7 +140,7 @@ export class AlarmPanel {
         body.append(row);
       });
       home.append(
-        make("div", { class: "scan" }, make("h3", {}, `scan ${scan.scan} `, make("small", {}, `${fixed(scan.distance, 1)} m ahead`)), make("table", {}, make("thead", {}, head), body)),
+        make("div", { class: "scan" }, make("h3", {}, `${source.index.aperture ? "all scans" : `scan ${scan.scan}`} `, make("small", {}, `${fixed(scan.distance, 1)} m ahead`)), make("table", {}, make("thead", {}, head), body)),
       );
     });
   }

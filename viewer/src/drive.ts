@@ -45,6 +45,7 @@ export class Drive {
   private on = false;
   private shown = "";
   private known: Set<string> | null = null;
+  private runs = 0;
   private readonly dead: Animation | undefined;
 
   constructor(
@@ -192,13 +193,16 @@ export class Drive {
   private ring(ahead: { alarm: LiveAlarm; left: number }[], state: Health): void {
     if (document.hidden) return; // the browser lets a page in the background look at its clock only now and then
     const { live, sound } = this;
+    if (live.runs !== this.runs) [this.runs, this.known] = [live.runs, null]; // of a run begun anew none is known
+    if (state.level === "over" || state.level === "wait") return; // nothing ahead is known any more, or yet
     const names = ahead.map(({ alarm }) => alarm.id);
     const fresh = this.known !== null && names.some((name) => !this.known!.has(name));
     if (live.caughtUp) this.known = new Set([...(this.known ?? []), ...names]);
     const [nearest] = ahead;
     const { stopping } = live;
-    if (state.level === "lost" || state.level === "slow") sound.play(220, 0.5, 0.3);
+    if (state.level === "lost") sound.play(220, 0.5, 0.3);
     else if (nearest && stopping !== null && nearest.left < stopping) sound.play(1200, 0.12, 0.12);
+    else if (state.level === "slow") sound.play(220, 0.5, 0.3);
     else if (fresh) sound.play(880, 0.25, 0);
   }
 }

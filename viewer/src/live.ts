@@ -33,7 +33,7 @@ interface Event {
   words?: string;
   [count: string]: unknown;
 }
-interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean; age?: number | null }
+interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean; age?: number | null; now?: number }
 export interface LiveAlarm {
   id: string;
   x: number;
@@ -66,6 +66,7 @@ export const LABELLED = 8;
 const POLL = 200;
 /** A request that hangs is given up after so long, ms. */
 const PATIENCE = 2000;
+const OLDEST = 3600; // s, that a scan may have waited to be read
 /** Time over which the speed is measured, s, and how far apart two scans may lie for it. */
 const [MEASURED, FARTHEST] = [0.9, 3];
 
@@ -108,6 +109,9 @@ export class Live {
   age: number | null = null;
   /** From the arrival of the last scan to its alarms, ms. */
   delay = 0;
+  /** How often the file of events was begun anew. */
+  runs = 0;
+  private clock: number | null = null; // the server's, s
   begun = false;
   ended = false;
   caughtUp = false;
@@ -161,7 +165,7 @@ export class Live {
 
   /** How far the vehicle has driven since the last pose was taken, m. */
   get driven(): number {
-    return ((this.speed ?? 0) * (performance.now() - this.came.pose + this.delay)) / 1000;
+    return ((this.speed ?? 0) * (performance.now() - this.came.pose)) / 1000;
   }
 
   /** Ground distance from the vehicle's front to an alarm along its heading, m; negative once it is passed. */
@@ -199,6 +203,7 @@ export class Live {
       const answer = await getJson<Answer>(`data/live?after=${this.offset}`, control.signal).finally(() => clearTimeout(patience));
       this.came.answer = performance.now();
       this.age = answer.age ?? null;
+      this.clock = answer.now ?? null;
       if (answer.restarted) this.forget();
       this.offset = answer.next;
       this.bad += answer.bad;
@@ -224,6 +229,7 @@ export class Live {
     this.counts = {};
     this.problem = "";
     this.ended = this.begun = false;
+    this.runs++;
   }
 
   private take(event: Event, fresh: Map<string, LiveAlarm>): void {
@@ -278,8 +284,11 @@ export class Live {
     else this.track.splice(at, 0, one);
     if (number(event.latency_ms) && event.outcome === "taken") this.latency.push(event.latency_ms);
     if (event.outcome !== "late") this.came.use = performance.now();
-    if (at < 0) this.came.pose = performance.now();
     this.delay = number(event.latency_ms) ? event.latency_ms : 0;
+    if (at >= 0) return;
+    const waited = this.clock !== null && number(event.arrived) ? this.clock - event.arrived : -1; // s, until it was read
+    const late = waited >= 0 && waited < OLDEST ? 1000 * waited : this.delay;
+    this.came.pose = performance.now() - late;
   }
 
   private takeView(event: Event): void {

@@ -36,7 +36,7 @@ export class Notes {
     private readonly sources: Source[],
     private readonly file: string | null,
   ) {
-    if (file) addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
+    if (file) addEventListener("beforeunload", (event) => (this.unsaved || this.sending) && event.preventDefault());
   }
 
   /** Take what was kept; throws where the file cannot be read. */
@@ -112,15 +112,18 @@ export class Notes {
     const content = JSON.parse(await file.text()) as { format?: string; notes?: unknown };
     if (content.format !== HEAD.format || !Array.isArray(content.notes)) throw new Error("no notes");
     let here = 0;
-    for (const entry of content.notes as Record<string, unknown>[]) {
+    const taken: Stored[] = [];
+    for (const entry of content.notes as (Record<string, unknown> | null)[]) {
+      if (!entry || typeof entry["alarm_id"] !== "string" || !entry["alarm_id"]) throw new Error("a note without its alarm");
       const text = (name: string): string => String(entry[name] ?? "");
-      const place = (name: string): number | null => (typeof entry[name] === "number" ? (entry[name] as number) : null);
+      const place = (name: string): number | null => (Number.isFinite(entry[name]) && Math.abs(entry[name] as number) < 1e6 ? (entry[name] as number) : null);
       const source = this.sources.find((one) => (text("result_sha256") ? one.identity === text("result_sha256") : one.title === text("result")));
       here += source ? 1 : 0;
       const verdict = ["mine", "unsure", "clutter"].includes(text("verdict")) ? (text("verdict") as Verdict) : "";
       const one: Stored = { result: text("result"), result_sha256: source?.identity ?? text("result_sha256"), detection: text("detection"), alarm_id: text("alarm_id"), x: place("x"), y: place("y"), verdict, text: text("text").slice(0, 500) };
-      this.held.set(keyOf(one), one);
+      taken.push(one);
     }
+    for (const one of taken) this.held.set(keyOf(one), one);
     this.keep();
     return here;
   }

@@ -143,8 +143,9 @@ function drawLive(pen: Pen, view: View, overlay: Overlay, live: Live): void {
     const left = live.distance(alarm);
     const ahead = left !== null && left > 0;
     if (!own) drawAlarm(pen, px, py, "plain");
-    if (ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping)) drawLate(pen, px, py);
-    if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: alarm.inTime === false ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: alarm.inTime === false });
+    const late = ahead && (live.stopping === null ? alarm.inTime === false : left < live.stopping);
+    if (late) drawLate(pen, px, py);
+    if (left !== null && labelled.has(alarm.id)) pen.text(px + 11, py - 8, `${fixed(left, 1)} m`, { fill: late ? "#ffd2c4" : "#ffffff", halo: SHADOW, size: 11, bold: late });
   }
   if (here) {
     const [px, py] = view.toScreen(here.x, here.y);

@@ -77,8 +77,9 @@ export class RawPanel {
     this.canvas.addEventListener("pointermove", (event) => this.hover(this.columnAt(event)));
     this.canvas.addEventListener("pointerleave", () => this.hover(null));
     this.canvas.addEventListener("click", (event) => {
+      if (this.focus) return;
       const { top, height } = this.box();
-      const delay = this.shown && !this.focus ? ((event.offsetY - top) / height) * this.shown.delays_ns.stop : null;
+      const delay = this.shown ? ((event.offsetY - top) / height) * this.shown.delays_ns.stop : null;
       this.apex = delay !== null && delay > 0 ? delay : null;
       this.mark(this.columnAt(event));
     });

@@ -44,6 +44,8 @@ export interface Index {
   scans: { x: number[]; y: number[]; z: number[]; heading: number[]; masked: number[] };
   /** How far ahead of the array a scan gives to the run-view, m; results of before it was written do not tell. */
   sight?: [number, number];
+  /** Whether the images are of all scans, taken as one aperture. */
+  aperture?: boolean;
   georeference: Georeference | null;
   detections: Detection[];
   run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };

@@ -40,6 +40,7 @@ _SCANS, _APART = 5, 0.5  # scans, and m between them on average, from which on t
 _SPACINGS = (0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.1)
 _PIXEL = 2 / 3  # of a resolution cell, as in the paper's images
 _GAP = 20  # usual steps without a tone that divide two bands
+_ALIKE = 0.95  # length of the mean of the headings' unit vectors of a radar that looks one way
 _ACROSS = 0.5, 2.0  # m, and array widths, that a radar goes across its course at least to be a synthetic aperture
 _FAR_APERTURE = 8.0  # antenna heights up to which such an aperture looks: it is as wide as what it looks at
 _OUTSIDE = 0.1  # part of a sub-band that may lie outside the run's band
@@ -105,6 +106,8 @@ def _goes_across(run: xr.Dataset) -> bool:
     """Tell whether a radar moves past what it looks at, much farther than its array is wide."""
     pose = run["pose"].values[complete_scans(run)]
     if not len(pose):
+        return False
+    if abs(np.exp(1j * pose[:, 3]).mean()) < _ALIKE:  # there and back
         return False
     across, ahead = np.ptp(lane_to_scan(pose[:, :3], aperture_pose(run)), axis=0)[:2]
     width = max(float(np.ptp(run[f"{end}_position"].values[:, 0])) for end in ("tx", "rx"))

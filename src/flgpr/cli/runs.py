@@ -56,7 +56,7 @@ def view(
         Path | None, Option(help="JSON beside the result that keeps an analyst's verdicts and notes.")
     ] = None,
 ) -> None:
-    """Show results in the browser, read-only and on this machine."""
+    """Show results in the browser, on this machine; nothing is written but what --verdicts asks for."""
     try:
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked

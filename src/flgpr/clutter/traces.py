@@ -124,7 +124,7 @@ def time_gain(run: xr.Dataset, kind: Literal["power", "agc"], value: float) -> x
     def weight(time: FloatArray, profile: NDArray[Any]) -> FloatArray:
         if kind == "power":
             return np.asarray((np.maximum(time, 0.0) / time.max()) ** value)
-        window = max(round(value / (time[1] - time[0])), 1)
+        window = max(round(min(value / (time[1] - time[0]), time.size)), 1)  # no longer than the trace
         kernel = np.fft.rfft(np.ones(window) / window, time.size)
         power = np.fft.irfft(np.fft.rfft(np.abs(profile) ** 2) * kernel, time.size)
         level = np.sqrt(np.maximum(np.roll(power, -(window // 2), axis=-1), 0.0))

@@ -10,13 +10,13 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io.anchor import fit_anchor, transform_lonlat
+from flgpr.io.anchor import own_anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
 
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".mbtiles": "MBTiles", ".gpkg": "GPKG"}
 """Formats of GDAL that are opened, by ending: files that hold their pixels themselves and lead nowhere else."""
-_MOST = 2048  # pixels of a side
+_MOST, _MOST_READ = 2048, 30_000_000  # pixels of a side that is drawn, and of the map that are read
 
 
 def map_backdrop(
@@ -47,10 +47,7 @@ def map_backdrop(
     driver = DRIVERS.get(file.suffix.lower())
     if driver is None:
         raise ValueError(f"map must end in {', '.join(DRIVERS)}, got {file}")
-    tie = fit_anchor(
-        [[0.0, 0.0, 0.0]], [[georeference["longitude"], georeference["latitude"]]], "EPSG:4326", 1.0,
-        azimuth=float(np.radians(georeference.get("azimuth", 0.0))), azimuth_accuracy=1.0,
-    )  # fmt: skip
+    tie = own_anchor(georeference)
     x_min, x_max, y_min, y_max = box
     pixel = max(x_max - x_min, y_max - y_min) / most
     x, y = np.arange(x_min + pixel / 2, x_max, pixel), np.arange(y_max - pixel / 2, y_min, -pixel)
@@ -83,19 +80,27 @@ def _sampled(source: Any, place: NDArray[np.float64]) -> NDArray[np.uint8]:
         raise ValueError("it must lie below the lane, it ends before it")
     left, top = int(columns[known].min()), int(rows[known].min())
     wide, high = int(columns[known].max()) - left + 1, int(rows[known].max()) - top + 1
-    shape = min(high, 2 * place.shape[0]), min(wide, 2 * place.shape[1])  # no more than is drawn
+    # Pixels of the map to a pixel drawn, whichever way the lane is turned: no more are read than are drawn.
+    steps = [np.hypot(np.diff(columns, axis=axis), np.diff(rows, axis=axis)) for axis in (0, 1)]
+    every = max(1.0, float(np.median(np.concatenate([one.ravel() for one in steps]))))
+    shape = max(round(high / every), 1), max(round(wide / every), 1)
+    if shape[0] * shape[1] > _MOST_READ:
+        shrink = (_MOST_READ / (shape[0] * shape[1])) ** 0.5
+        shape = max(int(shape[0] * shrink), 1), max(int(shape[1] * shrink), 1)
     named = source.colorinterp[0] == enums.ColorInterp.palette  # of which no mean can be taken
     how = enums.Resampling.nearest if named else enums.Resampling.average
-    data = source.read(window=windows.Window(left, top, wide, high), out_shape=(source.count, *shape), resampling=how)
+    window = windows.Window(left, top, wide, high)
+    data = source.read(window=window, out_shape=(source.count, *shape), resampling=how)
+    there = source.dataset_mask(window=window, out_shape=shape)  # by opacity, mask or the value of no data
     u = np.clip((columns - left) * shape[1] / wide, 0, shape[1] - 1).astype(np.intp)
     v = np.clip((rows - top) * shape[0] / high, 0, shape[0] - 1).astype(np.intp)
     bands = data[:, v, u]
-    opaque = np.where(known, 255, 0).astype(np.uint8)
+    alpha = np.where(known, there[v, u], 0).astype(np.uint8)
     if named:
         table = source.colormap(1)
         colours = np.array([table.get(k, (0, 0, 0, 0)) for k in range(256)], dtype=np.uint8)
-        red, green, blue, alpha = np.moveaxis(colours[bands[0]], -1, 0)
+        red, green, blue, solid = np.moveaxis(colours[bands[0]], -1, 0)
+        alpha = np.minimum(alpha, solid)
     else:
         red, green, blue = bands[:3] if len(bands) > 2 else np.repeat(bands[:1], 3, axis=0)
-        alpha = bands[-1] if len(bands) in (2, 4) else np.full_like(red, 255)
-    return np.stack([red, green, blue, np.minimum(alpha, opaque)])
+    return np.stack([red, green, blue, alpha])

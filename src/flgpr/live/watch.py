@@ -193,6 +193,7 @@ class _Stream:
 
     def __init__(self) -> None:
         self._kept = bytearray()
+        self._usual = 0  # bytes of the largest good frame so far
         self._lost = False  # between a bad frame, which was told, and the next beginning
 
     def take(self, data: bytes, over: bool) -> Iterator[Arrival]:
@@ -222,13 +223,27 @@ class _Stream:
         size, now = frame_size(bytes(self._kept[: head_size()])), time.time()
         if size > _LARGEST:
             raise ScanFileError(f"frame must have at most {_LARGEST} bytes, got {size}")
+        if len(self._kept) < size and 0 < 2 * self._usual < size and self._within():
+            raise ScanFileError(f"frame must have {size} bytes, got {len(self._kept)} before the next one begins")
         if len(self._kept) < size:
             raise TruncatedFrameError(f"frame must have {size} bytes, got {len(self._kept)}")
         data = bytes(self._kept[:size])
         frame = decode_frame(data)
+        self._usual = max(self._usual, size)
         if frame.kind == "run":
             return Arrival("run", SOCKET, now, value={k: v for k, v in frame.header.items() if k != "kind"}), size
         return (Arrival("end", SOCKET, now) if frame.kind == "end" else Arrival("frame", SOCKET, now, data)), size
+
+    def _within(self) -> bool:
+        """Tell whether a whole frame lies in what is kept, after its beginning."""
+        at = self._kept.find(MAGIC, 1)
+        while at >= 0:
+            with contextlib.suppress(ScanFileError):
+                size = frame_size(bytes(self._kept[at : at + head_size()]))
+                decode_frame(bytes(self._kept[at : at + size]))
+                return True
+            at = self._kept.find(MAGIC, at + 1)
+        return False
 
     def _bad(self, error: ScanFileError) -> Arrival:
         del self._kept[:1]  # its length cannot be trusted: the next frame is looked for within it

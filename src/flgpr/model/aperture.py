@@ -12,7 +12,8 @@ from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import lane_to_scan, vehicle_to_lane
 from flgpr.model.run import check_run, complete_scans, make_run
 
-_LARGEST = 1e9  # bytes of a run that is taken as one aperture
+_ALIKE = 0.8  # length of the mean of the headings' unit vectors from which on they are one way
+_LARGEST = 5e8  # bytes of a run that is taken as one aperture
 
 
 def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -26,7 +27,7 @@ def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, Flo
 
 def as_aperture(run: xr.Dataset, weights: ArrayLike) -> tuple[NDArray[Any], FloatArray, FloatArray]:
     """Take all scans as one array: field (polarization, scan·pair, frequency), weighted by scan, and its antennas."""
-    data = run["signal"].values * np.asarray(weights, dtype=np.float64)[:, None, None, None]
+    data = run["signal"].values * np.asarray(weights, dtype=np.float32)[:, None, None, None]
     field = data.transpose(1, 0, 2, 3).reshape(data.shape[1], -1, data.shape[3])
     return field, *antennas_in_lane(run, run["pose"].values)
 
@@ -48,7 +49,10 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     if not len(pose):
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
     weights = way_weights(pose[:, :3])
-    heading = np.angle(weights @ np.exp(1j * pose[:, 3]))
+    ahead = weights @ np.exp(1j * pose[:, 3]) / weights.sum()
+    if not abs(ahead) > _ALIKE:
+        raise ValueError("run must head one way to be one aperture; its headings differ too much for a mean of them")
+    heading = np.angle(ahead)
     return np.array([*np.average(pose[:, :3], axis=0, weights=weights), heading, 0.0, 0.0])
 
 
@@ -56,7 +60,7 @@ def aperture_run(run: xr.Dataset) -> xr.Dataset:
     """Take a run as a single scan, of an array that is all places at which its antennas were in complete scans.
 
     Its pose is :func:`aperture_pose`. Each place is weighted by the way it stands for, so that a vehicle that stands
-    still for a while does not count for every scan (:func:`way_weights`). A run of more than 1 GB, or
+    still for a while does not count for every scan (:func:`way_weights`). A run of more than 0.5 GB, or
     without a complete scan, is a ValueError.
     """
     check_run(run)

@@ -67,6 +67,8 @@ def write_view(
         "georeference": run.get("georeference"),
         "detections": [_write_detection(home, one) | {"border": border} for one in detections],
     }
+    if recipe.image.frames == "all":
+        index["aperture"] = True  # what explains alarms is of all scans
     write_whole(home / "index.json", json.dumps(plain_json(index), separators=(",", ":"), allow_nan=False) + "\n")
 
 

@@ -49,7 +49,7 @@ class _Query(BaseModel):
 class RawRun:
     """The raw data of a stored run, asked channel by channel; one answer is worked out at a time.
 
-    Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes hold, every so many are taken, and a
+    Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes, every so many are taken, and a
     background is estimated from these. Every query is a mapping of texts, as an address has them: ``polarization``,
     ``pair``, ``steps`` (JSON, a list of what stands in ``[[step]]`` of a file of steps) and, for a B-scan, ``scale``
     ("db" or "signed") and ``to_ns``, for a spectrum ``scan``, for an image that and ``whole``, for the aperture of all
@@ -146,6 +146,8 @@ class RawRun:
         made = self._stepped(asked, {} if asked.whole else {"scan": [self._place(asked)]})
         if not complete_scans(made).any():
             raise ValueError(f"scan must be one without missing sweeps, got {asked.scan}")
+        if not asked.whole and made.attrs.get("sounding") == "ground-coupled":
+            raise ValueError("whole must be true for antennas on the ground: one scan has no section, all of them do")
         pixels = int(np.clip(_UPDATES / (made.sizes["scan"] * made.sizes["pair"]), *_PIXELS))
         picture = focus(made, View(permittivity=asked.permittivity), pixels=pixels)
         flat = picture.image[0].squeeze()
@@ -212,9 +214,10 @@ class RawRun:
             return self._made[1]
         if asked.pair >= self._run.sizes["pair"]:
             raise ValueError(f"pair must be less than {self._run.sizes['pair']}, got {asked.pair}")
-        self._made = key, self._stepped(asked, {"pair": [asked.pair]})
-        self._made[1]["known"] = ("scan", self._known(asked))
-        return self._made[1]
+        made = self._stepped(asked, {"pair": [asked.pair]})
+        made["known"] = ("scan", self._known(asked))
+        self._made = key, made
+        return made
 
     def _stepped(self, asked: _Query, part: dict[str, list[int]]) -> xr.Dataset:
         """Take a polarization through the steps and give a part of it: that alone, but where a background needs all."""

@@ -42,7 +42,7 @@ class Raw(Protocol):
     """What works out raw data of a run, handed in by whoever starts the viewer, which computes nothing itself."""
 
     def answer(self, what: str, query: Mapping[str, str]) -> dict[str, Any]:
-        """Answer a query for a ``bscan``, a ``spectrum`` or the ``health``; a ValueError says what is wrong in it."""
+        """Answer a query for a ``bscan``, a ``spectrum``, an ``image`` or the ``health``; ValueError at fault."""
         ...
 
 
@@ -93,7 +93,11 @@ class Viewer:
             live = self._sources[0].folder
         self._live = None if live is None else LiveFile(live)
         self._backdrop = None if backdrop is None else self._drawn(backdrop)
-        self._verdicts = None if verdicts is None else VerdictFile(verdicts, self._sources)
+        self._verdicts = (
+            None
+            if verdicts is None
+            else VerdictFile(verdicts, self._sources, [] if self._live is None else [self._live.folder])
+        )
         self._anchor = None if anchor is None else Path(anchor)
         self._make_map, self._score = make_map, None if score is None else Path(score)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()

@@ -173,9 +173,11 @@ class RunFiles:
 class VerdictFile:
     """An analyst's verdicts, a file beside the results: read when it is there, and only ever replaced as a whole."""
 
-    def __init__(self, path: str | Path, sources: Sequence[Source]) -> None:
+    def __init__(self, path: str | Path, sources: Sequence[Source], more: Sequence[Path] = ()) -> None:
         self.path, self._writing = Path(path).resolve(), threading.Lock()
-        if any(self.path.is_relative_to(source.folder) for source in sources):
+        if not any(isinstance(source, ResultFiles) for source in sources):
+            raise ViewError("verdicts need a result to judge, got none")
+        if any(self.path.is_relative_to(folder) for folder in (*(source.folder for source in sources), *more)):
             raise ViewError(f"verdicts must lie beside the result, not in it, got {path}")
         if not self.path.parent.is_dir():
             raise ViewError(f"verdicts must lie in a folder that exists, got {path}")
@@ -193,6 +195,8 @@ class VerdictFile:
         """Replace the file by the notes of a page, unless it changed since the page read it: a ValueError says so."""
         told = json.loads(body)
         data = verdict_bytes(check_verdicts(told))
+        if len(data) > MOST_VERDICT_BYTES:
+            raise ValueError(f"verdicts must take at most {MOST_VERDICT_BYTES >> 20} MiB, got {len(data) >> 20}")
         with self._writing:
             if told.get("before") != self.read()["sha256"]:
                 raise ValueError(
@@ -208,12 +212,13 @@ class LiveFile:
     def __init__(self, path: str | Path) -> None:
         whole = Path(path).resolve()
         self._path = whole if whole.suffix == ".jsonl" else whole / LIVE_FILE
+        self.folder = self._path.parent
 
     def after(self, offset: int) -> dict[str, Any]:
         """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
 
         ``bad`` counts lines that were no JSON object; a file begun anew is ``restarted``; ``more`` tells that there is
-        more; ``age``, s, since detection last touched the file, None without one.
+        more; ``age``, s, since detection last touched the file, None without one; ``now`` is the time, s since 1970.
         """
         try:
             with self._path.open("rb") as file:
@@ -240,7 +245,7 @@ class LiveFile:
                 bad += bool(line.strip())
         more = len(data) == _LIVE_BYTES
         told = {"events": events, "next": start + len(whole), "bad": bad, "restarted": restarted, "more": more}
-        return told | {"age": round(age, 3)}
+        return told | {"age": round(age, 3), "now": round(time.time(), 3)}
 
 
 Source = ResultFiles | RunFiles | ScoreFiles
