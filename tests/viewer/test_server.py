@@ -245,7 +245,8 @@ def test_live_events_come_line_by_line(tmp_path, serving):
             offset, count, more = answer["next"], count + len(answer["events"]), answer["more"]
     assert (count, offset) == (9000, len(lines))
     named, found = (LiveFile(path).after(0) for path in (file, tmp_path))
-    assert named | {"age": 0} == found | {"age": 0}
+    assert named | {"age": 0, "now": 0} == found | {"age": 0, "now": 0}
+    assert abs(time.time() - found["now"]) < 3600
     os.utime(file, (0, 0))
     assert LiveFile(file).after(0)["age"] > 1e6
     assert LiveFile(tmp_path / "other.jsonl").after(5) == {
