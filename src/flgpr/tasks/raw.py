@@ -123,18 +123,21 @@ class RawRun:
         """
         made = self._channel(asked)
         place = self._place(asked)
-        with np.errstate(divide="ignore"):
-            level = np.maximum(20 * np.log10(np.abs(made["signal"].values[:, 0, 0]).astype(np.float64)), -999.0)
         known = made["known"].values
-        median = np.median(level[known], axis=0) if known.any() else np.full(level.shape[1], np.nan)
-        recorded = self._polarization(asked.polarization)
-        disturbed = recorded["frequency"].values[disturbed_tones(recorded["signal"].values[known, 0, asked.pair])]
-        own = level[place] if known[place] else np.full(level.shape[1], np.nan)
+        if "median_db" not in made:  # once for all scans of a channel: a page asks scan by scan
+            level, recorded = _levels(made["signal"].values[known, 0, 0]), self._polarization(asked.polarization)
+            made["median_db"] = (
+                "frequency",
+                np.median(level, axis=0) if known.any() else np.full(level.shape[1], np.nan),
+            )
+            hit = disturbed_tones(recorded["signal"].values[known, 0, asked.pair])
+            made.attrs["disturbed_ghz"] = (recorded["frequency"].values[hit] * 1e-9).tolist()
+        own = _levels(made["signal"].values[place, 0, 0])
         return {
             "frequency_ghz": (made["frequency"].values * 1e-9).tolist(),
-            "level_db": _numbers(own),
-            "median_db": _numbers(median),
-            "disturbed_ghz": (disturbed * 1e-9).tolist(),
+            "level_db": _numbers(own if known[place] else np.full(own.size, np.nan)),
+            "median_db": _numbers(made["median_db"].values),
+            "disturbed_ghz": made.attrs["disturbed_ghz"],
         }
 
     def image(self, asked: _Query) -> dict[str, Any]:
@@ -272,6 +275,12 @@ def _delays(asked: _Query, scans: int, tones: NDArray[np.float64]) -> tuple[floa
     if asked.scale == "signed":
         return stop, MOST_BINS, 1
     return stop, MOST_BINS, max(math.ceil(stop * rate / MOST_BINS), 1)
+
+
+def _levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:
+    """Levels, dB, not below -999."""
+    with np.errstate(divide="ignore"):
+        return np.maximum(20 * np.log10(np.abs(signal).astype(np.float64)), -999.0)
 
 
 def _halves(values: NDArray[np.floating]) -> str:
