@@ -139,7 +139,7 @@ def test_a_run_that_knows_its_place_needs_no_anchor(demo, anchor):
     for wrong in ({}, {"latitude": 48.0, "longitude": "east", "azimuth": 0.0}, {"latitude": np.nan}):
         with pytest.raises(ValueError, match="georeference must have longitude, latitude and azimuth"):
             own_anchor(wrong)
-    with pytest.raises(ValueError, match="does not tell where it lies; an anchor is needed"):
+    with pytest.raises(ValueError, match="does not tell where its lane lies; an anchor is needed"):
         map_bytes(demo[0].folder, None, None)
 
 
@@ -168,6 +168,26 @@ def test_what_is_wrong_is_told_and_nothing_is_written(demo, anchor, tmp_path):
         with pytest.raises(ValueError, match=r"score\.json: .*; run flgpr score again"):
             export_qgis(demo[0].folder, tmp_path / "map.zip", anchor, score=copy)
     assert not list(tmp_path.glob("*map.zip"))
+
+
+def test_the_command_reads_the_truth_of_a_score_in_another_folder(demo, anchor, tmp_path):
+    score = tmp_path / "score" / "view" / "score.json"
+    score.parent.mkdir(parents=True)
+    shutil.copy(demo[0].folder / "view" / "score.json", score)
+
+    def export(to):
+        words = ["--anchor", str(anchor), "--score", str(tmp_path / "score"), "--to", to, "-o", str(tmp_path / "a.zip")]
+        return CliRunner().invoke(app, ["export", str(demo[0].folder), *words])
+
+    ran = export("qgis")
+    assert ran.exit_code == 0, ran.output
+    (tmp_path / "a.zip").unlink()
+    score.write_text("{}")
+    for to, told in (("qgis", "run flgpr score again"), ("kml", "score goes with qgis")):
+        ran = export(to)
+        assert ran.exit_code == 2
+        assert told in ran.stderr
+    assert not (tmp_path / "a.zip").exists()
 
 
 def test_a_result_without_a_score_has_no_truth_in_its_map(anchor, tmp_path):

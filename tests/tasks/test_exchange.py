@@ -10,6 +10,7 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.cli import app
 from flgpr.io import open_run, sample_lane, save_run
+from flgpr.io.anchor import read_anchor
 from flgpr.results.description import describe_run
 from flgpr.results.result import write_result
 from flgpr.tasks import exchange
@@ -97,6 +98,11 @@ def test_run_to_cphd_and_back(small_run, anchor, tmp_path):
     back = open_run(tmp_path / "b.zarr").load()
     np.testing.assert_allclose(back["signal"].values, small_run["signal"].values, rtol=1e-6)
     assert back.drop_vars("signal").identical(small_run.drop_vars("signal"))
+    with pytest.raises(ValueError, match=r"a\.zarr: it does not tell where its lane lies; an anchor is needed"):
+        exchange.export_run(tmp_path / "a.zarr", tmp_path / "c.cphd")
+    placed = small_run.assign_attrs(georeference=read_anchor(anchor).georeference())
+    save_run(placed, tmp_path / "placed.zarr")
+    assert exchange.export_run(tmp_path / "placed.zarr", tmp_path / "c.cphd").stat().st_size > 100
 
 
 MAPPING = """

@@ -136,18 +136,23 @@ def export(
     source: Annotated[Path, Argument(help="Result folder, truth or alarm table (CSV), or run store (for cphd).")],
     output: Output,
     to: Annotated[str, Option(help=f"One of {', '.join(FORMATS)}.")],
-    anchor: Annotated[Path, Option(help="TOML that ties the lane to the Earth.")],
+    anchor: Annotated[
+        Path | None, Option(help="TOML that ties the lane to the Earth; needed where the data do not tell their place.")
+    ] = None,
     kind: Annotated[str, Option(help="What a table holds: alarms, truth or objects.")] = "truth",
     time: Annotated[str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
     detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
+    score: Annotated[Path | None, Option(help="Folder of the result's score, whose truth goes on qgis's map.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
     with plain_errors():
+        if score is not None and to != "qgis":
+            raise ValueError(f"score goes with qgis, got to {to!r}")
         if to == "cphd":
             tasks.export_run(source, output, anchor)
         elif to == "qgis":
-            tasks.export_qgis(source, output, anchor, detection, time)
+            tasks.export_qgis(source, output, anchor, detection, time, score)
         elif source.suffix == ".csv":
             tasks.export_table(source, output, to, anchor, kind, time)
         else:

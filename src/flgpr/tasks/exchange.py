@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,14 +108,23 @@ def import_gpr(
     return run
 
 
-def export_run(run: PathLike, output: PathLike, anchor: PathLike) -> Path:
-    """Export a stored run as CPHD, tied to the Earth by an anchor; a file that exists is refused."""
+def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) -> Path:
+    """Export a stored run as CPHD; a file that exists is refused.
+
+    ``anchor`` (TOML) ties the lane to the Earth, else what the run tells of its place.
+    """
     _fresh(Path(output))
-    return write_cphd(open_run(run), output, read_anchor(anchor))
+    held = open_run(run)
+    return write_cphd(held, output, _tie(anchor, held.attrs.get("georeference"), run))
 
 
 def export_table(
-    table: PathLike, output: PathLike, to: str, anchor: PathLike, kind: str = "truth", time: str | None = None
+    table: PathLike,
+    output: PathLike,
+    to: str,
+    anchor: PathLike | None,
+    kind: str = "truth",
+    time: str | None = None,
 ) -> Path:
     """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml", "gpx" or "csv".
 
@@ -123,20 +132,26 @@ def export_table(
     """
     rows = read_table(table, kind)
     digest = sha256(Path(table).read_bytes())
-    return _write_points(rows, Path(output), to, read_anchor(anchor), kind, f"sha256:{digest}", time)
+    return _write_points(rows, Path(output), to, _tie(anchor, None, table), kind, f"sha256:{digest}", time)
 
 
 def export_result(
-    result: PathLike, output: PathLike, to: str, anchor: PathLike, detection: str = "main", time: str | None = None
+    result: PathLike,
+    output: PathLike,
+    to: str,
+    anchor: PathLike | None = None,
+    detection: str = "main",
+    time: str | None = None,
 ) -> Path:
     """Export a result's alarms as evidence points ("geojson", "gpkg", "kml", "gpx", "csv") or its run-view ("geotiff").
 
-    ``detection`` is "main" or the name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone.
+    ``anchor`` (TOML) ties the lane to the Earth, else what the run told of its place. ``detection`` is "main" or the
+    name of a variant, ``time`` when the data were taken, ISO 8601 with a time zone.
     """
     if to not in (*TABLE_FORMATS, "geotiff"):
         raise ValueError(f"to must be one of {', '.join((*TABLE_FORMATS, 'geotiff'))}, got {to!r}")
-    _, chosen, identity = _chosen(result, detection)
-    target, tie = Path(output), read_anchor(anchor)
+    held, chosen, identity = _chosen(result, detection)
+    target, tie = Path(output), _tie(anchor, held.manifest["run"].get("georeference"), result)
     if to == "geotiff":
         _fresh(target)
         georeferenced.write_geotiff(chosen.view, target, tie, identity)
@@ -163,10 +178,7 @@ def export_qgis(
         raise ValueError(f"output must end in .zip, got {output}")
     _fresh(target)
     held, chosen, identity = _chosen(result, detection)
-    reference = held.manifest["run"].get("georeference")
-    if anchor is None and reference is None:
-        raise ValueError(f"{result}: the run does not tell where it lies; an anchor is needed")
-    tie = read_anchor(anchor) if anchor is not None else own_anchor(reference)
+    tie = _tie(anchor, held.manifest["run"].get("georeference"), result)
     scored = read_scored_truth(held, None if score is None else Path(score))
     truth, objects = (None, None) if scored is None else scored
     with tempfile.TemporaryDirectory() as folder:
@@ -270,6 +282,15 @@ def _tied(run: xr.Dataset, anchor: PathLike | None) -> xr.Dataset:
 
 def _anchor(anchor: PathLike | None) -> Anchor | None:
     return None if anchor is None else read_anchor(anchor)
+
+
+def _tie(anchor: PathLike | None, reference: Mapping[str, Any] | None, source: PathLike) -> Anchor:
+    """Read an anchor, or make it of what a run told of its place."""
+    if anchor is not None:
+        return read_anchor(anchor)
+    if reference is None:
+        raise ValueError(f"{source}: it does not tell where its lane lies; an anchor is needed")
+    return own_anchor(reference)
 
 
 def _fresh(path: Path) -> None:
