@@ -56,8 +56,10 @@ class Screen:
         for _ in range(milliseconds // 50):
             self.page.clock.run_for(50)
             self.page.wait_for_timeout(15)
+            self.page.evaluate("0")  # what the page asked for before it answers this is known of
             while answered and self.waiting > 0:
                 self.page.wait_for_timeout(5)
+                self.page.evaluate("0")
 
     def says(self):
         return self.page.evaluate(SEEN)
@@ -88,10 +90,12 @@ def test_a_radar_that_falls_silent_is_seen_within_a_second(driving):
         screen.pass_time(250)
     assert screen.says()["state-words"] == ""
     assert re.fullmatch(r"[67]\.\d m", screen.says()["drive-left"])
-    screen.pass_time(1000)
-    said = screen.says()
+    for _ in range(30):  # 0.75 s, or 2.5 times the interval at which this machine let the scans arrive
+        screen.pass_time(50)
+        if (said := screen.says())["state-words"]:
+            break
     assert (said["state-words"], said["verdict"], said["drive-left"]) == ("No radar", "blind", "–")
-    assert re.fullmatch(r"for (0\.[89]|1\.\d) s", said["state-detail"])
+    assert re.fullmatch(r"for (0\.[789]|1\.\d) s", said["state-detail"])
     assert screen.page.locator("#state-words").bounding_box()["height"] > 60
     feeder.give(scan(5, 5.0))
     screen.alive()
