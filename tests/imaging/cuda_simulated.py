@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from numba import cuda
+from numba import config, cuda
 
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
@@ -14,6 +14,13 @@ TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
 RX = np.array([[-2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.0, 0.0, 5.0]])
 BANDS = ((0.5e9, 1.0e9), (0.9e9, 1.3e9))
+
+
+@pytest.fixture(autouse=True)
+def few_threads(monkeypatch):
+    """Simulated threads are real ones, and those of a transform wait for each other."""
+    if config.ENABLE_CUDASIM:
+        monkeypatch.setattr(engine, "_block", lambda size: 3)
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
