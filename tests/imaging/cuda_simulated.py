@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from numba import config, cuda
 
+from flgpr.chain.images import imager_of
+from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
+from flgpr.io import open_run, sample_lane
 from flgpr.tasks import bench, bench_peers
 
 TONES = 500e6 + 40e6 * np.arange(20)
@@ -115,6 +118,12 @@ def test_sums_on_the_device_are_timed():
     assert np.isfinite(operator.adjoint(noise((1, 3, 20)))).all()
 
 
+def test_a_recipe_chooses_the_device():
+    text = recipe_text("demo").replace("[image]\n", '[image]\ndevice = "cuda"\n')
+    imager = imager_of(open_run(sample_lane() / "run.zarr"), parse_recipe(text).image)
+    assert isinstance(imager.operator_on(0, scene(count=2)).engine, engine.CudaEngine)
+
+
 class Plan:
     """What cuFINUFFT's plan does, by sums over the points; bins over 1000 it refuses."""
 
@@ -136,6 +145,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     tones, points = 0.8e9 + 0.2e9 * np.arange(11), scene(count=3)
     monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
     monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
+    monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
     scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)

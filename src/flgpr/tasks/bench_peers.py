@@ -14,6 +14,7 @@ from numba import cuda, get_num_threads
 from numpy.typing import NDArray
 from scipy import fft
 
+from flgpr.kernels import gpu
 from flgpr.kernels.windows import band_weights, boxcar
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.tasks.bench import SUBBANDS, Case, Scan, Truth
@@ -214,7 +215,7 @@ def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...
                 start = time.perf_counter()
                 for q, plan in enumerate(plans):
                     plan.execute(data[q] if many > 1 else data[q][0], out=values if many > 1 else values[0])
-                    _add[(-(-count // 128), many), (128, 1)](values, carriers[q], total, int(q == 0))
+                    _add[(-(-count // gpu.THREADS), many), (gpu.THREADS, 1)](values, carriers[q], total, int(q == 0))
                 cuda.synchronize()
                 times.append(time.perf_counter() - start)
             part = total.copy_to_host()[:, truth.pixel].reshape(exact.shape)
