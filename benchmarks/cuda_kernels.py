@@ -45,6 +45,8 @@ CARDS = (  # name, compute capability, multiprocessors, boost clock (GHz), fp32 
     ("RTX 4090", (8, 9), 128, 2.52, 128, 1536),
 )
 
+SUMS = ("FFMA", "FMUL", "FADD")
+
 
 def _array(kind: Any, rank: int) -> Any:
     return types.Array(kind, rank, "C")
@@ -164,19 +166,24 @@ def main() -> None:
                 print(f"  {name}: {code.registers} registers ({held} threads held), {memory}")
                 if name.startswith("interpolation"):
                     channels = 15 if "15" in name else 1
+                    counts = [_count(code.loop, *names) / channels for names in (("",), SUMS, ("LDG",))]
                     clocks = _clocks(code.loop, channels * engine.width, lanes, half, whole)
                     rates = {unit: 32 * channels / one * processors * clock * 1e9 for unit, one in clocks.items()}
-                    print(f"    {code.loop.total() / channels:.1f} instructions an update")
+                    print("    {:.1f} instructions an update: {:.1f} sums, {:.1f} loads".format(*counts))
                     print("    updates/s at most: " + ", ".join(f"{unit} {rate:.2e}" for unit, rate in rates.items()))
+
+
+def _count(loop: Counter[str], *names: str) -> int:
+    """Count the instructions whose names begin like this."""
+    return sum(loop[one] for one in loop if one.startswith(names))
 
 
 def _clocks(loop: Counter[str], taps: int, lanes: int, half: float, whole: float) -> dict[str, float]:
     """Clocks that each unit takes at least for one turn of the loop by one warp."""
-    sums = sum(loop[one] for one in loop if one.startswith(("FFMA", "FMUL", "FADD")))
-    others = sum(loop[one] for one in loop if one.startswith("LDG")) - taps
+    others = _count(loop, "LDG") - taps
     return {
         "issue": loop.total() / 4,
-        "fp32": sums * 32 / lanes,
+        "fp32": _count(loop, *SUMS) * 32 / lanes,
         "L1 halves": 2 * half * taps + 2 * others,
         "L1 whole": whole * taps + others,
     }
