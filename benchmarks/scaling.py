@@ -52,7 +52,8 @@ def read_costs(measured: dict[str, Any]) -> Costs:
     """Take the costs from what was measured."""
     pieces = [one for one in measured["pieces"] if one["stage"] != "finish"]
     stages = list(dict.fromkeys(one["stage"] for one in pieces))
-    blocks = [[p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] >= 0] for s in stages]
+    full = BLOCK * max(one["block"] + 1 for one in pieces) / measured["scans"]  # the measured blocks are a bit shorter
+    blocks = [[full * p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] >= 0] for s in stages]
     folds = [sum(p["processor_seconds"] for p in pieces if p["stage"] == s and p["block"] < 0) for s in stages]
     count = max(map(len, blocks))
     finish = sum(p["processor_seconds"] for p in measured["pieces"] if p["stage"] == "finish") / count
