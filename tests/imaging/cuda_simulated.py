@@ -71,6 +71,17 @@ def test_both_directions_agree_with_the_direct_sum(name):
     assert abs(gap) < 1e-6 * np.linalg.norm(forward) * np.linalg.norm(data)
 
 
+def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(monkeypatch):
+    makers = engine.gpu.compress_kernel, engine.gpu.expand_kernel
+    monkeypatch.setattr(engine.gpu, "SHARED_BINS", 1)
+    for maker in makers:
+        maker.cache_clear()
+    test_both_directions_agree_with_the_direct_sum("odd width")
+    assert engine.CudaEngine._held[1][0].spare.shape[1] > 1
+    for maker in makers:
+        maker.cache_clear()
+
+
 def test_batches_go_through_in_passes(monkeypatch):
     monkeypatch.setattr(engine, "PASS_BYTES", 1)
     operator = ImagingOperator(TONES, TX, RX, scene(count=5), device="cuda")
