@@ -4,7 +4,7 @@ The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007
 
     NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
     python benchmarks/workers.py --scheduler-load 2000
-    python benchmarks/workers.py --model [--figure docs/images/workers.svg]
+    python benchmarks/workers.py --model [--figure docs/images/workers.png]
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
