@@ -4,12 +4,15 @@ The run is noise on the geometry of the ``sri-array`` with the recipe ``wang2007
 
     NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/workers.py [--scans 180] [--rounds 3] [--folder DIR]
     python benchmarks/workers.py --scheduler-load 2000
+    python benchmarks/workers.py --model [--figure docs/images/workers.png]
 
 Every round detects with one worker process and with two, each of one thread, in turn changing the order; medians of
 the rounds count. The time is that of ``flgpr detect`` from the stored run to the result folder without the page. The
 efficiency is T1 / (2·T2). The processor seconds of the pieces say what sharing costs whatever else the machine does:
 with two workers they must be those of one. With ``--scheduler-load`` a Dask scheduler with two workers hands out that
-many pieces that do nothing, and its own processor time per piece is told.
+many pieces that do nothing, and its own processor time per piece is told. Both leave what they measured in
+``workers.json`` beside this file, from which ``--model`` calculates what 8 to 256 workers would take: see
+``scaling.py``.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from typing import Any
 import numba
 import numpy as np
 
+import scaling
 from flgpr import tasks
 from flgpr.chain.recipe import recipe_text
 from flgpr.execution.cluster import Cluster
@@ -39,11 +43,12 @@ from wang2007 import STEP, write_noise_run
 def once(store: Path, lane: Path, output: Path, workers: int) -> dict[str, Any]:
     """Detect once and return the time, the reports and the digests of the result."""
     reports: list[dict[str, Any]] = []
-    begun = time.perf_counter()
+    begun, driver = time.perf_counter(), time.process_time()
     result = tasks.detect_run(store, "wang2007", output, lane, report=False, workers=workers, note=reports.append)
-    wall = time.perf_counter() - begun
+    wall, driver = time.perf_counter() - begun, time.process_time() - driver
     return {
         "wall": wall,
+        "driver": driver,
         "reports": reports,
         "files": result.manifest["files"],
         "alarms": len(result.detections[0].alarms),
@@ -103,6 +108,10 @@ def scheduler_load(pieces: int) -> None:
                 before, begun = psutil.Process(head.pid).cpu_times(), time.perf_counter()
                 done = len(list(cluster.run(nothing, [(job, "signature", number) for number in range(pieces)])))
                 after, wall = psutil.Process(head.pid).cpu_times(), time.perf_counter() - begun
+                begun = time.perf_counter()
+                for number in range(50):
+                    list(cluster.run(nothing, [(job, "signature", number)]))
+                there_and_back = (time.perf_counter() - begun) / 50
         finally:
             for process in [*hands, head]:
                 process.kill()
@@ -113,6 +122,8 @@ def scheduler_load(pieces: int) -> None:
         f"{done} pieces, each {1e3 * cost:.2f} ms of the scheduler's processor, {1e3 * wall / done:.2f} ms on the clock"
     )
     print(f"message of a piece {size} bytes, report {len(serialize_bytes(nothing(job, 'signature', 3)))} bytes")
+    print(f"one piece alone, there and back: {1e3 * there_and_back:.1f} ms")
+    scaling.keep(scheduler_seconds=cost, there_and_back=there_and_back)
 
 
 def main() -> None:
@@ -122,7 +133,12 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=None)
     parser.add_argument("--scheduler-load", type=int, default=0)
+    parser.add_argument("--model", action="store_true")
+    parser.add_argument("--figure", type=Path, default=None)
     options = parser.parse_args()
+    if options.model:
+        scaling.tell(options.figure)
+        return
     if options.scheduler_load:
         scheduler_load(options.scheduler_load)
         return
@@ -132,7 +148,8 @@ def main() -> None:
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         home = Path(folder)
-        store = write_noise_run(home / "run.zarr", options.scans)
+        kept = Path(options.folder or folder) / f"run-{options.scans}.zarr"
+        store = kept if kept.exists() else write_noise_run(kept, options.scans)
         lane = home / "lane.toml"
         lane.write_text(f"x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = {STEP * options.scans - 5}\n")
         for number in range(options.rounds):
@@ -150,7 +167,13 @@ def main() -> None:
     print(f"processor seconds of the pieces: {work[1]:.1f} with 1 worker, {work[2]:.1f} with 2")
     peak = max(r["peak_bytes"] for some in found.values() for one in some for r in one["reports"])
     print(f"largest memory of a worker {peak / 1e9:.2f} GB")
-    print("\n".join(plan(found[1][int(np.argmin([one["wall"] for one in found[1]]))]["reports"], options.scans)))
+    best = found[1][int(np.argmin([one["wall"] for one in found[1]]))]["reports"]
+    scaling.keep(
+        scans=options.scans, wall=walls, efficiency=median(efficiency), driver=median(o["driver"] for o in found[2]),
+        pieces=[{name: one[name] for name in ("stage", "block", "processor_seconds", "bytes")} for one in best],
+        run_bytes=sum(file.stat().st_size for file in store.rglob("*") if file.is_file()),
+    )  # fmt: skip
+    print("\n".join(plan(best, options.scans)))
 
 
 if __name__ == "__main__":

@@ -74,5 +74,5 @@ assert error < 1e-3
 
 # %%
 # To measure your device: ``flgpr bench imaging --device cuda`` times single scans and batches of 32 from host to host,
-# and the sums alone with the data on the device. ``device`` is an argument of
-# :class:`flgpr.imaging.ImagingOperator` and :class:`flgpr.imaging.ScanImager`.
+# and the sums alone with the data on the device, with ``--peers`` beside cuFINUFFT. ``device`` is an argument of
+# :class:`flgpr.imaging.ImagingOperator` and :class:`flgpr.imaging.ScanImager`, and a key of a recipe's table ``[image]``.

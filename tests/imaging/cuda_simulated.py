@@ -1,19 +1,32 @@
 """The CUDA engine on tiny arrays. Run in its own process, under the simulator or on a device (see test_cuda.py)."""
 
 import itertools
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numba import cuda
+from numba import config, cuda
 
+from flgpr.chain.images import imager_of
+from flgpr.chain.recipe import parse_recipe, recipe_text
 from flgpr.imaging import ImagingOperator
 from flgpr.imaging import cuda as engine
-from flgpr.tasks import bench
+from flgpr.io import open_run, sample_lane
+from flgpr.tasks import bench, bench_peers
 
 TONES = 500e6 + 40e6 * np.arange(20)
 TX = np.array([[-1.5, 0.0, 5.0], [-1.5, 0.0, 5.0], [1.5, 0.0, 5.2]])
 RX = np.array([[-2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.0, 0.0, 5.0]])
 BANDS = ((0.5e9, 1.0e9), (0.9e9, 1.3e9))
+
+
+@pytest.fixture(autouse=True)
+def few_threads(monkeypatch):
+    """Simulated threads are real ones, and those of a transform wait for each other."""
+    if config.ENABLE_CUDASIM:
+        monkeypatch.setattr(engine.gpu, "THREADS", 4)
+        monkeypatch.setattr(engine, "_block", lambda size: 3)
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
@@ -56,6 +69,17 @@ def test_both_directions_agree_with_the_direct_sum(name):
     assert relative(forward, exact.forward(image)) < exact.tolerance
     gap = np.vdot(forward.astype(complex), data) - np.vdot(image, adjoint.astype(complex))
     assert abs(gap) < 1e-6 * np.linalg.norm(forward) * np.linalg.norm(data)
+
+
+def test_profiles_too_long_for_shared_memory_are_transformed_in_the_device_s(monkeypatch):
+    makers = engine.gpu.compress_kernel, engine.gpu.expand_kernel
+    monkeypatch.setattr(engine.gpu, "SHARED_BINS", 1)
+    for maker in makers:
+        maker.cache_clear()
+    test_both_directions_agree_with_the_direct_sum("odd width")
+    assert engine.CudaEngine._held[1][0].spare.shape[1] > 1
+    for maker in makers:
+        maker.cache_clear()
 
 
 def test_batches_go_through_in_passes(monkeypatch):
@@ -101,20 +125,53 @@ def test_page_locked_memory_holds_images():
 
 def test_sums_on_the_device_are_timed():
     operator = ImagingOperator(TONES, TX, RX, scene(count=2), device="cuda")
-    assert operator.engine.device_seconds(1, 1, repeats=1) > 0
+    assert min(operator.engine.device_seconds(1, 1, repeats=1)) > 0
     assert np.isfinite(operator.adjoint(noise((1, 3, 20)))).all()
 
 
-def test_the_benchmark_counts_batches_and_the_device(monkeypatch):
+def test_a_recipe_chooses_the_device():
+    text = recipe_text("demo").replace("[image]\n", '[image]\ndevice = "cuda"\n')
+    imager = imager_of(open_run(sample_lane() / "run.zarr"), parse_recipe(text).image)
+    assert isinstance(imager.operator_on(0, scene(count=2)).engine, engine.CudaEngine)
+
+
+class Plan:
+    """What cuFINUFFT's plan does, by sums over the points; bins over 1000 it refuses."""
+
+    def __init__(self, kind, modes, many, eps, isign, dtype, gpu_method, gpu_binsizex):
+        if gpu_binsizex > 1000:
+            raise RuntimeError("Error creating plan.")
+        assert (kind, isign, dtype) == (2, 1, "complex64")
+        self.modes, self.many = np.arange(modes[0]) - modes[0] // 2, many
+
+    def setpts(self, x):
+        self.kernel = np.exp(1j * np.outer(self.modes, x.copy_to_host()))
+
+    def execute(self, data, out):
+        assert data.shape == ((self.many, len(self.modes)) if self.many > 1 else (len(self.modes),))
+        out.copy_to_device((data.copy_to_host() @ self.kernel).astype(np.complex64))
+
+
+def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     tones, points = 0.8e9 + 0.2e9 * np.arange(11), scene(count=3)
+    monkeypatch.setitem(sys.modules, "cufinufft", SimpleNamespace(Plan=Plan))
+    monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
+    monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
+    monkeypatch.setattr(bench, "REPEATS", 1)
     scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
     monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)
     monkeypatch.setattr(bench, "CHECKED_TONES", 11)
     monkeypatch.setattr(bench, "BATCH", 2)
     monkeypatch.setattr(bench, "_interleave", lambda runs, rounds: ([1.0] * len(runs), 1.0, 1.0))
-    table = bench.bench_imaging(rounds=1, device="cuda").set_index("work")
-    assert table.loc["15 images of 2 scans", "time"] == 0.5
-    assert table.loc["15 images, on the device", "rate"] > 0
+    table = bench.bench_imaging(peers=True, rounds=1, device="cuda")
+    own = table[table["code"] == "flgpr cuda"].set_index("work")
+    assert own.loc["15 images of 2 scans", "time"] == 0.5
+    for work in ("15 images", "15 images of 2 scans", "one channel", "one channel of 2 scans"):
+        assert own.loc[f"{work}, on the device", "rate"] > 0
+        assert own.loc[f"{work}, interpolation alone", "rate"] > 0
+    peer = table[table["code"].str.startswith("cufinufft, method")].set_index("work")
+    assert set(peer.index) == {"15 images, on the device", "one channel, on the device"}
+    assert (peer["ratio"] > 0).all()
     assert (table["error"] < 1e-3).all()
-    assert "| 15 images, on the device | flgpr cuda |" in bench.format_bench(table.reset_index())
+    assert "| 15 images, on the device | flgpr cuda |" in bench.format_bench(table)

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from flgpr.imaging import ImagingOperator
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def has_device():
@@ -27,6 +30,44 @@ def test_kernels_under_the_simulator():
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "passed" in done.stdout
+
+
+def compiler():
+    """The benchmark that compiles the kernels; skips where what it needs is not installed."""
+    pathfinder = pytest.importorskip("cuda.pathfinder")
+    pytest.importorskip("numba_cuda")
+    try:
+        for library in ("nvvm", "nvrtc"):
+            pathfinder.load_nvidia_dynamic_lib(library)
+    except RuntimeError as error:
+        pytest.skip(f"needs NVIDIA's compiler: {error}")
+    spec = importlib.util.spec_from_file_location("cuda_kernels", BENCHMARKS / "cuda_kernels.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_compiled_interpolation_wastes_nothing():
+    """No arithmetic in double precision, no registers in memory, one load of 64 bits for each complex sample."""
+    made = compiler()
+    for name, channels in (("interpolation, 15 channels", 15), ("interpolation, one channel", 1)):
+        ptx = made.ptx_of(*made.kernels(4, 1024, 2048)[name], (9, 0))
+        assert ".visible .entry" in ptx
+        assert not re.search(r"\.f64\s+%", ptx)
+        assert "__local_depot" not in ptx
+        assert len(re.findall(r"ld\.global\.[ub]64", ptx)) == 4 * channels + 4  # two phasors and the pair's antennas
+
+
+@pytest.mark.skipif(has_device(), reason="a device is here")
+def test_a_missing_device_ends_the_measurement_in_one_line(tmp_path):
+    command = [sys.executable, str(BENCHMARKS / "gpu.py"), "-o", str(tmp_path / "gpu.json")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: device ")
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(has_device(), reason="a device is here")

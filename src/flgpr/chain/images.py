@@ -22,7 +22,8 @@ def imager_of(
     """Make the imager of a run on a recipe's grid, of some of its sub-bands and polarizations; default all."""
     bands = {name: table.subbands[name] for name in subbands or table.subbands}
     chosen = run.sel(polarization=list(polarizations)) if polarizations else run
-    return ScanImager(chosen, table.grid(), bands, table.weights(run["frequency"].values), table.tolerance)
+    weights = table.weights(run["frequency"].values)
+    return ScanImager(chosen, table.grid(), bands, weights, table.tolerance, table.device)
 
 
 class RunImages:

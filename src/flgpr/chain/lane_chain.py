@@ -113,7 +113,7 @@ class CleanedRun:
         imager = images.imager
         self.whole_background = Background(**{name: background[name] for name in background if name != "gains"})
         self.background: Background = self.whole_background.cropped(self.grid.ny)
-        self.imager = ScanImager(imager.run, self.grid, imager.subbands, imager.window, imager.tolerance)
+        self.imager = ScanImager(imager.run, self.grid, imager.subbands, imager.window, imager.tolerance, imager.device)
 
     def __len__(self) -> int:
         return len(self.imager)

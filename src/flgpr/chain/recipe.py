@@ -61,7 +61,8 @@ class ImageTable(Table):
     ``spacing`` (m) may be one length or two, cross-track and down-track. The window "ramp" is that of filtered
     backprojection. ``polarizations`` are those that are imaged, default all; an image is the coherent mean over the
     last ``frames`` scans, on the ground ahead of the latest (Fuse et al. 2018, Eq. 4). With "all" the whole run is one
-    scan, see :func:`flgpr.model.aperture_run`: for a radar that moves past what it looks at.
+    scan, see :func:`flgpr.model.aperture_run`: for a radar that moves past what it looks at. ``device`` is where the
+    imaging operator computes.
     """
 
     x: Limits
@@ -72,6 +73,7 @@ class ImageTable(Table):
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
     polarizations: tuple[Polarization, ...] = ()
     frames: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = 1
+    device: Literal["cpu", "cuda"] = "cpu"
 
     @property
     def summed(self) -> int:

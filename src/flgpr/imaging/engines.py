@@ -39,7 +39,7 @@ class Engine:
         """Make memory for images."""
         return np.empty(shape, dtype)
 
-    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> float:
+    def device_seconds(self, rows: int, subbands: int, repeats: int = 10) -> tuple[float, float]:
         """Refuse: sums on the CPU have no transfers to leave out."""
         raise ValueError(
             f"device must be 'cuda' to time {rows} rows of {subbands} sub-bands {repeats} times, got 'cpu'"

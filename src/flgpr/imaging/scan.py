@@ -51,7 +51,7 @@ class ScanImager:
         if not subbands:
             raise ValueError("subbands must name at least one band, got none")
         self.subbands = dict(subbands)
-        self.window, self.tolerance, self._device = window, tolerance, device
+        self.window, self.tolerance, self.device = window, tolerance, device
         complete = complete_scans(run)
         self.scans = np.flatnonzero(complete)
         self.masked_scans = np.flatnonzero(~complete)
@@ -90,7 +90,7 @@ class ScanImager:
             subbands=None if subbands is None else list(subbands.values()),
             window=self.window if subbands is not None else None,
             tolerance=self.tolerance,
-            device=self._device,
+            device=self.device,
         )
 
     def signal(self, scan: int) -> NDArray[np.complex64]:

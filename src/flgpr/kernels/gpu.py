@@ -1,8 +1,12 @@
-"""The imaging sums for CUDA: profiles of every channel and pair, one thread per pixel or per profile bin.
+"""The imaging sums for CUDA: a block per profile, then a thread per pixel or per profile bin.
 
 The algorithm, the window and the 32-bit delays are those of ``profiles``. Delays and phasors of all antennas and pixels
-are computed once and kept on the device; the channels are worked on in groups small enough for registers. No sum is
-split between threads, so that results do not depend on scheduling.
+are computed once and kept on the device; a profile is filled and transformed by one block, in its shared memory where
+it fits; the channels are interpolated in groups small enough for registers. No sum is split between threads, so that
+results do not depend on scheduling.
+
+Complex numbers that are read many times are read as 64-bit words: the compiler makes two loads of a complex64. Strides,
+widths and numbers of channels are compiled in, so that a channel's address costs no instruction.
 """
 
 from __future__ import annotations
@@ -11,16 +15,33 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from numba import complex64, cuda, float32, int64, uint32, uint64
+import numpy as np
+from numba import complex64, config, cuda, float32, int32, int64, uint32, uint64
 
-from flgpr.kernels.geometry import bent_path, entry_distance
+from flgpr.kernels.geometry import bent_path, cos_sin, entry_distance
 
 THREADS = 128
 """Threads of a block."""
+SHARED_BINS = 2048
+"""Bins of the longest profile that is transformed in shared memory: twice 16 kB of the 48 kB that every device has."""
 
 _LOW32 = 0xFFFFFFFF
+_cos_sin = cuda.jit(device=True)(cos_sin.py_func)
 _entry_distance = cuda.jit(device=True)(entry_distance.py_func)
 _bent_path = cuda.jit(device=True)(bent_path.py_func)
+
+if config.ENABLE_CUDASIM:
+
+    def _parts(word: Any) -> Any:
+        """Split a 64-bit word into the real and the imaginary part that it holds."""
+        return np.array([word], np.uint64).view(np.float32)
+
+else:
+    from numba.cuda.libdevice import int_as_float
+
+    @cuda.jit(device=True)
+    def _parts(word):  # type: ignore[no-untyped-def]
+        return int_as_float(int32(uint32(word))), int_as_float(int32(uint32(word >> uint64(32))))
 
 
 @cuda.jit
@@ -40,37 +61,116 @@ def locate(pixels, antenna, medium, per_turn, carrier, gain, delay, phasor):  # 
         z -= antenna[a, 2]
         path = index * math.sqrt(x * x + y * y + z * z)
     turns = path * per_turn
-    delay[a, p] = uint32(int64((turns - math.floor(turns)) * 4294967296.0))
+    delay[a, p] = uint32(uint64((turns - math.floor(turns)) * 4294967296.0))
     phase = path * carrier
-    angle = 2 * math.pi * (phase - math.floor(phase))
-    size = gain[a, p] if gain.shape[1] > 0 else 1.0
-    phasor[a, p] = complex64(complex(size * math.cos(angle), size * math.sin(angle)))
+    cosine, sine = _cos_sin(float32(phase - math.floor(phase + 0.5)))
+    size = gain[a, p] if gain.shape[1] > 0 else float32(1)
+    phasor[a, p] = complex64(complex(size * cosine, size * sine))
 
 
-@cuda.jit
-def fill(data, weight, begin, tone, share, phase, profile):  # type: ignore[no-untyped-def]
-    """Put ``data`` (polarization, pair, tone) into the slots of the spectra ``profile`` (channel, pair, slot).
+@cuda.jit(device=True)
+def _turned(value, sign):  # type: ignore[no-untyped-def]
+    """Value, or its conjugate where the sign is negative."""
+    return complex64(complex(value.real, sign * value.imag))
 
-    Slot m is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the weights ``share``; ``weight`` (subband, tone);
-    ``phase`` (1 or pair, tone), or (0, 0) for none.
+
+@cuda.jit(device=True)
+def _transform(a, b, twiddle, sign):  # type: ignore[no-untyped-def]
+    """Make Σ_k a_k exp(sign·j2πkm/n) by the threads of a block; tell whether it is in ``b``, else it is in ``a``.
+
+    ``twiddle`` holds exp(+j2πk/n).
     """
-    m, q, channel = cuda.grid(3)
-    if m >= profile.shape[2] or q >= profile.shape[1] or channel >= profile.shape[0]:
-        return
-    c, s = channel // weight.shape[0], channel % weight.shape[0]
-    total = complex64(0)
-    for e in range(begin[m], begin[m + 1]):
-        k = tone[e]
-        value = data[c, q, k] * (weight[s, k] * share[e])
-        if phase.shape[0] > 0:
-            value *= phase[min(q, phase.shape[0] - 1), k]
-        total += value
-    profile[channel, q, m] = total
+    begin, step, size = uint64(cuda.threadIdx.x), uint64(cuda.blockDim.x), uint64(a.shape[0])
+    gap, half, stride, swapped = size >> uint64(2), size >> uint64(1), uint64(1), False
+    while stride <= gap:
+        for j in range(begin, gap, step):
+            low = uint64(j) & (stride - uint64(1))
+            turn = uint64(j) - low
+            to = low + uint64(4) * turn
+            x0, x1, x2, x3 = a[j], a[j + gap], a[j + half], a[j + half + gap]
+            plus, minus, even, odd = x0 + x2, x0 - x2, x1 + x3, x1 - x3
+            turned = complex64(complex(-sign * odd.imag, sign * odd.real))
+            b[to] = plus + even
+            b[to + stride] = (minus + turned) * _turned(twiddle[turn], sign)
+            b[to + uint64(2) * stride] = (plus - even) * _turned(twiddle[uint64(2) * turn], sign)
+            b[to + uint64(3) * stride] = (minus - turned) * _turned(twiddle[uint64(3) * turn], sign)
+        cuda.syncthreads()
+        a, b, swapped = b, a, not swapped
+        stride *= uint64(4)
+    if stride < size:
+        for j in range(begin, half, step):
+            x0, x1 = a[j], a[j + half]
+            b[j], b[j + half] = x0 + x1, x0 - x1
+        cuda.syncthreads()
+        swapped = not swapped
+    return swapped
+
+
+@lru_cache(maxsize=64)
+def compress_kernel(size: int) -> Any:
+    """Compile the range compression for a number of bins, a power of two."""
+    shared = size <= SHARED_BINS
+    room = 2 * size if shared else 2
+
+    @cuda.jit
+    def compress(data, weight, begin, tone, share, phase, factor, twiddle, first, bins, spare, profile):  # type: ignore[no-untyped-def]  # fmt: skip
+        """Fill the first ``bins`` of ``profile`` (pair, channel, bin) from ``data`` (polarization, pair, tone).
+
+        Slot m of a spectrum is made of the tones ``tone[begin[m]:begin[m + 1]]`` with the weights ``share``; bin 0 is
+        slot ``first``. ``weight`` (subband, tone); ``phase`` (1 or pair, tone), or (0, 0) for none; ``factor`` (slot,);
+        ``spare`` (block, 2·slots) for spectra that are not shared memory's.
+        """
+        q, channel = uint64(cuda.blockIdx.x), uint64(cuda.blockIdx.y)
+        c, s = channel // uint64(weight.shape[0]), channel % uint64(weight.shape[0])
+        both = cuda.shared.array(room, complex64)
+        work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
+        a, b = work[:size], work[size:]
+        for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
+            total = complex64(0)
+            for e in range(begin[m], begin[m + uint64(1)]):
+                k = tone[e]
+                value = data[c, q, k] * (weight[s, k] * share[e])
+                if phase.shape[0] > 0:
+                    value *= phase[min(q, uint64(phase.shape[0] - 1)), k]
+                total += value
+            a[m] = total
+        cuda.syncthreads()
+        if _transform(a, b, twiddle, float32(1)):
+            a = b
+        for m in range(uint64(cuda.threadIdx.x), uint64(bins), uint64(cuda.blockDim.x)):
+            slot = (uint64(first) + uint64(m)) & uint64(size - 1)
+            profile[q, channel, m] = a[slot] * factor[slot]
+
+    return compress
+
+
+@lru_cache(maxsize=64)
+def expand_kernel(size: int) -> Any:
+    """Compile the transpose of a profile's transform for a number of bins, a power of two."""
+    shared = size <= SHARED_BINS
+    room = 2 * size if shared else 2
+
+    @cuda.jit
+    def expand(profile, factor, twiddle, spare):  # type: ignore[no-untyped-def]
+        """Turn ``profile`` (pair, channel, slot) into spectra; arguments as in the range compression."""
+        q, channel = uint64(cuda.blockIdx.x), uint64(cuda.blockIdx.y)
+        both = cuda.shared.array(room, complex64)
+        work = both if shared else spare[channel * uint64(cuda.gridDim.x) + q]
+        a, b = work[:size], work[size:]
+        for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
+            a[m] = profile[q, channel, m] * factor[m]
+        cuda.syncthreads()
+        if _transform(a, b, twiddle, float32(-1)):
+            a = b
+        for m in range(uint64(cuda.threadIdx.x), uint64(size), uint64(cuda.blockDim.x)):
+            profile[q, channel, m] = a[m]
+
+    return expand
 
 
 @cuda.jit
 def collect(profile, weight, entries, slot, share, phase, data):  # type: ignore[no-untyped-def]
-    """Transpose of :func:`fill`: sum slots and sub-bands into ``data``; tone k has ``slot[entries[k]:...]``."""
+    """Transpose of filling the slots: sum those of all sub-bands into ``data``; tone k has ``slot[entries[k]:...]``."""
     k, q, c = cuda.grid(3)
     if k >= data.shape[2] or q >= data.shape[1] or c >= data.shape[0]:
         return
@@ -78,147 +178,125 @@ def collect(profile, weight, entries, slot, share, phase, data):  # type: ignore
     total = complex64(0)
     for e in range(entries[k], entries[k + 1]):
         for s in range(bands):
-            total += profile[c * bands + s, q, slot[e]] * (weight[s, k] * share[e])
+            total += profile[q, c * bands + s, slot[e]] * (weight[s, k] * share[e])
     if phase.shape[0] > 0:
         total *= phase[min(q, phase.shape[0] - 1), k].conjugate()
     data[c, q, k] = total
 
 
-@cuda.jit
-def scale(profile, factor):  # type: ignore[no-untyped-def]
-    """Multiply the bins of ``profile`` by ``factor`` (bin,)."""
-    m, q, c = cuda.grid(3)
-    if m < profile.shape[2] and q < profile.shape[1] and c < profile.shape[0]:
-        profile[c, q, m] = profile[c, q, m] * factor[m]
-
-
-@cuda.jit
-def pass_four(source, target, stride, twiddle, sign):  # type: ignore[no-untyped-def]
-    """Make one radix-4 pass of Σ_k x_k exp(sign·j2πkm/n) along the last axis; ``twiddle`` holds exp(+j2πk/n)."""
-    j, q, c = cuda.grid(3)
-    size = source.shape[2]
-    if j >= size // 4 or q >= source.shape[1] or c >= source.shape[0]:
-        return
-    low, p = j % stride, j // stride
-    gap = size // 4
-    x0, x1 = source[c, q, j], source[c, q, j + gap]
-    x2, x3 = source[c, q, j + 2 * gap], source[c, q, j + 3 * gap]
-    plus, minus, even, odd = x0 + x2, x0 - x2, x1 + x3, x1 - x3
-    turned = complex64(complex(-sign * odd.imag, sign * odd.real))
-    to = low + 4 * stride * p
-    target[c, q, to] = plus + even
-    for i in range(1, 4):
-        w = twiddle[i * p * stride]
-        w = complex64(complex(w.real, sign * w.imag))
-        value = plus - even if i == 2 else (minus + turned if i == 1 else minus - turned)
-        target[c, q, to + i * stride] = value * w
-
-
-@cuda.jit
-def pass_two(source, target):  # type: ignore[no-untyped-def]
-    """Finish a transform whose length is an odd power of two."""
-    j, q, c = cuda.grid(3)
-    half = source.shape[2] // 2
-    if j < half and q < source.shape[1] and c < source.shape[0]:
-        a, b = source[c, q, j], source[c, q, j + half]
-        target[c, q, j] = a + b
-        target[c, q, j + half] = a - b
-
-
 @lru_cache(maxsize=64)
-def adjoint_kernel(width: int, group: int) -> Any:
-    """Compile the interpolation for a window width and a number of channels per thread."""
-    powers = width + 4
+def adjoint_kernel(width: int, group: int, stride: int) -> Any:
+    """Compile the interpolation for a window width, a number of channels per thread and the bins kept of a profile."""
+    powers, half = width + 4, (width + 1) // 2
+    even, odd = (width + 3) // 2 + 1, (width + 4) // 2
 
     @cuda.jit(fastmath=True)
-    def adjoint(profile, size, tx, rx, delay, phasor, origin, shift, first, weight, out):  # type: ignore[no-untyped-def]
-        """Fill ``out`` (channel, pixel) from ``profile``, flat (channel, pair, bin) with ``size`` bins per pair."""
-        p = cuda.grid(1)
+    def adjoint(profile, channels, tx, rx, delay, phasor, origin, shift, unit, weight, out):  # type: ignore[no-untyped-def]
+        """Fill ``out`` (channel, pixel) from ``profile``, the words of (pair, channel, bin).
+
+        Of ``channels``, a multiple of the group, ``out`` holds the first. ``delay`` and the words of ``phasor`` are
+        flat (antenna, pixel), and ``tx`` and ``rx`` say where an antenna's begin; ``unit`` is 2^-shift.
+        """
+        pixel = uint64(cuda.grid(1))
         channel = cuda.blockIdx.y * group
-        if p >= out.shape[1]:
+        if pixel >= uint64(out.shape[1]):
             return
-        held = min(group, out.shape[0] - channel)
         taps = cuda.local.array(width, float32)
-        form = cuda.local.array((width, powers), float32)
-        spot = cuda.local.array(width, uint64)
-        total = cuda.local.array(group, complex64)
+        form = cuda.local.array((half, powers), float32)
+        real, imag = cuda.local.array(group, float32), cuda.local.array(group, float32)
         for c in range(group):
-            total[c] = complex64(0)
-        for a in range(width):
+            real[c] = imag[c] = float32(0)
+        for a in range(half):
             for n in range(powers):
                 form[a, n] = weight[a, n]
-        last = size - 1
-        # Unsigned flat indices: they spare the device the tests for negative ones.
-        stride = uint64(tx.shape[0] * size)
-        below = (1 << shift) - 1
-        unit = float32(1.0 / (1 << shift))
-        for q in range(tx.shape[0]):
-            i, j = tx[q], rx[q]
-            d = (int64(delay[i, p]) + int64(delay[j, p]) - origin) & _LOW32
-            y = float32(d & below) * unit - float32(0.5)
-            for a in range(width):
-                tap = form[a, powers - 1]
-                for n in range(powers - 2, -1, -1):
-                    tap = tap * y + form[a, n]
-                taps[a] = tap
-                spot[a] = uint64(((d >> shift) + first + a) & last)
-            row = uint64((channel * tx.shape[0] + q) * size)
-            turn = phasor[i, p] * phasor[j, p]
+        low, below = uint32(shift), uint32((1 << shift) - 1)
+        # Unsigned everywhere: it spares the device the tests for negative indices.
+        row, step = uint64(channel) * uint64(stride), uint64(channels) * uint64(stride)
+        for q in range(uint64(tx.shape[0])):
+            i, j = tx[q] + pixel, rx[q] + pixel
+            d = uint32((int64(delay[i]) + int64(delay[j]) - origin) & _LOW32)
+            y = float32(uint32(d & below)) * unit - float32(0.5)
+            yy = y * y
+            # Tap width - 1 - a is tap a at -y: the even powers and the odd ones are shared.
+            for a in range(half):
+                e, o = form[a, 2 * even - 2], form[a, 2 * odd - 1]
+                for n in range(1, even):
+                    e = e * yy + form[a, 2 * (even - 1 - n)]
+                for n in range(1, odd):
+                    o = o * yy + form[a, 2 * (odd - n) - 1]
+                o *= y
+                taps[a], taps[width - 1 - a] = e + o, e - o
+            (ci, si), (cj, sj) = _parts(phasor[i]), _parts(phasor[j])
+            cosine, sine = ci * cj - si * sj, ci * sj + si * cj
+            at = row + uint64(d >> low)
+            row += step
             for c in range(group):
-                if c < held:
-                    value = profile[row + spot[0]] * taps[0]
-                    for a in range(1, width):
-                        value += profile[row + spot[a]] * taps[a]
-                    total[c] += value * turn
-                row += stride
+                x, z = _parts(profile[at + uint64(c * stride)])
+                x, z = x * taps[0], z * taps[0]
+                for a in range(1, width):
+                    u, v = _parts(profile[at + uint64(c * stride + a)])
+                    x, z = x + u * taps[a], z + v * taps[a]
+                # One product and one sum each, so that they become multiply-adds.
+                real[c] += x * cosine
+                real[c] -= z * sine
+                imag[c] += x * sine
+                imag[c] += z * cosine
         for c in range(group):
-            if c < held:
-                out[channel + c, p] = total[c]
+            if channel + c < out.shape[0]:
+                out[channel + c, pixel] = complex64(complex(real[c], imag[c]))
 
     return adjoint
 
 
 @lru_cache(maxsize=64)
-def forward_kernel(group: int) -> Any:
-    """Compile the transpose of the interpolation for a number of channels per thread."""
+def forward_kernel(width: int, group: int) -> Any:
+    """Compile the transpose of the interpolation for a window width and a number of channels per thread."""
+    powers = width + 4
 
     @cuda.jit(fastmath=True)
-    def forward(image, tx, rx, delay, phasor, origin, shift, begin, order, first, bins, weight, profile):  # type: ignore[no-untyped-def]  # fmt: skip
-        """Fill ``profile`` (channel, pair, bin) from ``image`` (channel, pixel).
+    def forward(image, tx, rx, delay, phasor, origin, shift, unit, begin, order, first, bins, weight, profile):  # type: ignore[no-untyped-def]  # fmt: skip
+        """Fill ``profile`` (pair, channel, slot) from the words of ``image`` (channel, pixel).
 
-        ``order[q, begin[q, b]:begin[q, b + 1]]`` are the pixels of pair q whose paths end in bin b.
+        ``order[q, begin[q, b]:begin[q, b + 1]]`` are the pixels of pair q whose paths end in bin b; the rest as in the
+        adjoint.
         """
         m, q = cuda.grid(2)
         channel = cuda.blockIdx.z * group
         size = profile.shape[2]
-        if m >= size or q >= profile.shape[1]:
+        if m >= size or q >= profile.shape[0]:
             return
-        held = min(group, profile.shape[0] - channel)
-        total = cuda.local.array(group, complex64)
+        form = cuda.local.array(powers, float32)
+        real, imag = cuda.local.array(group, float32), cuda.local.array(group, float32)
         for c in range(group):
-            total[c] = complex64(0)
-        below = (1 << shift) - 1
-        unit = float32(1.0 / (1 << shift))
-        i, j = tx[q], rx[q]
+            real[c] = imag[c] = float32(0)
+        below = uint32((1 << shift) - 1)
         # A table longer than the transform wraps: the thread of a bin takes every turn of it.
-        for bin_ in range((m - first) % size, bins, size):
-            for a in range(weight.shape[0]):
+        for bin_ in range((m - first) & (size - 1), bins, size):
+            for a in range(width):
                 b = bin_ - a
                 if b < 0 or b + 1 >= begin.shape[1]:
                     continue
+                for n in range(powers):
+                    form[n] = weight[a, n]
                 for e in range(begin[q, b], begin[q, b + 1]):
-                    p = order[q, e]
-                    d = (int64(delay[i, p]) + int64(delay[j, p]) - origin) & _LOW32
-                    y = float32(d & below) * unit - float32(0.5)
-                    tap = weight[a, weight.shape[1] - 1]
-                    for n in range(weight.shape[1] - 2, -1, -1):
-                        tap = tap * y + weight[a, n]
-                    turn = (phasor[i, p] * phasor[j, p]).conjugate() * tap
+                    pixel = uint64(order[q, e])
+                    i, j = tx[q] + pixel, rx[q] + pixel
+                    d = uint32((int64(delay[i]) + int64(delay[j]) - origin) & _LOW32)
+                    y = float32(uint32(d & below)) * unit - float32(0.5)
+                    tap = form[powers - 1]
+                    for n in range(powers - 2, -1, -1):
+                        tap = tap * y + form[n]
+                    (ci, si), (cj, sj) = _parts(phasor[i]), _parts(phasor[j])
+                    cosine, sine = tap * (ci * cj - si * sj), tap * (ci * sj + si * cj)
                     for c in range(group):
-                        if c < held:
-                            total[c] += image[channel + c, p] * turn
+                        if channel + c < profile.shape[1]:
+                            x, z = _parts(image[channel + c, pixel])
+                            real[c] += x * cosine
+                            real[c] += z * sine
+                            imag[c] += z * cosine
+                            imag[c] -= x * sine
         for c in range(group):
-            if c < held:
-                profile[channel + c, q, m] = total[c]
+            if channel + c < profile.shape[1]:
+                profile[q, channel + c, m] = complex64(complex(real[c], imag[c]))
 
     return forward

@@ -21,6 +21,8 @@ GRID = Grid(-6.0, 7.0, 240, 380, 0.05, 0.05)
 """Ground grid, 91,200 pixels."""
 BATCH = 32
 """Scans in flight on a CUDA device."""
+REPEATS = 10
+"""Launches that are timed together on a CUDA device."""
 CHECKED_PIXELS = 2000
 CHECKED_TONES = 57
 
@@ -123,20 +125,28 @@ def own_cases(scan: Scan, truth: Truth, device: str) -> list[Case]:
     ]
     if device == "cuda":
         batch, images_of = np.repeat(scan.data[None], BATCH, axis=0), images.image_buffer(BATCH, 3)
-        run = lambda: images.adjoint(batch, images_of)  # noqa: E731
-        cases.append(Case(f"15 images of {BATCH} scans", code, run, truth.images, 15, images.width, BATCH))
+        single, image_of = np.ascontiguousarray(batch[:, :1]), one.image_buffer(BATCH, 1)
+        runs = (lambda: images.adjoint(batch, images_of)), (lambda: one.adjoint(single, image_of))
+        cases += [
+            Case(f"15 images of {BATCH} scans", code, runs[0], truth.images, 15, images.width, BATCH),
+            Case(f"one channel of {BATCH} scans", code, runs[1], truth.channel, 1, one.width, BATCH),
+        ]
     return cases
 
 
 def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> pd.DataFrame:
     """Time the imaging operator, and perhaps installed other codes, in interleaved rounds, whose medians count.
 
+    On a CUDA device the other code is cuFINUFFT, and the sums alone are timed too, on data on the device already.
     It gives a row per case: ``work``, ``code``, ``time`` (s per scan), ``error`` (relative L2 against direct sums),
     ``rate`` (updates per second; an update is one pixel, pair and image), ``ratio`` (time over this package's at the
     same work) and ``roofline`` (least time that the measured peaks allow, over the time; this package on the CPU only).
     """
     if rounds < 1:
         raise ValueError(f"rounds must be at least 1, got {rounds}")
+    place = [[0.0, 0.0, 5.0]]
+    # Refuses a device that is not here before anything is summed.
+    ImagingOperator([1e9, 1.1e9], place, place, [[0.0, 8.0, 0.0]], device=device)
     scan = sri_scan()
     truth = direct_sums(scan)
     cases = own_cases(scan, truth, device)
@@ -144,7 +154,8 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     if peers:
         from flgpr.tasks.bench_peers import missing_peers, peer_cases
 
-        cases, missing = cases + peer_cases(scan, truth), missing_peers()
+        missing = missing_peers(device)
+        cases += peer_cases(scan, truth) if device == "cpu" else []
     errors = [_error(case, truth) for case in cases]
     times, flops, bandwidth = _interleave([case.run for case in cases], rounds)
     rows = []
@@ -155,7 +166,11 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
         limited = device == "cpu" and case.width > 0
         rows.append((case.work, case.code, seconds, error, updates / seconds, floor / seconds if limited else np.nan))
     if device == "cuda":
-        rows.append(_device_row(scan, rows[0]))
+        rows += _device_rows(scan, {row[0]: row for row in rows}, rounds)
+        if peers and not missing:
+            from flgpr.tasks.bench_peers import cufinufft_rows
+
+            rows += cufinufft_rows(scan, truth, rounds)
     table = pd.DataFrame(rows, columns=["work", "code", "time", "error", "rate", "roofline"])
     own = table[table["code"] == f"flgpr {device}"].set_index("work")["time"]
     table["ratio"] = table["time"] / table["work"].map(own)
@@ -164,12 +179,19 @@ def bench_imaging(peers: bool = False, rounds: int = 7, device: str = "cpu") -> 
     return table.sort_values(["work", "time"], ignore_index=True)
 
 
-def _device_row(scan: Scan, like: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Time the 15 images without transfers; ``like`` is the row of the same images with them."""
-    operator = ImagingOperator(scan.frequency, scan.tx, scan.rx, scan.pixels, SUBBANDS, 5e-4, device="cuda")
-    seconds = operator.engine.device_seconds(3, len(SUBBANDS))
-    updates = len(scan.pixels) * len(scan.tx) * 15
-    return ("15 images, on the device", like[1], seconds, like[3], updates / seconds, np.nan)
+def _device_rows(scan: Scan, like: dict[str, tuple[Any, ...]], rounds: int) -> list[tuple[Any, ...]]:
+    """Time images without transfers; ``like`` has the rows of the same images with them."""
+    rows = []
+    for work, polarizations, bands, tolerance in (("15 images", 3, SUBBANDS, 5e-4), ("one channel", 1, None, 1e-3)):
+        engine = ImagingOperator(scan.frequency, scan.tx, scan.rx, scan.pixels, bands, tolerance, device="cuda").engine
+        channels = len(bands) if bands else 1
+        updates = len(scan.pixels) * len(scan.tx) * polarizations * channels
+        for scans, name in ((1, work), (BATCH, f"{work} of {BATCH} scans")):
+            times = [engine.device_seconds(polarizations * scans, channels, REPEATS) for _ in range(rounds)]
+            for part, seconds in zip(("on the device", "interpolation alone"), np.median(times, axis=0), strict=True):
+                each = float(seconds) / scans
+                rows.append((f"{name}, {part}", like[name][1], each, like[name][3], updates / each, np.nan))
+    return rows
 
 
 def _error(case: Case, truth: Truth) -> float:

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads
+from numba import cuda, get_num_threads
 from numpy.typing import NDArray
 from scipy import fft
 
+from flgpr.kernels import gpu
 from flgpr.kernels.windows import band_weights, boxcar
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.tasks.bench import SUBBANDS, Case, Scan, Truth
 
 ComplexArray = NDArray[np.complex64]
 
+BIN_SIZES = (256, 512, 1024, 2048, 4096)
+"""Bins of cuFINUFFT that are tried; it takes none that its shared memory does not hold."""
 
-def missing_peers() -> list[str]:
-    """Name the peers that are not installed."""
-    return [name for name in ("finufft", "fastsar") if importlib.util.find_spec(name) is None]
+
+def missing_peers(device: str = "cpu") -> list[str]:
+    """Name the peers of a device that are not installed."""
+    names = ("finufft", "fastsar") if device == "cpu" else ("cufinufft",)
+    return [name for name in names if importlib.util.find_spec(name) is None]
 
 
 def peer_cases(scan: Scan, truth: Truth) -> list[Case]:
@@ -165,3 +171,58 @@ def _fastsar_cases(scan: Scan, truth: Truth) -> list[Case]:
         Case("15 images", "fastsar", images, truth.images, 15),
         Case("one channel", "fastsar", one, truth.channel, 1),
     ]
+
+
+@cuda.jit
+def _add(values, carrier, total, begins):  # type: ignore[no-untyped-def]
+    """Add the channels of a pair, turned by its carrier, to those of the pairs before it."""
+    p, c = cuda.grid(2)
+    if p < total.shape[1]:
+        value = values[c, p] * carrier[p]
+        total[c, p] = value if begins else total[c, p] + value
+
+
+def cufinufft_rows(scan: Scan, truth: Truth, rounds: int) -> list[tuple[Any, ...]]:
+    """Rows of cuFINUFFT on data on the device, as those of :func:`flgpr.tasks.bench.bench_imaging`.
+
+    One plan per pair, all channels in one call of it; the carrier and the sum over the pairs are a kernel of ours. Of
+    both methods and some bin sizes the fastest is told.
+    """
+    cufinufft = importlib.import_module("cufinufft")
+    paths, count = _paths(scan), len(scan.pixels)
+    step = scan.frequency[1] - scan.frequency[0]
+    turns = paths * (step / SPEED_OF_LIGHT)
+    angles = [cuda.to_device(row) for row in (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)]
+    carriers = [cuda.to_device(row) for row in _carriers(scan, paths)]
+    rows = []
+    works = (("15 images", [_by_band(scan, q) for q in range(len(paths))], truth.images),
+             ("one channel", [scan.data[:1, q] for q in range(len(paths))], truth.channel))  # fmt: skip
+    for work, given, exact in works:
+        many = len(given[0])
+        data = [cuda.to_device(np.ascontiguousarray(one)) for one in given]
+        values, total = (cuda.device_array((many, count), np.complex64) for _ in range(2))
+        tried: list[tuple[float, str, float]] = []
+        for method, bins in ((m, b) for m in (1, 2) for b in BIN_SIZES):
+            options = {"eps": 1e-3, "isign": 1, "dtype": "complex64", "gpu_method": method, "gpu_binsizex": bins}
+            try:
+                plans = [cufinufft.Plan(2, (scan.frequency.size,), many, **options) for _ in paths]
+                for plan, angle in zip(plans, angles, strict=True):
+                    plan.setpts(angle)
+            except RuntimeError:  # a bin size that does not fit this device
+                continue
+            times = []
+            for _ in range(rounds + 1):
+                start = time.perf_counter()
+                for q, plan in enumerate(plans):
+                    plan.execute(data[q] if many > 1 else data[q][0], out=values if many > 1 else values[0])
+                    _add[(-(-count // gpu.THREADS), many), (gpu.THREADS, 1)](values, carriers[q], total, int(q == 0))
+                cuda.synchronize()
+                times.append(time.perf_counter() - start)
+            part = total.copy_to_host()[:, truth.pixel].reshape(exact.shape)
+            error = float(np.linalg.norm(part - exact) / np.linalg.norm(exact))
+            tried.append((float(np.median(times[1:])), f"cufinufft, method {method}, bins {bins}", error))
+        if tried:
+            seconds, code, error = min(tried)
+            rate = count * len(paths) * many / seconds
+            rows.append((f"{work}, on the device", code, seconds, error, rate, np.nan))
+    return rows
