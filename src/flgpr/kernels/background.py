@@ -19,7 +19,7 @@ def _magnitude(value: Any) -> Any:
     return np.float32(np.sqrt(re * re + im * im))
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-def]
     """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel).
 
@@ -54,7 +54,7 @@ def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-
         limit[c] = mean + clip * np.sqrt(spread / magnitude.size)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: ignore[no-untyped-def]
     """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
 
@@ -72,7 +72,7 @@ def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: i
             shared_total[c, i] += shared[c] * value
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def residual(images, gain, signature, out):  # type: ignore[no-untyped-def]
     """Magnitude of ``images/gain - signature`` (channel, pixel)."""
     for c in prange(images.shape[0]):
@@ -81,7 +81,7 @@ def residual(images, gain, signature, out):  # type: ignore[no-untyped-def]
             out[c, i] = _magnitude(images[c, i] * scale - signature[c, i])
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def subtract_and_divide(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
     """``(images/gain - signature)/background`` (channel, pixel); ``gain`` and ``background`` one per channel."""
     for c in prange(images.shape[0]):
@@ -91,7 +91,7 @@ def subtract_and_divide(images, gain, signature, background, out):  # type: igno
             out[c, i] = complex(value.real / level, value.imag / level)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def magnitude_over_background(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
     """Modulus of :func:`subtract_and_divide`."""
     for c in prange(images.shape[0]):

@@ -180,7 +180,7 @@ def _ranked(order: Any, image: Any) -> Any:
     return places, values, bins.reshape(ny, nx)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
@@ -194,7 +194,7 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: 
         _median_rows(places, values, bins, half_y, half_x, step, first, last, out[i])
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
     orders = np.empty((images.shape[0], images.shape[1] * images.shape[2]), np.int32)
     for i in prange(images.shape[0]):
