@@ -98,6 +98,7 @@ class AlarmFeatures:
     subbands: Sequence[str]
     grid: Grid
     stages: Mapping[str, FeatureStage]
+    polarimetric: tuple[str, ...] | None = None  #: sub-bands whose polarimetric features are read; None reads all
 
     def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
         """Tell where the polarization and sub-band of a table stand in the images."""
@@ -164,7 +165,7 @@ class AlarmSums:
         if table is None:
             self._contrast = ContrastSums(alarms, how.grid, recipe.run_view.y_max, patch)
         else:
-            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi)
+            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric)
             settings = {"": main}
             if table.variants:
                 settings[SWAPPED] = main.swapped()

@@ -28,7 +28,7 @@ from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
 from flgpr.clutter import CausalBackground
-from flgpr.features import FEATURES
+from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
@@ -400,7 +400,9 @@ def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapp
     every = bool(stages) or recipe.map is not None  # stages see all of an image
     subbands = [band for band in recipe.image.subbands if every or band in needed]
     labels = list(recipe.image.polarizations) or description.polarization
-    return AlarmFeatures(recipe.model_copy(update={"features": features}), labels, subbands, recipe.near_grid(), stages)
+    polarimetric = tuple(band for band in subbands if any(f"{one}_{band}" in names for one in POLARIMETRIC))
+    reduced = recipe.model_copy(update={"features": features})
+    return AlarmFeatures(reduced, labels, subbands, recipe.near_grid(), stages, polarimetric)
 
 
 def _made(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, Stage]:
