@@ -1,11 +1,15 @@
 """Blocks of scans: sums over blocks are sums over scans."""
 
+import threading
+import time
+
+import numba
 import numpy as np
 import pandas as pd
 import pytest
 
 from flgpr.chain.lane_chain import array_table, table_arrays
-from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, blocks_of, bundled, group_of
+from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, added, blocks_of, bundled, group_of
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -110,6 +114,40 @@ class Counted:
     def _above(self, block):
         total = self.known["sum"]
         return self._gathered(lambda place: place > total["n"] / total["scans"])
+
+
+def test_threads_that_take_blocks_give_the_bits_of_one(monkeypatch):
+    """Sums of numbers of all magnitudes show another order; the first block takes longest."""
+    numbers = np.random.default_rng(1).standard_normal(200) * 10.0 ** np.arange(200)
+
+    class Slow(Chain):
+        def __init__(self):
+            super().__init__([Pass("sum", "sum", self._start)], numbers.size, {})
+            self.workers = set()
+
+        def _start(self, block):
+            total = np.zeros(1)
+
+            def add(index):
+                self.workers.add(threading.current_thread().name)
+                time.sleep(0.01 if index < 32 else 0.001)
+                if self.concurrent and index == 199:
+                    raise ValueError("the last scan is broken")
+                total[:] += numbers[index]
+
+            return added({"total": total}, add)
+
+    chain, several = Slow(), Slow()
+    chain.go()
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+    several.concurrent = True
+    with pytest.raises(ValueError, match="last scan"):
+        several.go()
+    parts = list(several._parts("sum", range(12)))
+    assert [part["total"] for part in parts] == [chain.part("sum", number)["total"] for number in range(12)]
+    assert chain.workers == {"MainThread"}
+    assert len(several.workers) == 3  # the first block tells whether there may be more
 
 
 def test_a_chain_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_kept():

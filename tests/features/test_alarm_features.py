@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flgpr.features import FEATURES, FeatureSettings, FeatureSums, PatchShape, local_contrast
+from flgpr.features import FEATURES, POLARIMETRIC, FeatureSettings, FeatureSums, PatchShape, local_contrast
 from flgpr.model import Grid
 from reference import wang2007
 
@@ -60,6 +60,14 @@ def test_the_ten_features_are_equations_6_to_17(scans, swap, psi):
             want = wang2007.equations_6_to_17_features(magnitude, coherent, inner, guard, psi)
             for name in FEATURES:
                 assert got.loc[alarm, f"{name}_{band}"] == pytest.approx(want[name], rel=1e-5, abs=1e-6), name
+
+
+@pytest.mark.parametrize("wanted", [("F2",), ("F1",), ()])
+def test_polarimetric_features_of_some_sub_bands_leave_the_others_out(scans, wanted):
+    whole, some = features_of(scans), features_of(scans, FeatureSettings(polarimetric=wanted))
+    left_out = [f"{name}_{band}" for band in SUBBANDS if band not in wanted for name in POLARIMETRIC]
+    assert some[left_out].isna().all(axis=None)
+    pd.testing.assert_frame_equal(some.drop(columns=left_out), whole.drop(columns=left_out))
 
 
 def test_contrast_agrees_with_the_single_feature_routine():

@@ -199,6 +199,17 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     assert np.abs(live["confidence"].to_numpy()[at] - top["confidence"].to_numpy()).max() < spread
 
 
+def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, recipe, scans, played):
+    """A detector that forgets what it has gathered goes through all scans in memory again, late ones among them."""
+    order = [*scans[:30], scans[32], scans[30], scans[31], *scans[33:]]
+    for given in (scans, order):
+        detector, plain = start(run, recipe), start(run, recipe)
+        for scan in given:
+            plain._sums = None
+            assert detector.add(scan).alarms == plain.add(scan).alarms
+        pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
+
+
 PLUGIN = Path(__file__).parents[1] / "plugin"
 STAGE = '\n[[columns]]\nstage = "sharpness"\nradius = 0.3\n'
 DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["sharp_HH", "C_HH_F1"]\n'

@@ -98,6 +98,7 @@ class AlarmFeatures:
     subbands: Sequence[str]
     grid: Grid
     stages: Mapping[str, FeatureStage]
+    polarimetric: tuple[str, ...] | None = None  #: sub-bands whose polarimetric features are read; None reads all
 
     def channel(self, table: ContrastTable | PrescreenTable) -> tuple[int, int]:
         """Tell where the polarization and sub-band of a table stand in the images."""
@@ -112,13 +113,13 @@ class AlarmFeatures:
         background: Background,
         own: bool = False,
     ) -> CleanedScan:
-        """Clean a scan's image as far as its features need it, and ``own`` if asked for; its rows are the grid's."""
-        table = self.recipe.features
-        coherent = background.coherent(image, gain) if table is not None else None
+        """Clean a scan's image as far as its features need it, and ``own`` if asked for: the rows of the grid."""
+        table, rows = self.recipe.features, self.grid.ny
+        coherent = background.coherent(image, gain, rows) if table is not None else None
         own = own or bool(self.stages) or (table is not None and table.variants)
         return CleanedScan(
-            number, pose, background.magnitude(image, gain), coherent,
-            background.own_coherent(image, gain) if own else None,
+            number, pose, background.magnitude(image, gain, rows), coherent,
+            background.own_coherent(image, gain, rows) if own else None,
         )  # fmt: skip
 
     def labelled(self, scan: CleanedScan) -> xr.DataArray:
@@ -151,17 +152,20 @@ class AlarmFeatures:
 
 
 class AlarmSums:
-    """Features of alarms (x, y in the lane frame, m), gathered scan by scan; ``rows`` are their numbers among all."""
+    """Features of alarms (x, y in the lane frame, m), gathered scan by scan.
+
+    ``rows``, ascending, are their numbers among all.
+    """
 
     def __init__(self, how: AlarmFeatures, alarms: pd.DataFrame, rows: NDArray[np.intp] | None = None) -> None:
-        self._how, self._rows = how, np.arange(len(alarms)) if rows is None else rows
+        self._how, self.rows = how, np.arange(len(alarms)) if rows is None else rows
         recipe, table, patch = how.recipe, how.recipe.features, how.recipe.contrast.patch()
         self._contrast: ContrastSums | None = None
         self._ten: dict[str, FeatureSums] = {}  # by prefix
         if table is None:
             self._contrast = ContrastSums(alarms, how.grid, recipe.run_view.y_max, patch)
         else:
-            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi)
+            main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric)
             settings = {"": main}
             if table.variants:
                 settings[SWAPPED] = main.swapped()
@@ -194,13 +198,15 @@ class AlarmSums:
     def state(self) -> Arrays:
         """Give what was gathered."""
         states = {name: one.state() for name, one in self._parts.items()}
-        return bundled({name: one | {"row": self._rows[one["row"]]} for name, one in states.items()})
+        return bundled({name: one | {"row": self.rows[one["row"]]} for name, one in states.items()})
 
     def merge(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take in what another gathered of other scans, of alarms that are all among these."""
+        """Take in what another gathered of other scans, of alarms that are among these."""
         for name, one in self._parts.items():
             theirs = group_of(state, name)
-            one.merge(theirs | {"row": np.searchsorted(self._rows, theirs["row"])})
+            ours = np.isin(theirs["row"], self.rows)
+            theirs = {key: value[ours] for key, value in theirs.items()}
+            one.merge(theirs | {"row": np.searchsorted(self.rows, theirs["row"])})
 
     def table(self) -> pd.DataFrame:
         """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""

@@ -188,6 +188,8 @@ class LaneChain(Chain):
         self._remembers = len(self.variations) > 1 and 8 * len(self.imager) * channels <= CACHE
         self._images: dict[tuple[int, bool], xr.DataArray] = {}
         self._cleaned: dict[str, CleanedRun] = {}
+        # Stages may keep what they need again from scan to scan.
+        self.concurrent = self.images.plain and not made and len(self.variations) == 1
 
     def _passes(self, made: Mapping[str, Stage], truth: pd.DataFrame | None) -> list[Pass]:
         """List the passes, up to the one that the first stage that has not learnt yet learns from."""

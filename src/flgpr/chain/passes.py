@@ -7,12 +7,15 @@ result depend neither on how many work on it, nor where, nor on what was interru
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +23,7 @@ from flgpr.chain.progress import Track, silent
 
 BLOCK = 16
 """Most scans in a block."""
+_MANY = 4  # blocks per thread from which on threads that take whole blocks are seldom left without one
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -73,6 +77,9 @@ def blocks_of(scans: int) -> list[range]:
 class Chain:
     """Passes over so many complete scans, and what is ``known`` of their results, by pass."""
 
+    concurrent = False
+    """Whether several threads may work on blocks at once."""
+
     def __init__(self, passes: Sequence[Pass], scans: int, known: MutableMapping[str, Any]) -> None:
         self.passes = {one.name: one for one in passes}
         self.blocks, self.known = blocks_of(scans), known
@@ -108,13 +115,36 @@ class Chain:
         for name in self.passes if names is None else names:
             if name not in self.known:
                 every = self.numbers(name)
-                numbers = track(every, self.passes[name].title, len(every))
+                parts = track(self._parts(name, every), self.passes[name].title, len(every))
                 if self.passes[name].stored:
-                    for number in numbers:
-                        self.known[part_name(name, number)] = self.part(name, number)
+                    for number, part in zip(every, parts, strict=True):
+                        self.known[part_name(name, number)] = part
                     self.known[name] = {}
                 else:
-                    self.known[name] = self.fold(name, (self.part(name, number) for number in numbers))
+                    self.known[name] = self.fold(name, parts)
+
+    def _parts(self, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+        """Work on blocks and give what was gathered of each, in their order.
+
+        Many blocks are dealt to threads, one block each: threads that share a kernel's loop wait for one another at
+        every call.
+        """
+        threads, left = numba.get_num_threads(), iter(numbers)
+        if self.concurrent and threads > 1 and len(numbers) >= _MANY * threads:
+            yield self.part(name, next(left))
+            # The first block has called parallel kernels; numba's own threads can serve a single caller at a time.
+            if numba.threading_layer() != "workqueue":
+                yield from self._at_once(name, left, threads)
+        yield from (self.part(name, number) for number in left)
+
+    def _at_once(self, name: str, numbers: Iterator[int], threads: int) -> Iterator[Arrays]:
+        waiting: deque[Future[Arrays]] = deque()
+        with ThreadPoolExecutor(threads, "flgpr-block", numba.set_num_threads, (1,)) as pool:
+            for number in numbers:
+                waiting.append(pool.submit(self.part, name, number))
+                if len(waiting) > threads:
+                    yield waiting.popleft().result()
+            yield from (one.result() for one in waiting)
 
 
 def bundled(groups: Mapping[str, Arrays]) -> Arrays:

@@ -25,9 +25,12 @@ from flgpr.clutter.background import (
 )
 from flgpr.kernels.background import (
     add_clipped,
+    blend_clipped,
     gain_and_limit,
     magnitude_over_background,
+    mean_of_nodes,
     residual,
+    root_mean_square,
     subtract_and_divide,
 )
 from flgpr.kernels.filters import median_stack
@@ -53,28 +56,35 @@ class Background:
         """Give the background of the nearest ``rows`` image rows."""
         return Background(**{name: np.ascontiguousarray(one[..., :rows, :]) for name, one in vars(self).items()})
 
-    def magnitude(self, image: ComplexArray, gain: FloatArray) -> MagnitudeArray:
-        """Clean an image by channel with its scan gain: m'', in units of the background (Wang et al. 2007, Eq. 5)."""
-        out = np.empty(image.shape, np.float32)
+    def magnitude(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> MagnitudeArray:
+        """Clean an image by channel with its scan gain: m'', in units of the background (Wang et al. 2007, Eq. 5).
+
+        ``rows`` are those nearest, by default all of the image's; the background may reach farther.
+        """
+        out = np.empty(_near(image, rows), np.float32)
         magnitude_over_background(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
         return out
 
-    def own_coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
+    def own_coherent(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> ComplexArray:
         """Clean an image channel by channel and keep its phase, as the paper's polarimetric features have it.
 
         Its modulus is :meth:`magnitude`.
         """
-        out = np.empty(image.shape, np.complex64)
+        out = np.empty(_near(image, rows), np.complex64)
         subtract_and_divide(_flat(image), gain.ravel(), _flat(self.signature), _flat(self.gain), _flat(out))
         return out
 
-    def coherent(self, image: ComplexArray, gain: FloatArray) -> ComplexArray:
+    def coherent(self, image: ComplexArray, gain: FloatArray, rows: int | None = None) -> ComplexArray:
         """Clean an image with what the polarizations of a sub-band share: ``(v/r̄ - B1)/B̄2``."""
-        out = np.empty(image.shape, np.complex64)
+        out = np.empty(_near(image, rows), np.complex64)
         shared = np.broadcast_to(shared_gain(gain), gain.shape).ravel()
-        level = np.broadcast_to(self.shared_gain, image.shape).reshape(-1, image.shape[-2] * image.shape[-1])
-        subtract_and_divide(_flat(image), shared, _flat(self.shared_signature), level, _flat(out))
+        subtract_and_divide(_flat(image), shared, _flat(self.shared_signature), _flat(self.shared_gain), _flat(out))
         return out
+
+
+def _near(image: ComplexArray, rows: int | None) -> tuple[int, ...]:
+    """Shape of the nearest rows of an image."""
+    return (*image.shape[:-2], image.shape[-2] if rows is None else min(rows, image.shape[-2]), image.shape[-1])
 
 
 def shared_gain(gain: FloatArray) -> FloatArray:
@@ -137,7 +147,7 @@ class BackgroundEstimator:
             raise ValueError(
                 f"add_gain must be called once per scan of the first pass, got more than {len(self.gains)}"
             )
-        smooth = self._smooth(image[..., self._rows, :], self.gains[self._smoothed], signature)
+        smooth = self._smooth(image, self.gains[self._smoothed], signature)
         self._median = smooth if self._median is None else self._median + smooth
         self._smoothed += 1
 
@@ -238,19 +248,19 @@ class BackgroundEstimator:
         return gain, limit
 
     def _smooth(self, image: ComplexArray, gain: FloatArray, signature: ComplexArray) -> FloatArray:
-        out = np.empty(image.shape, np.float32)
+        out = np.empty(signature.shape, np.float32)
         residual(_flat(image), gain.ravel(), _flat(signature), _flat(out))
-        return median_stack(out.reshape(-1, *image.shape[2:]), self.median_size, self.step).astype(np.float64)
+        return median_stack(out.reshape(-1, *out.shape[2:]), self.median_size, self.step).astype(np.float64)
 
     def _spread_out(self, medians: FloatArray) -> MagnitudeArray:
         """Mean filter, which is linear and so can come once after the mean over the scans."""
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
-        row, column = (_nodes(n, size // 2, self.step) for n, size in zip(self._shape[2:], self.mean_size, strict=True))
+        sizes = zip(self._shape[2:], self.mean_size, strict=True)
+        row, column = (np.stack(_nodes(n, size // 2, self.step)) for n, size in sizes)
         sums = np.pad(medians.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
-        rows = sums[:, row[1]] - sums[:, row[0]]
-        count = (row[1] - row[0])[:, None] * (column[1] - column[0])
-        level = ((rows[:, :, column[1]] - rows[:, :, column[0]]) / count).astype(np.float32)
+        level = np.empty((len(medians), *self._shape[2:]), np.float32)
+        mean_of_nodes(sums, row, column, level)
         if not (level > 0).all():
             raise ValueError("gain background must be positive everywhere, got zero: images equal their self-signature")
         return level.reshape(self._shape)
@@ -262,7 +272,9 @@ def shared_level(level: MagnitudeArray, gains: FloatArray) -> MagnitudeArray:
     ``level`` (polarization, subband, y, x) is B2 of every channel in units of its own gain.
     """
     ratio = np.mean(gains / shared_gain(gains), axis=0)
-    return np.sqrt(np.mean((level * ratio[..., None, None]) ** 2, axis=0)).astype(np.float32)
+    out = np.empty(level.shape[1:], np.float32)
+    root_mean_square(np.ascontiguousarray(level).reshape(*level.shape[:2], -1), ratio, _flat(out))
+    return out
 
 
 class CausalBackground:
@@ -271,7 +283,7 @@ class CausalBackground:
     Self-signature and medians are running means, over all scans or, with ``span``, fading with that many scans, which
     follows a self-signature that drifts. The residuals of earlier scans are not made anew when the self-signature
     improves. A scan enters the estimate before it is cleaned with it; the first is cleaned after ``warm_up`` scans, at
-    least 2. The windows are those of :class:`BackgroundEstimator`.
+    least 2. The windows and ``rows`` are those of :class:`BackgroundEstimator`.
     """
 
     def __init__(
@@ -281,38 +293,46 @@ class CausalBackground:
         step: int = 3,
         span: int | None = None,
         warm_up: int = 5,
+        rows: int | None = None,
     ) -> None:
         if warm_up < 2 or (span is not None and span < 2):
             raise ValueError(f"warm_up and span must be at least 2 scans, got {warm_up} and {span}")
-        self._settings: dict[str, Any] = {"median_size": median_size, "mean_size": mean_size, "step": step}
-        self._tool = BackgroundEstimator(**self._settings)
+        self._tool = BackgroundEstimator(median_size, mean_size, step, rows=rows)
         self._span, self._warm_up, self._count = span, warm_up, 0
-        self._means: list[Any] = []
+        self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians
+        self._given = False  # whether someone else has hold of them
 
     def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
         """Take the next scan in; give its gain and what to clean it with, None during the warm-up."""
-        one = BackgroundEstimator(**self._settings)
-        gain = one.add_signature(image)
-        self._tool._shape = self._tool._shape or image.shape
-        if image.shape != self._tool._shape:
-            raise ValueError(f"image must have the shape {self._tool._shape} of those before, got {image.shape}")
+        tool = self._tool
+        near = image[..., tool._rows, :].shape
+        tool._shape = tool._shape or near
+        gain, limit = tool._measure(image)
         self._count += 1
-        weight = 1 / min(self._count, self._span or self._count)
-        new = [one._own_total, one._shared_total, gain / shared_gain(gain)]
-        self._means[:3] = [_blend(old, value, weight) for old, value in zip(self._means[:3] or new, new, strict=True)]
+        weight, common = 1 / min(self._count, self._span or self._count), shared_gain(gain)
+        signatures, ratio = [], gain / common
+        if not self._means:
+            self._means = [*(np.zeros((near[0] * near[1], near[2] * near[3]), np.complex128) for _ in range(2)), ratio]
+        for i, scale in enumerate((1 / gain.ravel(), (1 / np.broadcast_to(common, gain.shape)).ravel())):
+            mean, signature = self._means[i], np.empty(near, np.complex64)
+            self._means[i] = np.empty_like(mean) if self._given else mean
+            blend_clipped(_flat(image), limit.ravel(), scale, weight, mean, self._means[i], _flat(signature))
+            signatures.append(signature)
+        self._means[2], self._given = _blend(self._means[2], ratio, weight), False
         if self._count < 2:
             return gain, None
-        signature, shared = (mean.astype(np.complex64).reshape(image.shape) for mean in self._means[:2])
-        smooth = self._tool._smooth(image, gain, signature)
+        own, shared = signatures
+        smooth = tool._smooth(image, gain, own)
         share = 1 / min(self._count - 1, self._span or self._count)
         self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
         if self._count < self._warm_up:
             return gain, None
-        level = self._tool._spread_out(self._means[3])
-        return gain, Background(signature, level, shared, shared_level(level, self._means[2][None]))
+        level = tool._spread_out(self._means[3])
+        return gain, Background(own, level, shared, shared_level(level, self._means[2][None]))
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what has been learnt, for a later :meth:`restore`; later scans do not change it."""
+        self._given = True
         found = {"count": np.array(self._count), "shape": np.array(self._tool._shape or (), np.int64)}
         return found | {f"mean{i}": value for i, value in enumerate(self._means)}
 
@@ -325,7 +345,7 @@ class CausalBackground:
             raise ValueError(f"state must hold {', '.join(missing)}, which it does not")
         self._count = count
         self._tool._shape = tuple(int(n) for n in state["shape"]) or None
-        self._means = [np.asarray(state[name]) for name in means]
+        self._means, self._given = [np.asarray(state[name]) for name in means], True
 
 
 def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -33,6 +33,7 @@ class FeatureSettings:
     y_max: float = 16.0  #: farthest distance ahead of the array that counts, m
     #: how angles ψ are averaged: as directions, modulo 180°, or as numbers as the paper has it
     psi: Literal["circular", "linear"] = "circular"
+    polarimetric: tuple[str, ...] | None = None  #: sub-bands whose polarimetric features are wanted; None wants all
 
     def __post_init__(self) -> None:
         if any(n < 1 or n % 2 == 0 for n in self.inner):
@@ -43,7 +44,7 @@ class FeatureSettings:
     def swapped(self) -> FeatureSettings:
         """Give the same settings with cross-track and down-track exchanged in all regions."""
         patch = PatchShape(self.patch.size, self.patch.spacing, self.patch.inner[::-1], self.patch.guard[::-1])
-        return FeatureSettings(patch, self.inner[::-1], self.y_max, self.psi)
+        return replace(self, patch=patch, inner=self.inner[::-1])
 
 
 class FeatureSums:
@@ -73,6 +74,9 @@ class FeatureSums:
         self._centres = ground_points(alarms)
         self._order = np.argsort(self._centres[:, 1], kind="stable")
         self._regions = region_codes(self.settings.patch)
+        wanted = self.settings.polarimetric
+        bands = [i for i, band in enumerate(self.subbands) if wanted is None or band in wanted] or [-1]
+        self._coherent = slice(max(bands[0], 0), bands[-1] + 1)
         shape = (len(alarms), len(self.subbands))
         self._peak = {name: np.full(shape, -np.inf) for name in ("HH", "VV")}
         self._sum = {name: np.zeros(shape) for name in ("C_HH", "C_VV", "R_HH_HV", "R_VV_HV", "HH", "VV")}
@@ -179,20 +183,21 @@ class FeatureSums:
             & (x - nx - half >= 0)
             & (x + nx + half < self.grid.nx)
         )
-        seen, weight, y, x = seen[fits], weight[fits], y[fits], x[fits]
-        if not seen.size:
+        bands = self._coherent
+        seen, weight, y, x = seen[fits], weight[fits, bands], y[fits], x[fits]
+        if not weight.size:
             return
         rows = y[:, None, None] + np.arange(-ny - half, ny + half + 1)[:, None]
         columns = x[:, None, None] + np.arange(-nx - half, nx + half + 1)
-        patch = coherent[:, :, rows, columns].astype(np.complex128)  # polarization, subband, alarm, y, x
+        patch = coherent[:, bands, rows, columns].astype(np.complex128)  # polarization, subband, alarm, y, x
         hh, hv, vv = patch[self._hh], patch[self._hv], patch[self._vv]
         inner = (Ellipsis, slice(half, -half), slice(half, -half))
         entropy, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _AVERAGE))
         tau, psi = cameron(hh[inner], hv[inner], vv[inner])
         for name, value in zip(POLARIMETRIC, (entropy, alpha, tau, psi), strict=True):
-            self._angle[name][seen] += weight * value.mean(axis=(-2, -1)).T
-        self._turn[seen] += weight * np.exp(2j * psi).mean(axis=(-2, -1)).T
-        self._angle["weight"][seen] += weight
+            self._angle[name][seen, bands] += weight * value.mean(axis=(-2, -1)).T
+        self._turn[seen, bands] += weight * np.exp(2j * psi).mean(axis=(-2, -1)).T
+        self._angle["weight"][seen, bands] += weight
 
 
 def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:

@@ -58,8 +58,7 @@ class ScanImager:
         if not self.scans.size:
             raise ValueError(f"run must have a scan without missing sweeps, got none among {complete.size}")
         self._poses = np.asarray(run["pose"].values, dtype=np.float64)
-        self._key: tuple[float, ...] | None = None
-        self._operator: ImagingOperator | None = None
+        self._held: tuple[tuple[float, ...], ImagingOperator] | None = None
 
     def __len__(self) -> int:
         return len(self.scans)
@@ -72,10 +71,10 @@ class ScanImager:
         """Imaging operator of a scan on the grid."""
         pose = self._poses[scan]
         key = tuple(pose[[2, 4, 5]])
-        if self._operator is None or key != self._key:
-            self._operator = self.operator_on(scan, self.grid.points(), self.subbands)
-            self._key = key
-        return self._operator
+        held = self._held  # read and set in one step: several threads may ask
+        if held is None or held[0] != key:
+            held = self._held = key, self.operator_on(scan, self.grid.points(), self.subbands)
+        return held[1]
 
     def operator_on(
         self, scan: int, points: NDArray[np.float64], subbands: Mapping[str, tuple[float, float]] | None = None

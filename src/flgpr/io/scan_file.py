@@ -13,6 +13,7 @@ import struct
 import sys
 import zlib
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -67,7 +68,7 @@ class RunDescription:
         """Samples of a scan: polarizations, pairs, tones."""
         return len(self.polarization), len(self.tx_position), self.frequency.size
 
-    @property
+    @cached_property
     def run_id(self) -> str:
         """Sixteen hexadecimal digits that scans of this run carry."""
         return sha256(canonical_json(self.as_json()))[:16]

@@ -19,7 +19,23 @@ def _magnitude(value: Any) -> Any:
     return np.float32(np.sqrt(re * re + im * im))
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True)
+def _near(limit: float) -> float:
+    """Square of a magnitude below which none need be taken to know that it is below the limit: that is dear."""
+    return limit * limit * (1 - 1e-9)
+
+
+@njit(cache=True)
+def _clipped(pixel: Any, limit: float, near: float) -> Any:
+    value = np.complex128(pixel)
+    if value.real * value.real + value.imag * value.imag > near:
+        magnitude = abs(value)
+        if magnitude > limit:
+            value *= limit / magnitude
+    return value
+
+
+@njit(parallel=True, nogil=True, cache=True)
 def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-def]
     """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel).
 
@@ -54,47 +70,91 @@ def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-
         limit[c] = mean + clip * np.sqrt(spread / magnitude.size)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: ignore[no-untyped-def]
     """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
 
     The totals may hold the first pixels alone.
     """
     for c in prange(images.shape[0]):
-        near = limit[c] * limit[c] * (1 - 1e-9)  # below it no magnitude need be taken, which is dear
+        near = _near(limit[c])
         for i in range(own_total.shape[1]):
-            value = np.complex128(images[c, i])
-            if value.real * value.real + value.imag * value.imag > near:
-                magnitude = abs(value)
-                if magnitude > limit[c]:
-                    value *= limit[c] / magnitude
+            value = _clipped(images[c, i], limit[c], near)
             own_total[c, i] += own[c] * value
             shared_total[c, i] += shared[c] * value
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
+def blend_clipped(images, limit, scale, weight, means, out, signature):  # type: ignore[no-untyped-def]
+    """Move ``means`` (channel, pixel) by ``weight`` towards ``images``, clipped in magnitude, times ``scale``.
+
+    The means may hold the first pixels alone; they go to ``out``, which may be the same, and with less precision to
+    ``signature``.
+    """
+    for c in prange(images.shape[0]):
+        near = _near(limit[c])
+        for i in range(means.shape[1]):
+            mean = means[c, i]
+            mean += weight * (scale[c] * _clipped(images[c, i], limit[c], near) - mean)
+            out[c, i] = mean
+            signature[c, i] = mean
+
+
+@njit(parallel=True, nogil=True, cache=True)
 def residual(images, gain, signature, out):  # type: ignore[no-untyped-def]
-    """Magnitude of ``images/gain - signature`` (channel, pixel)."""
+    """Magnitude of ``images/gain - signature`` (channel, pixel), of as many pixels as ``out`` holds."""
     for c in prange(images.shape[0]):
         scale = np.float32(1 / gain[c])
-        for i in range(images.shape[1]):
+        for i in range(out.shape[1]):
             out[c, i] = _magnitude(images[c, i] * scale - signature[c, i])
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
+def mean_of_nodes(sums, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Mean of the nodes of a coarse lattice inside a window about every pixel of ``out`` (channel, y, x).
+
+    ``sums`` (channel, row, column) are their sums from the first on, a zero before them; ``rows`` (2, y) and
+    ``columns`` (2, x) the first of them inside the window and the one after the last.
+    """
+    for c in prange(out.shape[0]):
+        line = np.empty(sums.shape[2])
+        for y in range(out.shape[1]):
+            for k in range(line.size):
+                line[k] = sums[c, rows[1, y], k] - sums[c, rows[0, y], k]
+            height = rows[1, y] - rows[0, y]
+            for x in range(out.shape[2]):
+                first, last = columns[0, x], columns[1, x]
+                out[c, y, x] = (line[last] - line[first]) / (height * (last - first))
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def root_mean_square(level, ratio, out):  # type: ignore[no-untyped-def]
+    """Root mean square over the first axis of ``level`` (polarization, subband, pixel) times ``ratio``."""
+    for b in prange(out.shape[0]):
+        for i in range(out.shape[1]):
+            total = 0.0
+            for p in range(level.shape[0]):
+                total += (level[p, b, i] * ratio[p, b]) ** 2
+            out[b, i] = np.sqrt(total / level.shape[0])
+
+
+@njit(parallel=True, nogil=True, cache=True)
 def subtract_and_divide(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
-    """``(images/gain - signature)/background`` (channel, pixel); ``gain`` and ``background`` one per channel."""
+    """``(images/gain - signature)/background`` (channel, pixel), of as many pixels as ``out`` holds.
+
+    One ``gain`` per channel; backgrounds serve every channel in turn where they are fewer.
+    """
     for c in prange(images.shape[0]):
-        scale = np.float32(1 / gain[c])
-        for i in range(images.shape[1]):
-            value, level = images[c, i] * scale - signature[c, i], background[c, i]
-            out[c, i] = complex(value.real / level, value.imag / level)
+        scale, level = np.float32(1 / gain[c]), background[c % background.shape[0]]
+        for i in range(out.shape[1]):
+            value = images[c, i] * scale - signature[c, i]
+            out[c, i] = complex(value.real / level[i], value.imag / level[i])
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def magnitude_over_background(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
     """Modulus of :func:`subtract_and_divide`."""
     for c in prange(images.shape[0]):
         scale = np.float32(1 / gain[c])
-        for i in range(images.shape[1]):
+        for i in range(out.shape[1]):
             out[c, i] = _magnitude(images[c, i] * scale - signature[c, i]) / background[c, i]

@@ -1,9 +1,9 @@
 """Median and mean over a rectangular window that shrinks at the image border, so that nothing beyond it is made up.
 
-The median takes the same time per pixel whatever the window (Perreault & Hébert 2007): every column keeps a histogram
-of the pixels it adds to the window, and the window's histogram gains a column and loses one at each step. The
-histograms count ranks, not values: a bin holds equally many pixels of the image, so that the few of them inside the
-window can be looked at one by one and the median is exact.
+Every column keeps a histogram of the pixels it adds to the window (Perreault & Hébert 2007), in three levels of 16 bins
+that are one vector of the machine each: at every level the window's bins are the sum of its columns', and the median is
+looked for below one of them. The histograms count ranks, not values: a bin holds equally many pixels of the image, so
+that the few of them inside the window can be looked at and the median is exact.
 """
 
 from __future__ import annotations
@@ -11,12 +11,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import int64, njit, prange, types, uint64
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-_FINE = 64  # bins per coarse bin
-_COARSE = 64
+_FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
 _DIGIT = 11  # bits sorted at a time
+_SHORT, _INDEX = ir.IntType(16), ir.IntType(64)
+_VECTOR, _ORDER = ir.VectorType(_SHORT, _FAN), ir.VectorType(ir.IntType(32), _FAN)
 
 
 @njit(cache=True)
@@ -48,112 +52,142 @@ def sorted_order(values: Any) -> Any:
     return order
 
 
-@njit(cache=True)
-def _add_column(total: Any, column: Any) -> None:
-    for i in range(total.size):
-        total[i] += column[i]
+def _row(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+    """Read ``_FAN`` 16-bit numbers of an array from ``at`` on."""
+    data = context.make_array(kind)(context, builder, array).data
+    start = builder.mul(at, ir.Constant(_INDEX, 2))
+    return builder.load(cgutils.pointer_add(builder, data, start, _VECTOR.as_pointer()), align=2)
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    none = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(none, builder.trunc(value, _SHORT), ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, none, ir.Constant(_ORDER, None))
+
+
+@intrinsic
+def _bin_of(_context, table, first, columns, wanted):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Find in which of 16 bins, summed over ``columns`` rows of ``table[first:]``, the ``wanted``-th counted pixel is.
+
+    Gives the bin and how many pixels those before it count.
+    """
+    pair = types.UniTuple(types.uint64, 2)
+
+    def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        zero = ir.Constant(_VECTOR, None)
+        total = cgutils.alloca_once_value(builder, zero)
+        with cgutils.for_range(builder, args[2], intp=_INDEX) as loop:
+            at = builder.add(args[1], builder.mul(loop.index, ir.Constant(_INDEX, _FAN)))
+            builder.store(builder.add(builder.load(total), _row(context, builder, sig.args[0], args[0], at)), total)
+        upto = builder.load(total)
+        for step in (1, 2, 4, 8):
+            moved = ir.Constant(_ORDER, [_FAN + i if i < step else i - step for i in range(_FAN)])
+            upto = builder.add(upto, builder.shuffle_vector(upto, zero, moved))
+        passed = builder.icmp_unsigned("<=", upto, _spread(builder, args[3]))
+        found = builder.zext(builder.ctpop(builder.bitcast(passed, _SHORT)), _INDEX)
+        sums = cgutils.alloca_once_value(builder, upto)
+        last = builder.sub(found, builder.zext(builder.icmp_unsigned(">", found, ir.Constant(_INDEX, 0)), _INDEX))
+        number = builder.load(builder.gep(builder.bitcast(sums, _SHORT.as_pointer()), [last]))
+        none = builder.icmp_unsigned("==", found, ir.Constant(_INDEX, 0))
+        before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(number, _INDEX))
+        return context.make_tuple(builder, pair, (found, before))
+
+    return pair(table, types.uint64, types.uint64, types.uint64), build
+
+
+@intrinsic
+def _inside(_context, places, at, box):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Tell as bits which of 16 ``places`` (y, x) from ``at`` on lie in a ``box``: first y, rows, first x, columns."""
+
+    def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        low_y, rows, low_x, columns = (_spread(builder, builder.extract_value(args[2], i)) for i in range(4))
+        y, x = (_row(context, builder, sig.args[0].dtype, builder.extract_value(args[0], i), args[1]) for i in range(2))
+        both = [
+            builder.icmp_unsigned("<", builder.sub(a, low), n) for a, low, n in ((y, low_y, rows), (x, low_x, columns))
+        ]
+        return builder.zext(builder.bitcast(builder.and_(*both), _SHORT), _INDEX)
+
+    return types.uint64(places, types.uint64, box), build
+
+
+@intrinsic
+def _ones(_context, bits):  # type: ignore[no-untyped-def]
+    """Count the bits that are set."""
+    return types.uint64(bits), lambda _context, builder, _sig, args: builder.ctpop(args[0])
+
+
+@intrinsic
+def _lowest(_context, bits):  # type: ignore[no-untyped-def]
+    """Place of the lowest bit that is set."""
+    return types.uint64(bits), lambda _c, builder, _s, args: builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
 
 
 @njit(cache=True)
-def _drop_column(total: Any, column: Any) -> None:
-    for i in range(total.size):
-        total[i] -= column[i]
+def _pick(places: Any, rank: int, last: int, wanted: Any, box: Any) -> int:
+    """Rank of the ``wanted``-th pixel in the ``box`` among the pixels of one bin, from ``rank`` to before ``last``."""
+    one = uint64(1)
+    while True:
+        bits = _inside(places, uint64(rank), box)
+        if last - rank < _FAN:
+            bits &= (one << uint64(last - rank)) - one
+        count = _ones(bits)
+        if wanted < count:
+            for _ in range(wanted):
+                bits &= bits - one
+            return rank + int64(_lowest(bits))
+        wanted -= count
+        rank += _FAN
 
 
 @njit(cache=True)
-def _move_column(total: Any, enters: Any, leaves: Any) -> None:
-    for i in range(total.size):
-        total[i] += enters[i] - leaves[i]
-
-
-@njit(cache=True)
-def _bring_up(fine: Any, groups: Any, have: int, first: int, span: int) -> None:
-    """Bring one coarse bin of the fine histogram from the window at group ``have`` to that at group ``first``."""
-    count = groups.shape[0]
-    if have < 0 or first - have > span // 2:
-        fine[:] = 0
-        for g in range(first, min(count, first + span)):
-            _add_column(fine, groups[g])
-        return
-    for at in range(have + 1, first + 1):
-        enter, leave = at + span - 1, at - 1
-        if enter < count:
-            _move_column(fine, groups[enter], groups[leave])
-        else:
-            _drop_column(fine, groups[leave])
-
-
-@njit(cache=True)
-def _pick(places: Any, rank: int, last: int, wanted: int, y0: int, y1: int, x0: int, x1: int) -> int:
-    """Rank of the ``wanted``-th pixel inside the window among the pixels of one bin, which begins at ``rank``."""
-    for at in range(rank, last):
-        y, x = places[at, 0], places[at, 1]
-        if y0 <= y < y1 and x0 <= x < x1:
-            if wanted == 0:
-                return at
-            wanted -= 1
-    return last - 1
+def _count(row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any, fine: Any) -> None:
+    """Add ``one`` to the three levels for every pixel of a row of bins."""
+    fan = uint64(_FAN)
+    for x in range(row.size):
+        b, g = uint64(row[x]), group[x]
+        half = b // fan
+        coarse[g * fan + half // fan] += one
+        middle[(half // fan * groups + g) * fan + half % fan] += one
+        fine[(half * groups + g) * fan + b % fan] += one
 
 
 @njit(cache=True)
 def _median_rows(
     places: Any, values: Any, bins: Any, half_y: int, half_x: int, step: int, first: int, last: int, out: Any
 ) -> None:
-    """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` lists the pixels (y, x) by rank.
+    """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` are the y and the x by rank.
 
     Columns that enter and leave the window together share a histogram: ``step`` of them where the window is as many
     whole groups. Group g begins ``half_x`` pixels before column g·wide, where the window about that column does.
     """
     ny, nx = bins.shape
-    width, wide = _bin_width(values.size), step if (2 * half_x + 1) % step == 0 else 1
-    span, groups = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
-    group = (np.arange(nx) + half_x) // wide
-    groups_coarse = np.zeros((groups, _COARSE), np.uint16)
-    groups_fine = np.zeros((_COARSE, groups, _FINE), np.uint16)
-    coarse, fine = np.empty(_COARSE, np.uint16), np.empty((_COARSE, _FINE), np.uint16)
-    upto = np.empty(_COARSE, np.int32)
+    width, wide = _bin_width(bins.size), step if (2 * half_x + 1) % step == 0 else 1
+    span, count = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
+    group, groups, fan = ((np.arange(nx) + half_x) // wide).astype(np.uint64), uint64(count), uint64(_FAN)
+    coarse, middle = np.zeros(count * _FAN, np.uint16), np.zeros(count * _FAN**2, np.uint16)
+    fine = np.zeros(count * _FAN**3, np.uint16)
     for y in range(first, last):
         y0, y1 = max(0, y - half_y), min(ny, y + half_y + 1)
         for v in range(y0 if y == first else y + half_y, y1):
-            for x in range(nx):
-                b, g = bins[v, x], group[x]
-                groups_coarse[g, b // _FINE] += 1
-                groups_fine[b // _FINE, g, b % _FINE] += 1
+            _count(bins[v], group, groups, np.uint16(1), coarse, middle, fine)
         if y > first and y - half_y - 1 >= 0:
-            for x in range(nx):
-                b, g = bins[y - half_y - 1, x], group[x]
-                groups_coarse[g, b // _FINE] -= 1
-                groups_fine[b // _FINE, g, b % _FINE] -= 1
+            _count(bins[y - half_y - 1], group, groups, np.uint16(0xFFFF), coarse, middle, fine)  # takes one away
         if y % step:
             continue
-        coarse[:] = 0
-        upto[:] = -1
-        for g in range(min(span, groups)):
-            _add_column(coarse, groups_coarse[g])
         for x in range(0, nx, step):
-            at = x // wide
-            for g in range(at - step // wide if x else at, at):
-                _drop_column(coarse, groups_coarse[g])
-                if g + span < groups:
-                    _add_column(coarse, groups_coarse[g + span])
+            at, columns = uint64(x // wide), uint64(min(span, count - x // wide))
             x0, x1 = max(0, x - half_x), min(nx, x + half_x + 1)
-            count = (y1 - y0) * (x1 - x0)
+            box = uint64(y0), uint64(y1 - y0), uint64(x0), uint64(x1 - x0)
+            pixels = (y1 - y0) * (x1 - x0)
             total = 0.0
-            for wanted in ((count - 1) // 2, count // 2):
-                segment, seen = 0, 0
-                while seen + coarse[segment] <= wanted:
-                    seen += coarse[segment]
-                    segment += 1
-                if upto[segment] != at:
-                    _bring_up(fine[segment], groups_fine[segment], upto[segment], at, span)
-                    upto[segment] = at
-                b = 0
-                while seen + fine[segment, b] <= wanted:
-                    seen += fine[segment, b]
-                    b += 1
-                start = (segment * _FINE + b) * width
-                total += values[_pick(places, start, min(start + width, values.size), wanted - seen, y0, y1, x0, x1)]
-                if count % 2:
+            for rank in ((pixels - 1) // 2, pixels // 2):
+                b, left = uint64(0), uint64(rank)
+                for table in (coarse, middle, fine):
+                    i, before = _bin_of(table, (b * groups + at) * fan, columns, left)
+                    b, left = b * fan + i, left - before
+                start = int64(b) * width
+                total += values[_pick(places, start, min(start + width, bins.size), left, box)]
+                if pixels % 2:
                     total *= 2
                     break
             out[y // step, x // step] = total / 2
@@ -161,26 +195,27 @@ def _median_rows(
 
 @njit(cache=True)
 def _bin_width(pixels: int) -> int:
-    return (pixels + _COARSE * _FINE - 1) // (_COARSE * _FINE)
+    return (pixels + _FAN**3 - 1) // _FAN**3
 
 
 @njit(cache=True)
 def _ranked(order: Any, image: Any) -> Any:
-    """Places and values by rank, and every pixel's bin."""
+    """Places (y, x) by rank, a vector's length more of them, values by rank, and every pixel's bin."""
     ny, nx = image.shape
     pixels, width = image.ravel(), _bin_width(order.size)
-    bins, places = np.empty(order.size, np.uint16), np.empty((order.size, 2), np.int16)
-    values, per_row = np.empty(order.size, image.dtype), 1 / nx
+    bins, values = np.empty(order.size, np.uint16), np.empty(order.size, image.dtype)
+    rows, columns = np.zeros(order.size + _FAN, np.int16), np.zeros(order.size + _FAN, np.int16)
+    per_row = 1 / nx
     for rank in range(order.size):
         y = int((order[rank] + 0.5) * per_row)  # a division of whole numbers takes several times as long
-        places[rank, 0], places[rank, 1] = y, order[rank] - y * nx
+        rows[rank], columns[rank] = y, order[rank] - y * nx
     for first in range(0, order.size, width):
         for rank in range(first, min(first + width, order.size)):
             values[rank], bins[order[rank]] = pixels[order[rank]], first // width
-    return places, values, bins.reshape(ny, nx)
+    return (rows, columns), values, bins.reshape(ny, nx)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
@@ -194,7 +229,7 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: 
         _median_rows(places, values, bins, half_y, half_x, step, first, last, out[i])
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
     orders = np.empty((images.shape[0], images.shape[1] * images.shape[2]), np.int32)
     for i in prange(images.shape[0]):

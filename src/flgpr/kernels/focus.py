@@ -27,7 +27,7 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
                 imaginary[c, k] += value.real * sine[k] + value.imag * cosine[k]
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
+@njit(parallel=True, nogil=True, error_model="numpy", cache=True)
 def focus(signal, wavenumber, path, kernel, out):  # type: ignore[no-untyped-def]
     """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
 

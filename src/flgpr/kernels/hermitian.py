@@ -51,7 +51,7 @@ def _solve(a: Any, v: Any) -> None:
         _rotate(a, v, 1, 2)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def eigen_3x3(matrices, values, vectors):  # type: ignore[no-untyped-def]
     """Decompose ``matrices`` (n, 3, 3); column i of ``vectors[n]`` belongs to ``values[n, i]``, in no order."""
     for n in prange(matrices.shape[0]):

@@ -9,7 +9,7 @@ INNER, OUTER = 1, 2
 PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, nogil=True, cache=True)
 def region_statistics(images, row, column, offset, regions, out):  # type: ignore[no-untyped-def]
     """Statistics of patches of ``images`` (channel, y, x) about fractional pixels ``row``, ``column`` (patch).
 

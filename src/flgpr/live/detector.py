@@ -28,9 +28,10 @@ from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
 from flgpr.clutter import CausalBackground
-from flgpr.features import FEATURES
+from flgpr.features import FEATURES, POLARIMETRIC
+from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
-from flgpr.model import Grid, Lane, lane_to_scan
+from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
 from flgpr.screen import counts, density_threshold, local_maxima, seen_along, view_array
 
 FloatArray = NDArray[np.float64]
@@ -119,9 +120,19 @@ class LiveDetector:
         self.mapper = next((one for one in made.values() if isinstance(one, MapStage)), None)
         self.reads = _reads(description, recipe, self.model, made)
         self.grid = self.reads.grid
-        self.background = CausalBackground(*recipe.smoothing, self.settings.span, self.settings.warm_up)
+        image, (median, _), (mean, _) = recipe.image, *recipe.smoothing[:2]
+        reach = self.grid.ny + median // 2 + mean // 2  # rows that the background of those that count hangs on
+        rows = min(reach, image.grid().ny)
+        self.background = CausalBackground(*recipe.smoothing, self.settings.span, self.settings.warm_up, rows)
+        self._pixels, self._taper = image.grid().points(), image.weights(description.frequency)
+        labels = list(description.polarization)
+        self._imaged = [labels.index(one) for one in image.polarizations or labels]
+        self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
+        self._sums: AlarmSums | None = (
+            None  # features of the latest alarms, from all of these scans but one added since
+        )
         self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them
         # A day's drive passes 100,000 of them and more: bare numbers, so that memory and snapshots stay small.
@@ -156,11 +167,11 @@ class LiveDetector:
         gain, background = self.background.add(image)
         if background is None:
             return LiveUpdate("warm-up", [])
-        rows = self.grid.ny
-        near_image = np.ascontiguousarray(image[..., :rows, :])
-        own = self.mapper is not None
-        cleaned = self.reads.clean(scan.number, pose, near_image, gain, background.cropped(rows), own)
-        self.history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
+        cleaned = self.reads.clean(scan.number, pose, image, gain, background, own=self.mapper is not None)
+        history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
+        if history[-1] is not cleaned or len(history) <= len(self.history):
+            self._sums = None  # a late scan belongs before others, and what a forgotten one gave cannot be taken away
+        self.history = history
         left_behind = self._jump(where)
         row, view = self._look(cleaned, where)
         return LiveUpdate("taken", left_behind + self._raise(view, where), row, np.asarray(view.values, np.float32))
@@ -201,9 +212,15 @@ class LiveDetector:
         return course_lane(self.recipe, self.first_pose[None], _WITHOUT_END)
 
     def _image(self, scan: Scan) -> NDArray[np.complex64]:
-        run = as_run(self.description, scan)
-        imager = imager_of(run, self.recipe.image, self.reads.subbands, self.recipe.image.polarizations)
-        return np.asarray(imager.image(0).values)
+        """Image a scan; while height and attitude stay the same, so does the operator."""
+        pose, one, table = np.asarray(scan.pose, np.float64), self.description, self.recipe.image
+        key = tuple(pose[[2, 4, 5]])
+        if self._operator is None or self._operator[0] != key:
+            tx, rx = vehicle_to_scan(one.tx_position, pose), vehicle_to_scan(one.rx_position, pose)
+            bands = [table.subbands[name] for name in self.reads.subbands]
+            operator = ImagingOperator(one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper)
+            self._operator = key, operator
+        return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
         """First and last lane y that a scan can see."""
@@ -272,12 +289,29 @@ class LiveDetector:
         return float(counted.sum()) * self.recipe.run_view.spacing**2
 
     def _confidence(self, alarms: pd.DataFrame) -> pd.DataFrame:
-        """Confidence of alarms and the number of scans that entered it."""
-        sums = AlarmSums(self.reads, alarms)
+        """Confidence of alarms and the number of scans that entered it.
+
+        Alarms at pixels where there were some after the scan before take in the newest scan alone.
+        """
+        grid = self._view_grid()
+        row, column = (np.rint((alarms[n] - low) / grid.dy) for n, low in (("y", grid.y_min), ("x", grid.x_min)))
+        pixel = (row * grid.nx + column).to_numpy(np.int64)
+        order = np.argsort(pixel)
+        # The same place to the last bit, whichever window of the run-view it was found in.
+        places = pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy}).iloc[order].reset_index(drop=True)
+        pixel, before = pixel[order], self._sums
+        known = np.isin(pixel, [] if before is None else before.rows)
+        self._sums = AlarmSums(self.reads, places, pixel)
         with _one_thread():
-            for one in self.history:
-                sums.add(one)
-        features = sums.table()
+            for some, scans in ((known, self.history[-1:]), (~known, self.history)):
+                if some.any():
+                    sums = AlarmSums(self.reads, places[some].reset_index(drop=True), pixel[some])
+                    if before is not None:
+                        sums.merge(before.state())
+                    for one in scans:
+                        sums.add(one)
+                    self._sums.merge(sums.state())
+        features = self._sums.table().iloc[np.argsort(order)].reset_index(drop=True)
         confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
         return pd.DataFrame({"confidence": confidence, "scans": features["scans"]})
 
@@ -366,7 +400,9 @@ def _reads(description: RunDescription, recipe: Recipe, model: Model, made: Mapp
     every = bool(stages) or recipe.map is not None  # stages see all of an image
     subbands = [band for band in recipe.image.subbands if every or band in needed]
     labels = list(recipe.image.polarizations) or description.polarization
-    return AlarmFeatures(recipe.model_copy(update={"features": features}), labels, subbands, recipe.near_grid(), stages)
+    polarimetric = tuple(band for band in subbands if any(f"{one}_{band}" in names for one in POLARIMETRIC))
+    reduced = recipe.model_copy(update={"features": features})
+    return AlarmFeatures(reduced, labels, subbands, recipe.near_grid(), stages, polarimetric)
 
 
 def _made(description: RunDescription, recipe: Recipe, lane: Lane | None, model: Model) -> dict[str, Stage]:

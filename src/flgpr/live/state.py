@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 from array import array
 from dataclasses import asdict
@@ -104,7 +106,7 @@ class SnapshotWriter:
         """Write a snapshot, unless the last one is still being written."""
         if self._thread is None or not self._thread.is_alive():
             self.raise_error()
-            self._thread = threading.Thread(target=self._write, args=(snapshot,), name="snapshot")
+            self._thread = threading.Thread(target=self._write_aside, args=(snapshot,), name="snapshot")
             self._thread.start()
 
     def last(self, snapshot: Snapshot) -> None:
@@ -118,6 +120,11 @@ class SnapshotWriter:
         """Raise what went wrong in the thread."""
         if self._error is not None:
             raise self._error
+
+    def _write_aside(self, snapshot: Snapshot) -> None:
+        if sys.platform == "linux":  # where threads have priorities of their own: scans come first
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        self._write(snapshot)
 
     def _write(self, snapshot: Snapshot) -> None:
         try:

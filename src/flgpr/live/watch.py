@@ -17,7 +17,7 @@ from typing import Any, Literal
 from flgpr.io import ScanFileError, decode_frame, read_description
 from flgpr.io.scan_file import END_FILE, MAGIC, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
-_LOOK = 0.01  # s between looks at a folder
+_LOOK = 0.004  # s between looks at a folder
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says, and a sender may pause within a frame
 _MOST_WAITING = 32
