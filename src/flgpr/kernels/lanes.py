@@ -16,7 +16,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from flgpr.kernels.layout import BLOCK
+from flgpr.kernels.layout import BLOCK, padded
 
 _FLOAT = ir.FloatType()
 _INDEX = ir.IntType(64)
@@ -46,6 +46,10 @@ class _Code:
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), None)
         return self.builder.shuffle_vector(first, empty, zeros)
 
+    def shuffle(self, value: Any, order: list[int], other: Any = None) -> Any:
+        mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
+        return self.builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined) if other is None else other, mask)
+
     def load(self, data: Any, index: Any) -> Any:
         return self.builder.load(self._at(data, index, self.vector), align=4)
 
@@ -66,61 +70,115 @@ class _Code:
 
 
 @intrinsic
-def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Add to one pixel's two lane rows the interpolated, rotated profiles of several pairs.
+def weigh_taps(_context, fraction, fields, at, weight, powers, taps):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Put the weights of all taps at the bin fractions of a block of pixels in ``fields[at:]`` (pixel, tap).
 
-    ``total[at:]`` holds the rows Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]; ``fields`` holds per pair the
-    rows cosine, sine and weights, each ``BLOCK`` long, of which entry ``k`` is used.
+    ``weight`` (power, tap) holds the ``powers`` coefficients of the taps' polynomials. Here and there the taps are
+    padded to whole vectors of :func:`flgpr.kernels.layout.padded`.
     """
-    signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    step, width, lanes = BLOCK, taps.count, 2 * channels.count
+    signature = types.void(fraction, fields, types.uint64, weight, powers, taps)
+    width = padded.py_func(taps.count)
+    together = max(16 // width, 1)
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code = _Code(context, builder, lanes)
-        sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
-        kept = [cgutils.alloca_once_value(builder, code.load(sums, code.plus(args[1], i * lanes))) for i in (0, 1)]
-        with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            at_pair = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step)), args[5])
-            row = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
-            where = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step * (width + 2))), args[5])
-            value = None
-            for a in range(width):
-                weight = code.spread(code.number(field, code.plus(where, (2 + a) * step)))
-                term = code.mul(weight, code.load(profile, code.plus(row, a * lanes)))
-                value = term if value is None else code.add(value, term)
-            for i in (0, 1):
-                turn = code.spread(code.number(field, code.plus(where, i * step)))
-                builder.store(code.add(builder.load(kept[i]), code.mul(turn, value)), kept[i])
-        for i in (0, 1):
-            code.store(builder.load(kept[i]), sums, code.plus(args[1], i * lanes))
+        code, whole = _Code(context, builder, width), _Code(context, builder, width * together)
+        source, target, table = (code.data(sig.args[i], args[i]) for i in (0, 1, 3))
+        few = _Code(context, builder, together)
+        coefficient = [
+            whole.shuffle(code.load(table, ir.Constant(_INDEX, n * width)), list(range(width)) * together)
+            for n in range(powers.count)
+        ]
+        every = [k for k in range(together) for _ in range(width)]
+        with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // together), intp=_INDEX) as loop:
+            first = builder.mul(loop.index, ir.Constant(_INDEX, together))
+            y = whole.shuffle(few.load(source, first), every)
+            value = coefficient[-1]
+            for one in coefficient[-2::-1]:
+                value = whole.add(whole.mul(value, y), one)
+            whole.store(value, target, builder.add(args[2], builder.mul(first, ir.Constant(_INDEX, width))))
         return context.get_dummy_value()
 
     return signature, build
 
 
 @intrinsic
-def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Transpose of :func:`gather_pairs`: add one pixel's lane row ``value[at:]`` to the profiles of several pairs."""
-    signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    step, width, half = BLOCK, taps.count, channels.count
+def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
+
+    ``bins`` and ``fields`` hold per pair the starts of table rows and the rows cosine and sine, ``BLOCK`` long, of which
+    entry ``k`` is used, and the weights (pixel, tap) of :func:`weigh_taps`. The row holds complex numbers of every
+    channel; that of a single channel holds what every tap adds, the real parts of all taps before the imaginary parts.
+    """
+    signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    width, single = padded.py_func(taps.count), channels.count == 1
+    half = width if single else channels.count
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code = _Code(context, builder, lanes)
-        source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
-        row = code.load(source, args[1])
-        # -j·value: the imaginary parts first, then the real parts with the sign changed.
-        order = [*range(half, lanes), *range(lanes, lanes + half)]
-        mask = ir.Constant(ir.VectorType(ir.IntType(32), lanes), order)
-        turned = builder.shuffle_vector(row, builder.fneg(row), mask)
+        code, four = _Code(context, builder, lanes), _Code(context, builder, width)
+        sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
+        # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
+        kept = [cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)]
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            at_pair = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step)), args[5])
-            to = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
-            where = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step * (width + 2))), args[5])
-            cosine, sine = (code.spread(code.number(field, code.plus(where, i * step))) for i in (0, 1))
-            rotated = code.add(code.mul(cosine, row), code.mul(sine, turned))
-            for a in range(width):
-                weight = code.spread(code.number(field, code.plus(where, (2 + a) * step)))
+            row, turns, weights = _fields_of(code, four, start, field, loop.index, args[5])
+            if single:
+                value = code.mul(code.load(profile, row), code.shuffle(weights, [*range(width)] * 2))
+            else:
+                value = None
+                for a in range(taps.count):
+                    term = code.mul(code.shuffle(weights, [a] * lanes), code.load(profile, code.plus(row, a * lanes)))
+                    value = term if value is None else code.add(value, term)
+            for sum_, turn in zip(kept, turns, strict=True):
+                builder.store(code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_)
+        across, up = (builder.load(sum_) for sum_ in kept)
+        real = [*range(half)]
+        imaginary = [*range(half, lanes)]
+        part = _Code(context, builder, half)
+        re = part.sub(part.shuffle(across, real), part.shuffle(up, imaginary))
+        im = part.add(part.shuffle(across, imaginary), part.shuffle(up, real))
+        order = real + imaginary if single else [i for k in range(half) for i in (k, half + k)]
+        code.store(code.add(code.load(sums, args[1]), code.shuffle(re, order, im)), sums, args[1])
+        return context.get_dummy_value()
+
+    return signature, build
+
+
+def _fields_of(code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any) -> tuple[Any, list[Any], Any]:
+    """Return where the table row of a pair and pixel starts, its cosine and sine, and its weights."""
+    width, builder = taps.lanes, code.builder
+    at_pair = builder.add(builder.mul(pair, ir.Constant(_INDEX, BLOCK)), k)
+    row = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
+    first = builder.mul(pair, ir.Constant(_INDEX, BLOCK * (2 + width)))
+    where = builder.add(first, k)
+    turns = [code.number(field, code.plus(where, i * BLOCK)) for i in (0, 1)]
+    weights = builder.add(code.plus(first, 2 * BLOCK), builder.mul(k, ir.Constant(_INDEX, width)))
+    return row, turns, taps.load(field, weights)
+
+
+@intrinsic
+def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Transpose of :func:`gather_pairs`: add one pixel's value to the profiles of several pairs.
+
+    ``value[at:]`` holds the real parts of all channels before the imaginary parts.
+    """
+    signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    width, single = padded.py_func(taps.count), channels.count == 1
+    half = width if single else channels.count
+    lanes = 2 * half
+
+    def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        code, four = _Code(context, builder, lanes), _Code(context, builder, width)
+        source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
+        row = _Code(context, builder, 2 * channels.count).load(source, args[1])
+        if single:
+            row = code.shuffle(row, [0] * half + [1] * half)
+        # -j·value: the imaginary parts first, then the real parts with the sign changed.
+        turned = code.shuffle(row, [*range(half, lanes), *range(lanes, lanes + half)], builder.fneg(row))
+        with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
+            to, (cosine, sine), weights = _fields_of(code, four, start, field, loop.index, args[5])
+            rotated = code.add(code.mul(code.spread(cosine), row), code.mul(code.spread(sine), turned))
+            for a in range(1 if single else taps.count):
+                weight = code.shuffle(weights, [*range(width)] * 2 if single else [a] * lanes)
                 spot = code.plus(to, a * lanes)
                 code.store(code.add(code.load(profile, spot), code.mul(weight, rotated)), profile, spot)
         return context.get_dummy_value()
