@@ -16,11 +16,12 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from flgpr.kernels.layout import BLOCK, padded
+from flgpr.kernels.layout import BLOCK, padded, row_size
 
 _FLOAT = ir.FloatType()
 _INDEX = ir.IntType(64)
 _FUSED = ("contract",)
+_VECTOR = 16
 
 
 class _Code:
@@ -40,8 +41,8 @@ class _Code:
     def number(self, data: Any, index: Any, kind: Any = _FLOAT) -> Any:
         return self.builder.load(self._at(data, index, kind), align=4)
 
-    def spread(self, value: Any) -> Any:
-        empty = ir.Constant(self.vector, ir.Undefined)
+    def spread(self, value: Any, vector: Any = None) -> Any:
+        empty = ir.Constant(vector or self.vector, ir.Undefined)
         first = self.builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), None)
         return self.builder.shuffle_vector(first, empty, zeros)
@@ -50,11 +51,11 @@ class _Code:
         mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
         return self.builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined) if other is None else other, mask)
 
-    def load(self, data: Any, index: Any) -> Any:
-        return self.builder.load(self._at(data, index, self.vector), align=4)
+    def load(self, data: Any, index: Any, vector: Any = None) -> Any:
+        return self.builder.load(self._at(data, index, vector or self.vector), align=4)
 
     def store(self, value: Any, data: Any, index: Any) -> None:
-        self.builder.store(value, self._at(data, index, self.vector), align=4)
+        self.builder.store(value, self._at(data, index, value.type), align=4)
 
     def add(self, a: Any, b: Any) -> Any:
         return self.builder.fadd(a, b, flags=_FUSED)
@@ -70,32 +71,55 @@ class _Code:
 
 
 @intrinsic
-def weigh_taps(_context, fraction, fields, at, weight, powers, taps):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Put the weights of all taps at the bin fractions of a block of pixels in ``fields[at:]`` (pixel, tap).
+def combine_antennas(_context, delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, g):  # type: ignore[no-untyped-def]  # noqa: ARG001, E501
+    """Make table rows, phasors and tap weights of pair ``g`` from the rows ``i`` and ``j`` of its two antennas.
 
-    ``weight`` (power, tap) holds the ``powers`` coefficients of the taps' polynomials. Here and there the taps are
-    padded to whole vectors of :func:`flgpr.kernels.layout.padded`.
+    ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and ``shift`` the number of a
+    delay's bits below a bin; ``weight`` (power, tap) holds the ``powers`` coefficients of the taps' polynomials in the
+    fraction of a bin less one half, the taps padded as in :func:`flgpr.kernels.layout.padded`. ``start`` and ``fields``
+    come out as :func:`gather_pairs` takes them.
     """
-    signature = types.void(fraction, fields, types.uint64, weight, powers, taps)
-    width = padded.py_func(taps.count)
-    together = max(16 // width, 1)
+    signature = types.void(
+        delay, cosine, sine, types.uint64, types.uint64, types.uint32, types.uint32, types.uint32, weight, powers, taps,
+        channels, start, fields, types.uint64,
+    )  # fmt: skip
+    width, numbers = padded.py_func(taps.count), row_size.py_func(taps.count, channels.count)
+    together = _VECTOR // width
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, whole = _Code(context, builder, width), _Code(context, builder, width * together)
-        source, target, table = (code.data(sig.args[i], args[i]) for i in (0, 1, 3))
-        few = _Code(context, builder, together)
-        coefficient = [
-            whole.shuffle(code.load(table, ir.Constant(_INDEX, n * width)), list(range(width)) * together)
+        code, narrow = _Code(context, builder, _VECTOR), _Code(context, builder, width)
+        delays, cosines, sines, table, target, out = (code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13))
+        whole = ir.VectorType(ir.IntType(32), _VECTOR)
+        base, origin, shift = (code.spread(args[n], whole) for n in (5, 6, 7))
+        one = ir.Constant(ir.IntType(32), 1)
+        mask = code.spread(builder.sub(builder.shl(one, args[7]), one), whole)
+        scale = code.spread(builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(one, args[7]), _FLOAT)))
+        powers_ = [
+            narrow.shuffle(narrow.load(table, ir.Constant(_INDEX, n * width)), [*range(width)] * together)
             for n in range(powers.count)
         ]
-        every = [k for k in range(together) for _ in range(width)]
-        with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // together), intp=_INDEX) as loop:
-            first = builder.mul(loop.index, ir.Constant(_INDEX, together))
-            y = whole.shuffle(few.load(source, first), every)
-            value = coefficient[-1]
-            for one in coefficient[-2::-1]:
-                value = whole.add(whole.mul(value, y), one)
-            whole.store(value, target, builder.add(args[2], builder.mul(first, ir.Constant(_INDEX, width))))
+        row = builder.mul(args[14], ir.Constant(_INDEX, BLOCK))
+        first = builder.mul(row, ir.Constant(_INDEX, 2 + width))
+        with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // _VECTOR), intp=_INDEX) as loop:
+            k = builder.mul(loop.index, ir.Constant(_INDEX, _VECTOR))
+            at = [builder.add(args[n], k) for n in (3, 4)]
+            d = builder.sub(builder.add(*(code.load(delays, n, whole) for n in at)), origin)
+            bin_ = builder.add(base, builder.lshr(d, shift))
+            starts = builder.mul(bin_, ir.Constant(whole, [numbers] * _VECTOR))
+            code.store(starts, target, builder.add(row, k))
+            (ci, cj), (si, sj) = ([code.load(rows, n) for n in at] for rows in (cosines, sines))
+            where = builder.add(first, k)
+            code.store(code.sub(code.mul(ci, cj), code.mul(si, sj)), out, where)
+            code.store(code.add(code.mul(si, cj), code.mul(ci, sj)), out, code.plus(where, BLOCK))
+            half = ir.Constant(code.vector, [0.5] * _VECTOR)
+            y = code.sub(code.mul(builder.sitofp(builder.and_(d, mask), code.vector), scale), half)
+            here = code.plus(builder.add(first, builder.mul(k, ir.Constant(_INDEX, width))), 2 * BLOCK)
+            for n in range(width):
+                part = code.shuffle(y, [n * together + m for m in range(together) for _ in range(width)])
+                value = powers_[-1]
+                for power in powers_[-2::-1]:
+                    value = code.add(code.mul(value, part), power)
+                code.store(value, out, code.plus(here, n * _VECTOR))
         return context.get_dummy_value()
 
     return signature, build
@@ -106,7 +130,7 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
     """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
 
     ``bins`` and ``fields`` hold per pair the starts of table rows and the rows cosine and sine, ``BLOCK`` long, of which
-    entry ``k`` is used, and the weights (pixel, tap) of :func:`weigh_taps`. The row holds complex numbers of every
+    entry ``k`` is used, and the weights (pixel, tap) of the pair. The row holds complex numbers of every
     channel; that of a single channel holds what every tap adds, the real parts of all taps before the imaginary parts.
     """
     signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)

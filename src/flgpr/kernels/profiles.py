@@ -14,7 +14,7 @@ from numba import float32, njit, uint32, uint64
 from numpy.typing import NDArray
 
 from flgpr.kernels.geometry import antenna_rows
-from flgpr.kernels.lanes import gather_pairs, spread_pairs, weigh_taps
+from flgpr.kernels.lanes import combine_antennas, gather_pairs, spread_pairs
 from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, padded, row_size
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
@@ -72,34 +72,18 @@ def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
             _locate(geometry, a, block, (block * antennas + a) * BLOCK, geometry.delay, geometry.cosine, geometry.sine)
 
 
-@njit(**_FAST)
-def _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field, fraction):  # type: ignore[no-untyped-def]
-    """Make the table rows, bin fractions and phasors of a pair from the rows ``i`` and ``j`` of its two antennas."""
-    row, block = uint64(g * BLOCK), uint64(BLOCK)
-    low = uint32(shift)
-    mask = (uint32(1) << low) - uint32(1)
-    scale, first = float32(1.0 / (1 << shift)), uint32(origin)
-    for k in range(block):
-        d = uint32(delay[i + k] + delay[j + k] - first)
-        start[row + k] = (base + (d >> low)) * uint32(lanes)
-        fraction[k] = float32(d & mask) * scale - float32(0.5)
-        ci, si, cj, sj = cosine[i + k], sine[i + k], cosine[j + k], sine[j + k]
-        fields[field + k] = ci * cj - si * sj
-        fields[field + block + k] = si * cj + ci * sj
-
-
 @njit(nogil=True, **_FAST)
 def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # type: ignore[no-untyped-def]
     """Fill pixel blocks ``begin`` to ``end`` of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
     tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
-    origin, shift, weight = geometry.origin, geometry.shift, geometry.weight
+    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
     antennas, pairs, half, width = geometry.antenna.shape[0], tx.shape[0], len(channels), padded(len(taps))
     lanes, fields_per_pair = row_size(len(taps), half), (width + 2) * BLOCK
     kept = geometry.delay.shape[0] > 0
     delay = geometry.delay if kept else np.empty(antennas * BLOCK, np.uint32)
     cosine = geometry.cosine if kept else np.empty(antennas * BLOCK, np.float32)
     sine = geometry.sine if kept else np.empty(antennas * BLOCK, np.float32)
-    start, fraction = np.empty(GATHER_PAIRS * BLOCK, np.uint32), np.empty(BLOCK, np.float32)
+    start = np.empty(GATHER_PAIRS * BLOCK, np.uint32)
     fields = np.empty(GATHER_PAIRS * fields_per_pair, np.float32)
     total = np.empty(BLOCK * lanes, np.float32)
     complete = total.view(np.complex64)
@@ -113,10 +97,10 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
             held = min(GATHER_PAIRS, pairs - q)
             for g in range(held):
                 i, j = uint64(place + tx[q + g] * BLOCK), uint64(place + rx[q + g] * BLOCK)
-                field = uint64(g * fields_per_pair)
                 base = uint32((q + g) * bins)
-                _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field, fraction)
-                weigh_taps(fraction, fields, field + uint64(2 * BLOCK), weight, powers, taps)
+                combine_antennas(
+                    delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, uint64(g)
+                )
             for k in range(uint64(BLOCK)):
                 gather_pairs(total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
         wanted = min(BLOCK, count - block * BLOCK)
@@ -157,7 +141,7 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
     on the others.
     """
     tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
-    origin, shift, weight = geometry.origin, geometry.shift, geometry.weight
+    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
     half, held, fields_per_pair = len(channels), end - q, (padded(len(taps)) + 2) * BLOCK
     lanes, most = row_size(len(taps), half), 2 * held
     table[q * bins * lanes : end * bins * lanes] = 0
@@ -170,7 +154,7 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
     if kept:
         for g in range(most):
             local[g] = used[local[g]]
-    start, fraction = np.empty(held * BLOCK, np.uint32), np.empty(BLOCK, np.float32)
+    start = np.empty(held * BLOCK, np.uint32)
     fields = np.empty(held * fields_per_pair, np.float32)
     value = np.zeros(BLOCK * 2 * half, np.float32)
     for block in range((count + BLOCK - 1) // BLOCK):
@@ -182,10 +166,10 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
                 _locate(geometry, used[a], block, a * BLOCK, delay, cosine, sine)
         for g in range(held):
             i, j = uint64(place + local[2 * g] * BLOCK), uint64(place + local[2 * g + 1] * BLOCK)
-            field = uint64(g * fields_per_pair)
             base = uint32((q + g) * bins)
-            _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field, fraction)
-            weigh_taps(fraction, fields, field + uint64(2 * BLOCK), weight, powers, taps)
+            combine_antennas(
+                delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, uint64(g)
+            )
         for c in range(uint64(image.shape[0])):
             for k in range(wanted):
                 value[k * uint64(2 * half) + c] = image[c, first + k].real
