@@ -125,13 +125,16 @@ class ProfileEngine(Engine):
         return (0,) * channels, (0,) * max(channels, 4)
 
     def _located(self) -> Geometry:
-        """Return the geometry, from the second use on with all delays and phasors unless they are too large to keep."""
+        """Return the geometry, from the third use on with all delays and phasors unless they are too large to keep.
+
+        To make and write them costs what three images save by reading them.
+        """
         geometry = self._geometry
         self._calls += 1
         size = geometry.antenna.shape[0] * geometry.pixels.shape[1]
-        if self._calls > 1 and not geometry.delay.size and 12 * size <= KEPT_BYTES:
-            rows = (aligned(size, kind) for kind in (np.uint32, np.float32, np.float32))
-            geometry = geometry._replace(**dict(zip(("delay", "cosine", "sine"), rows, strict=True)))
+        if self._calls > 2 and not geometry.delay.size and 12 * size <= KEPT_BYTES:
+            delay, cosine, sine = (aligned(size, kind) for kind in (np.uint32, np.float32, np.float32))
+            geometry = geometry._replace(delay=delay, cosine=cosine, sine=sine)
             share(geometry.pixels.shape[1] // BLOCK, partial(profiles.locate, geometry))
             self._geometry = geometry
         return geometry

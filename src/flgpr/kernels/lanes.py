@@ -1,8 +1,9 @@
 """Short vectors as machine code: the steps in which all channels of a pixel move together.
 
-A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the imaginary parts. Numba has
-no vector type, and LLVM does not keep a row in registers across a loop over pairs by itself, so these few operations
-are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
+A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the imaginary parts. A single
+channel would waste most of a vector: its table row holds the bins of all taps instead, so that one load reads them and
+one store writes them. Numba has no vector type, and LLVM does not keep a row in registers across a loop over pairs by
+itself, so these few operations are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
 
 ``taps`` and ``channels`` are tuples of which only the length counts: it is part of the type, so that a kernel is
 compiled for a width and a number of channels.
@@ -48,8 +49,8 @@ class _Code:
         return self.builder.shuffle_vector(first, empty, zeros)
 
     def shuffle(self, value: Any, order: list[int], other: Any = None) -> Any:
-        mask = ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order)
-        return self.builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined) if other is None else other, mask)
+        other = ir.Constant(value.type, ir.Undefined) if other is None else other
+        return self.builder.shuffle_vector(value, other, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order))
 
     def load(self, data: Any, index: Any, vector: Any = None) -> Any:
         return self.builder.load(self._at(data, index, vector or self.vector), align=4)
@@ -71,7 +72,9 @@ class _Code:
 
 
 @intrinsic
-def combine_antennas(_context, delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, g):  # type: ignore[no-untyped-def]  # noqa: ARG001, E501
+def combine_antennas(  # type: ignore[no-untyped-def]
+    _context, delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, g  # noqa: ARG001
+):  # fmt: skip
     """Make table rows, phasors and tap weights of pair ``g`` from the rows ``i`` and ``j`` of its two antennas.
 
     ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and ``shift`` the number of a
@@ -129,9 +132,9 @@ def combine_antennas(_context, delay, cosine, sine, i, j, base, origin, shift, w
 def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
 
-    ``bins`` and ``fields`` hold per pair the starts of table rows and the rows cosine and sine, ``BLOCK`` long, of which
-    entry ``k`` is used, and the weights (pixel, tap) of the pair. The row holds complex numbers of every
-    channel; that of a single channel holds what every tap adds, the real parts of all taps before the imaginary parts.
+    ``bins`` and ``fields`` hold per pair what :func:`combine_antennas` makes, of which entry ``k`` is used: starts of
+    table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights (pixel, tap). The total is the complex
+    numbers of all channels; of a single channel it is what every tap adds, all real parts before the imaginary parts.
     """
     signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
     width, single = padded.py_func(taps.count), channels.count == 1
@@ -139,12 +142,12 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, four = _Code(context, builder, lanes), _Code(context, builder, width)
+        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
         sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
         kept = [cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)]
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            row, turns, weights = _fields_of(code, four, start, field, loop.index, args[5])
+            row, turns, weights = _fields_of(code, narrow, start, field, loop.index, args[5])
             if single:
                 value = code.mul(code.load(profile, row), code.shuffle(weights, [*range(width)] * 2))
             else:
@@ -155,11 +158,9 @@ def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, chann
             for sum_, turn in zip(kept, turns, strict=True):
                 builder.store(code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_)
         across, up = (builder.load(sum_) for sum_ in kept)
-        real = [*range(half)]
-        imaginary = [*range(half, lanes)]
-        part = _Code(context, builder, half)
-        re = part.sub(part.shuffle(across, real), part.shuffle(up, imaginary))
-        im = part.add(part.shuffle(across, imaginary), part.shuffle(up, real))
+        real, imaginary = [*range(half)], [*range(half, lanes)]
+        re = code.sub(code.shuffle(across, real), code.shuffle(up, imaginary))
+        im = code.add(code.shuffle(across, imaginary), code.shuffle(up, real))
         order = real + imaginary if single else [i for k in range(half) for i in (k, half + k)]
         code.store(code.add(code.load(sums, args[1]), code.shuffle(re, order, im)), sums, args[1])
         return context.get_dummy_value()
@@ -191,7 +192,7 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code, four = _Code(context, builder, lanes), _Code(context, builder, width)
+        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
         source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
         row = _Code(context, builder, 2 * channels.count).load(source, args[1])
         if single:
@@ -199,7 +200,7 @@ def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, chann
         # -j·value: the imaginary parts first, then the real parts with the sign changed.
         turned = code.shuffle(row, [*range(half, lanes), *range(lanes, lanes + half)], builder.fneg(row))
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            to, (cosine, sine), weights = _fields_of(code, four, start, field, loop.index, args[5])
+            to, (cosine, sine), weights = _fields_of(code, narrow, start, field, loop.index, args[5])
             rotated = code.add(code.mul(code.spread(cosine), row), code.mul(code.spread(sine), turned))
             for a in range(1 if single else taps.count):
                 weight = code.shuffle(weights, [*range(width)] * 2 if single else [a] * lanes)

@@ -27,8 +27,8 @@ class Geometry(NamedTuple):
     ``pixel_count`` are wanted; ``medium`` the refractive indices above and below z = 0 (zero: no ground); ``per_turn``
     and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m; ``origin`` the 32-bit delay at which
     bin 0 starts and ``shift`` the number of its bits below a bin; ``gain`` (antenna, pixel), or (antenna, 0) for none;
-    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`. ``delay``, ``cosine`` and
-    ``sine`` are what :func:`locate` found, or empty: then it is found anew wherever it is needed.
+    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`, padded. ``delay``,
+    ``cosine`` and ``sine`` are what :func:`locate` found, or empty: then it is found anew wherever it is needed.
     """
 
     tx: NDArray[np.int64]
@@ -97,10 +97,10 @@ def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # 
             held = min(GATHER_PAIRS, pairs - q)
             for g in range(held):
                 i, j = uint64(place + tx[q + g] * BLOCK), uint64(place + rx[q + g] * BLOCK)
-                base = uint32((q + g) * bins)
+                base, pair = uint32((q + g) * bins), uint64(g)
                 combine_antennas(
-                    delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, uint64(g)
-                )
+                    delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
+                )  # fmt: skip
             for k in range(uint64(BLOCK)):
                 gather_pairs(total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
         wanted = min(BLOCK, count - block * BLOCK)
@@ -166,10 +166,10 @@ def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # ty
                 _locate(geometry, used[a], block, a * BLOCK, delay, cosine, sine)
         for g in range(held):
             i, j = uint64(place + local[2 * g] * BLOCK), uint64(place + local[2 * g + 1] * BLOCK)
-            base = uint32((q + g) * bins)
+            base, pair = uint32((q + g) * bins), uint64(g)
             combine_antennas(
-                delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, uint64(g)
-            )
+                delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
+            )  # fmt: skip
         for c in range(uint64(image.shape[0])):
             for k in range(wanted):
                 value[k * uint64(2 * half) + c] = image[c, first + k].real
