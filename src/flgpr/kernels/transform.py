@@ -83,6 +83,8 @@ def compress(data, weight, spectrum, table, taps, channels, lane, begin, end):  
                     at = slot[e] * lanes + q - first_pair
                     for s in range(bands):
                         w = weight[s, k] * share[e]
+                        if w == 0:
+                            continue
                         for c in range(data.shape[0]):
                             source[at + c * bands + s] += w * data[c, q, k].real
                             source[at + half + c * bands + s] += w * data[c, q, k].imag
