@@ -50,6 +50,29 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
         assert np.array_equal(found[0][1], other[1])
 
 
+@pytest.mark.parametrize("channels", [1, 2, 3])
+@pytest.mark.parametrize("kind", [{}, {"half_space": 3.4}, {"tx_pattern": lambda position, points: points[:, 1]}])
+def test_kept_delays_and_phasors_give_the_bits_of_those_found_anew(kind, channels, monkeypatch):
+    def results(kept):
+        monkeypatch.setattr("flgpr.imaging.engines.KEPT_BYTES", kept)
+        operator = ImagingOperator(TONES, TX, RX, grid() - [0, 0, 0.1], BANDS[:1], method="profile", **kind)
+        data, image = noise((channels, 6, 128)), noise((channels, 1, 33, 21))
+        return [(operator.adjoint(data), operator.forward(image)) for _ in range(3)]
+
+    for one, other in zip(results(0), results(1 << 26), strict=True):
+        assert np.array_equal(one[0], other[0])
+        assert np.array_equal(one[1], other[1])
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
+def test_a_channel_alone_agrees_with_the_direct_sums_at_every_width(tolerance):
+    data, image = noise((1, 6, 128)), noise((1, 1, 33, 21))
+    direct = ImagingOperator(TONES, TX, RX, grid(), dtype="complex128", method="direct")
+    fast = ImagingOperator(TONES, TX, RX, grid(), tolerance=tolerance, method="profile", dtype="complex64")
+    for exact, found in ((direct.adjoint(data), fast.adjoint(data)), (direct.forward(image), fast.forward(image))):
+        assert np.linalg.norm(found - exact) < tolerance * np.linalg.norm(exact)
+
+
 def test_scans_on_leading_axes_are_imaged_one_by_one():
     operator = ImagingOperator(TONES, TX, RX, grid(), BANDS, method="profile")
     data = noise((2, 4, 3, 6, 128))

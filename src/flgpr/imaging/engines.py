@@ -16,7 +16,8 @@ from flgpr.imaging.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
 from flgpr.kernels.geometry import antenna_paths
-from flgpr.kernels.layout import BLOCK, CHANNELS, SPREAD_PAIRS, aligned
+from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
+from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
@@ -82,39 +83,61 @@ class ProfileEngine(Engine):
         self._spectrum = plan.spectrum.single()
         self._weight = weight.astype(np.float32)
         self._phase = None if plan.phase is None else plan.phase.astype(np.complex64)
-        self._taps = (0,) * self.width
+        self._taps, self._powers = (0,) * self.width, (0,) * (polynomial_degree(self.width) + 1)
+        self._calls = 0
 
     def adjoint(self, data: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         if self._phase is not None:
             data = data * self._phase
         pairs, blocks = data.shape[1], -(-out.shape[2] // BLOCK)
-        geometry = self._geometry._replace(pixel_count=out.shape[2])
+        geometry = self._located()._replace(pixel_count=out.shape[2])
         for rows, bands, channels in passes(*out.shape[:2]):
-            table, lane = self._table(channels), (0,) * channels
-            tones = (data[rows], self._weight[bands], self._spectrum, table, lane)
-            share(pairs, partial(transform.compress, *tones))
+            table, lanes = self._table(channels), self._lanes(channels)
+            tones = (data[rows], self._weight[bands], self._spectrum, table, self._taps, *lanes)
+            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels)
             part = out[rows, bands].reshape(-1, out.shape[2])
-            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, self._taps, lane))
+            shape = (self._taps, self._powers, lanes[0])
+            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape))
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
-        pairs = out.shape[1]
+        pairs, geometry = out.shape[1], self._located()
         together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
-            table, lane = self._table(channels), (0,) * channels
+            table, lanes = self._table(channels), self._lanes(channels)
             part = image[rows, bands].reshape(-1, image.shape[2])
-            spread = partial(profiles.forward, table, self._bins, self._geometry, part, self._taps, lane)
-            share(pairs, spread, together)
-            tones = (table, self._weight[bands], self._spectrum, out[rows], lane)
-            share(pairs, partial(transform.expand, *tones))
+            shape = (self._taps, self._powers, lanes[0])
+            share(pairs, partial(profiles.forward, table, self._bins, geometry, part, *shape), together)
+            tones = (table, self._weight[bands], self._spectrum, out[rows], self._taps, *lanes)
+            share(pairs, partial(transform.expand, *tones), len(lanes[1]) // channels)
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
-        return aligned(self._geometry.tx.size * self._bins * 2 * channels, np.float32)
+        return aligned(self._geometry.tx.size * self._bins * row_size(self.width, channels), np.float32)
+
+    @staticmethod
+    def _lanes(channels: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Lengths of the rows of pixels and of those of the transform, as the kernels take them."""
+        return (0,) * channels, (0,) * max(channels, 4)
+
+    def _located(self) -> Geometry:
+        """Return the geometry, from the third use on with all delays and phasors unless they are too large to keep.
+
+        To make and write them costs what three images save by reading them.
+        """
+        geometry = self._geometry
+        self._calls += 1
+        size = geometry.antenna.shape[0] * geometry.pixels.shape[1]
+        if self._calls > 2 and not geometry.delay.size and 12 * size <= KEPT_BYTES:
+            delay, cosine, sine = (aligned(size, kind) for kind in (np.uint32, np.float32, np.float32))
+            geometry = geometry._replace(delay=delay, cosine=cosine, sine=sine)
+            share(geometry.pixels.shape[1] // BLOCK, partial(profiles.locate, geometry))
+            self._geometry = geometry
+        return geometry
 
 
 class PreciseEngine(Engine):

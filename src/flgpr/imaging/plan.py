@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flgpr.kernels.direct import PreciseGeometry
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.kaiser import MAX_WIDTH, Window, best_shape, design, polynomials, transform
-from flgpr.kernels.layout import BLOCK
+from flgpr.kernels.layout import BLOCK, padded
 from flgpr.kernels.profiles import Geometry, polynomial_degree
 from flgpr.kernels.transform import Spectrum
 from flgpr.model import SPEED_OF_LIGHT
@@ -152,11 +152,12 @@ class Plan:
         layout, width = self.layout, self.window.width
         shift = 33 - self.window.size.bit_length()
         half_bin = 1 << (shift - 1) if width % 2 else 0
-        weight = polynomials(self.window, polynomial_degree(width))
+        weight = np.zeros((polynomial_degree(width) + 1, padded(width)), np.float32)
+        weight[:, :width] = polynomials(self.window, polynomial_degree(width)).T
         return Geometry(
             layout.tx, layout.rx, layout.antenna, layout.pixels, layout.count, layout.medium, self.per_turn,
             self.carrier, ((self.start << shift) - half_bin) % 2**32, shift, layout.gain.astype(np.float32),
-            weight.astype(np.float32),
+            weight.reshape(-1),
         )  # fmt: skip
 
     def precise_geometry(self) -> PreciseGeometry:

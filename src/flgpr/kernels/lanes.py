@@ -1,8 +1,9 @@
 """Short vectors as machine code: the steps in which all channels of a pixel move together.
 
-A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the imaginary parts. Numba has
-no vector type, and LLVM does not keep a row in registers across a loop over pairs by itself, so these few operations
-are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
+A lane row is ``2·channels`` float32 numbers, the real parts of all channels followed by the imaginary parts. A single
+channel would waste most of a vector: its table row holds the bins of all taps instead, so that one load reads them and
+one store writes them. Numba has no vector type, and LLVM does not keep a row in registers across a loop over pairs by
+itself, so these few operations are built as LLVM vectors. LLVM splits them into whatever registers the machine has.
 
 ``taps`` and ``channels`` are tuples of which only the length counts: it is part of the type, so that a kernel is
 compiled for a width and a number of channels.
@@ -16,11 +17,12 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from flgpr.kernels.layout import BLOCK
+from flgpr.kernels.layout import BLOCK, padded, row_size
 
 _FLOAT = ir.FloatType()
 _INDEX = ir.IntType(64)
 _FUSED = ("contract",)
+_VECTOR = 16
 
 
 class _Code:
@@ -40,17 +42,21 @@ class _Code:
     def number(self, data: Any, index: Any, kind: Any = _FLOAT) -> Any:
         return self.builder.load(self._at(data, index, kind), align=4)
 
-    def spread(self, value: Any) -> Any:
-        empty = ir.Constant(self.vector, ir.Undefined)
+    def spread(self, value: Any, vector: Any = None) -> Any:
+        empty = ir.Constant(vector or self.vector, ir.Undefined)
         first = self.builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), self.lanes), None)
         return self.builder.shuffle_vector(first, empty, zeros)
 
-    def load(self, data: Any, index: Any) -> Any:
-        return self.builder.load(self._at(data, index, self.vector), align=4)
+    def shuffle(self, value: Any, order: list[int], other: Any = None) -> Any:
+        other = ir.Constant(value.type, ir.Undefined) if other is None else other
+        return self.builder.shuffle_vector(value, other, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), order))
+
+    def load(self, data: Any, index: Any, vector: Any = None) -> Any:
+        return self.builder.load(self._at(data, index, vector or self.vector), align=4)
 
     def store(self, value: Any, data: Any, index: Any) -> None:
-        self.builder.store(value, self._at(data, index, self.vector), align=4)
+        self.builder.store(value, self._at(data, index, value.type), align=4)
 
     def add(self, a: Any, b: Any) -> Any:
         return self.builder.fadd(a, b, flags=_FUSED)
@@ -66,61 +72,138 @@ class _Code:
 
 
 @intrinsic
-def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Add to one pixel's two lane rows the interpolated, rotated profiles of several pairs.
+def combine_antennas(  # type: ignore[no-untyped-def]
+    _context, delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, g  # noqa: ARG001
+):  # fmt: skip
+    """Make table rows, phasors and tap weights of pair ``g`` from the rows ``i`` and ``j`` of its two antennas.
 
-    ``total[at:]`` holds the rows Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]; ``fields`` holds per pair the
-    rows cosine, sine and weights, each ``BLOCK`` long, of which entry ``k`` is used.
+    ``base`` is the pair's first bin in the table, ``origin`` the 32-bit delay of that bin and ``shift`` the number of a
+    delay's bits below a bin; ``weight`` (power, tap) holds the ``powers`` coefficients of the taps' polynomials in the
+    fraction of a bin less one half, the taps padded as in :func:`flgpr.kernels.layout.padded`. ``start`` and ``fields``
+    come out as :func:`gather_pairs` takes them.
     """
-    signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    step, width, lanes = BLOCK, taps.count, 2 * channels.count
+    signature = types.void(
+        delay, cosine, sine, types.uint64, types.uint64, types.uint32, types.uint32, types.uint32, weight, powers, taps,
+        channels, start, fields, types.uint64,
+    )  # fmt: skip
+    width, numbers = padded.py_func(taps.count), row_size.py_func(taps.count, channels.count)
+    together = _VECTOR // width
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code = _Code(context, builder, lanes)
-        sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
-        kept = [cgutils.alloca_once_value(builder, code.load(sums, code.plus(args[1], i * lanes))) for i in (0, 1)]
-        with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            at_pair = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step)), args[5])
-            row = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
-            where = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step * (width + 2))), args[5])
-            value = None
-            for a in range(width):
-                weight = code.spread(code.number(field, code.plus(where, (2 + a) * step)))
-                term = code.mul(weight, code.load(profile, code.plus(row, a * lanes)))
-                value = term if value is None else code.add(value, term)
-            for i in (0, 1):
-                turn = code.spread(code.number(field, code.plus(where, i * step)))
-                builder.store(code.add(builder.load(kept[i]), code.mul(turn, value)), kept[i])
-        for i in (0, 1):
-            code.store(builder.load(kept[i]), sums, code.plus(args[1], i * lanes))
+        code, narrow = _Code(context, builder, _VECTOR), _Code(context, builder, width)
+        delays, cosines, sines, table, target, out = (code.data(sig.args[n], args[n]) for n in (0, 1, 2, 8, 12, 13))
+        whole = ir.VectorType(ir.IntType(32), _VECTOR)
+        base, origin, shift = (code.spread(args[n], whole) for n in (5, 6, 7))
+        one = ir.Constant(ir.IntType(32), 1)
+        mask = code.spread(builder.sub(builder.shl(one, args[7]), one), whole)
+        scale = code.spread(builder.fdiv(ir.Constant(_FLOAT, 1), builder.uitofp(builder.shl(one, args[7]), _FLOAT)))
+        powers_ = [
+            narrow.shuffle(narrow.load(table, ir.Constant(_INDEX, n * width)), [*range(width)] * together)
+            for n in range(powers.count)
+        ]
+        row = builder.mul(args[14], ir.Constant(_INDEX, BLOCK))
+        first = builder.mul(row, ir.Constant(_INDEX, 2 + width))
+        with cgutils.for_range(builder, ir.Constant(_INDEX, BLOCK // _VECTOR), intp=_INDEX) as loop:
+            k = builder.mul(loop.index, ir.Constant(_INDEX, _VECTOR))
+            at = [builder.add(args[n], k) for n in (3, 4)]
+            d = builder.sub(builder.add(*(code.load(delays, n, whole) for n in at)), origin)
+            bin_ = builder.add(base, builder.lshr(d, shift))
+            starts = builder.mul(bin_, ir.Constant(whole, [numbers] * _VECTOR))
+            code.store(starts, target, builder.add(row, k))
+            (ci, cj), (si, sj) = ([code.load(rows, n) for n in at] for rows in (cosines, sines))
+            where = builder.add(first, k)
+            code.store(code.sub(code.mul(ci, cj), code.mul(si, sj)), out, where)
+            code.store(code.add(code.mul(si, cj), code.mul(ci, sj)), out, code.plus(where, BLOCK))
+            half = ir.Constant(code.vector, [0.5] * _VECTOR)
+            y = code.sub(code.mul(builder.sitofp(builder.and_(d, mask), code.vector), scale), half)
+            here = code.plus(builder.add(first, builder.mul(k, ir.Constant(_INDEX, width))), 2 * BLOCK)
+            for n in range(width):
+                part = code.shuffle(y, [n * together + m for m in range(together) for _ in range(width)])
+                value = powers_[-1]
+                for power in powers_[-2::-1]:
+                    value = code.add(code.mul(value, part), power)
+                code.store(value, out, code.plus(here, n * _VECTOR))
         return context.get_dummy_value()
 
     return signature, build
 
 
 @intrinsic
-def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Transpose of :func:`gather_pairs`: add one pixel's lane row ``value[at:]`` to the profiles of several pairs."""
-    signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
-    step, width, half = BLOCK, taps.count, channels.count
+def gather_pairs(_context, total, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Add to one pixel's row ``total[at:]`` the interpolated, rotated profiles of several pairs.
+
+    ``bins`` and ``fields`` hold per pair what :func:`combine_antennas` makes, of which entry ``k`` is used: starts of
+    table rows, and the rows cosine and sine, ``BLOCK`` long, before the weights (pixel, tap). The total is the complex
+    numbers of all channels; of a single channel it is what every tap adds, all real parts before the imaginary parts.
+    """
+    signature = types.void(total, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    width, single = padded.py_func(taps.count), channels.count == 1
+    half = width if single else channels.count
     lanes = 2 * half
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        code = _Code(context, builder, lanes)
-        source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
-        row = code.load(source, args[1])
-        # -j·value: the imaginary parts first, then the real parts with the sign changed.
-        order = [*range(half, lanes), *range(lanes, lanes + half)]
-        mask = ir.Constant(ir.VectorType(ir.IntType(32), lanes), order)
-        turned = builder.shuffle_vector(row, builder.fneg(row), mask)
+        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
+        sums, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
+        # Σ cos·v and Σ sin·v, v = Σ_a weight_a·table[bins + a]
+        kept = [cgutils.alloca_once_value(builder, ir.Constant(code.vector, None)) for _ in range(2)]
         with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
-            at_pair = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step)), args[5])
-            to = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
-            where = builder.add(builder.mul(loop.index, ir.Constant(_INDEX, step * (width + 2))), args[5])
-            cosine, sine = (code.spread(code.number(field, code.plus(where, i * step))) for i in (0, 1))
-            rotated = code.add(code.mul(cosine, row), code.mul(sine, turned))
-            for a in range(width):
-                weight = code.spread(code.number(field, code.plus(where, (2 + a) * step)))
+            row, turns, weights = _fields_of(code, narrow, start, field, loop.index, args[5])
+            if single:
+                value = code.mul(code.load(profile, row), code.shuffle(weights, [*range(width)] * 2))
+            else:
+                value = None
+                for a in range(taps.count):
+                    term = code.mul(code.shuffle(weights, [a] * lanes), code.load(profile, code.plus(row, a * lanes)))
+                    value = term if value is None else code.add(value, term)
+            for sum_, turn in zip(kept, turns, strict=True):
+                builder.store(code.add(builder.load(sum_), code.mul(code.spread(turn), value)), sum_)
+        across, up = (builder.load(sum_) for sum_ in kept)
+        real, imaginary = [*range(half)], [*range(half, lanes)]
+        re = code.sub(code.shuffle(across, real), code.shuffle(up, imaginary))
+        im = code.add(code.shuffle(across, imaginary), code.shuffle(up, real))
+        order = real + imaginary if single else [i for k in range(half) for i in (k, half + k)]
+        code.store(code.add(code.load(sums, args[1]), code.shuffle(re, order, im)), sums, args[1])
+        return context.get_dummy_value()
+
+    return signature, build
+
+
+def _fields_of(code: _Code, taps: _Code, start: Any, field: Any, pair: Any, k: Any) -> tuple[Any, list[Any], Any]:
+    """Return where the table row of a pair and pixel starts, its cosine and sine, and its weights."""
+    width, builder = taps.lanes, code.builder
+    at_pair = builder.add(builder.mul(pair, ir.Constant(_INDEX, BLOCK)), k)
+    row = builder.zext(code.number(start, at_pair, ir.IntType(32)), _INDEX)
+    first = builder.mul(pair, ir.Constant(_INDEX, BLOCK * (2 + width)))
+    where = builder.add(first, k)
+    turns = [code.number(field, code.plus(where, i * BLOCK)) for i in (0, 1)]
+    weights = builder.add(code.plus(first, 2 * BLOCK), builder.mul(k, ir.Constant(_INDEX, width)))
+    return row, turns, taps.load(field, weights)
+
+
+@intrinsic
+def spread_pairs(_context, value, at, table, bins, fields, k, pairs, taps, channels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Transpose of :func:`gather_pairs`: add one pixel's value to the profiles of several pairs.
+
+    ``value[at:]`` holds the real parts of all channels before the imaginary parts.
+    """
+    signature = types.void(value, types.uint64, table, bins, fields, types.uint64, types.uint64, taps, channels)
+    width, single = padded.py_func(taps.count), channels.count == 1
+    half = width if single else channels.count
+    lanes = 2 * half
+
+    def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        code, narrow = _Code(context, builder, lanes), _Code(context, builder, width)
+        source, profile, start, field = (code.data(sig.args[i], args[i]) for i in (0, 2, 3, 4))
+        row = _Code(context, builder, 2 * channels.count).load(source, args[1])
+        if single:
+            row = code.shuffle(row, [0] * half + [1] * half)
+        # -j·value: the imaginary parts first, then the real parts with the sign changed.
+        turned = code.shuffle(row, [*range(half, lanes), *range(lanes, lanes + half)], builder.fneg(row))
+        with cgutils.for_range(builder, args[6], intp=_INDEX) as loop:
+            to, (cosine, sine), weights = _fields_of(code, narrow, start, field, loop.index, args[5])
+            rotated = code.add(code.mul(code.spread(cosine), row), code.mul(code.spread(sine), turned))
+            for a in range(1 if single else taps.count):
+                weight = code.shuffle(weights, [*range(width)] * 2 if single else [a] * lanes)
                 spot = code.plus(to, a * lanes)
                 code.store(code.add(code.load(profile, spot), code.mul(weight, rotated)), profile, spot)
         return context.get_dummy_value()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 BLOCK = 64
@@ -13,8 +14,22 @@ GATHER_PAIRS = 6
 """Pairs whose interpolation weights are held at a time when profiles are read."""
 SPREAD_PAIRS = 9
 """Largest number of pairs that one task writes."""
-CHANNELS = (4, 16)
+CHANNELS = (1, 4, 16)
 """Channels per lane row that kernels are compiled for."""
+KEPT_BYTES = 1 << 26
+"""Largest tables of delays and phasors that an operator keeps."""
+
+
+@njit(cache=True)
+def padded(taps: int) -> int:
+    """Taps padded to whole vectors: 4, 8 or 16."""
+    return 4 if taps <= 4 else 8 if taps <= 8 else 16
+
+
+@njit(cache=True)
+def row_size(taps: int, channels: int) -> int:
+    """Numbers in a table row: both parts of every channel, or, of a single channel, of every tap's bin."""
+    return 2 * (padded(taps) if channels == 1 else channels)
 
 
 def aligned(size: int, dtype: Any) -> NDArray[Any]:

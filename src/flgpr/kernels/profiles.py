@@ -14,8 +14,8 @@ from numba import float32, njit, uint32, uint64
 from numpy.typing import NDArray
 
 from flgpr.kernels.geometry import antenna_rows
-from flgpr.kernels.lanes import gather_pairs, spread_pairs
-from flgpr.kernels.layout import BLOCK, GATHER_PAIRS
+from flgpr.kernels.lanes import combine_antennas, gather_pairs, spread_pairs
+from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, padded, row_size
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -27,7 +27,8 @@ class Geometry(NamedTuple):
     ``pixel_count`` are wanted; ``medium`` the refractive indices above and below z = 0 (zero: no ground); ``per_turn``
     and ``carrier`` the tone spacing and the carrier over the speed of light, 1/m; ``origin`` the 32-bit delay at which
     bin 0 starts and ``shift`` the number of its bits below a bin; ``gain`` (antenna, pixel), or (antenna, 0) for none;
-    ``weight`` (tap, power) the polynomials of :func:`flgpr.kernels.kaiser.polynomials`.
+    ``weight`` (power, tap), flat, the polynomials of :func:`flgpr.kernels.kaiser.polynomials`, padded. ``delay``,
+    ``cosine`` and ``sine`` are what :func:`locate` found, or empty: then it is found anew wherever it is needed.
     """
 
     tx: NDArray[np.int64]
@@ -42,6 +43,9 @@ class Geometry(NamedTuple):
     shift: int
     gain: NDArray[np.float32]
     weight: NDArray[np.float32]
+    delay: NDArray[np.uint32] = np.empty(0, np.uint32)
+    cosine: NDArray[np.float32] = np.empty(0, np.float32)
+    sine: NDArray[np.float32] = np.empty(0, np.float32)
 
 
 def polynomial_degree(width: int) -> int:
@@ -50,75 +54,67 @@ def polynomial_degree(width: int) -> int:
 
 
 @njit(**_FAST)
-def _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field):  # type: ignore[no-untyped-def]
-    """Make the table rows, bin fractions and phasors of a pair from the rows ``i`` and ``j`` of its two antennas."""
-    row, block = uint64(g * BLOCK), uint64(BLOCK)
-    low = uint32(shift)
-    mask = (uint32(1) << low) - uint32(1)
-    scale, first = float32(1.0 / (1 << shift)), uint32(origin)
-    for k in range(block):
-        d = uint32(delay[i + k] + delay[j + k] - first)
-        start[row + k] = (base + (d >> low)) * uint32(lanes)
-        fields[field + uint64(2) * block + k] = float32(d & mask) * scale - float32(0.5)
-        ci, si, cj, sj = cosine[i + k], sine[i + k], cosine[j + k], sine[j + k]
-        fields[field + k] = ci * cj - si * sj
-        fields[field + block + k] = si * cj + ci * sj
-
-
-@njit(**_FAST)
-def _weigh(fields, field, weight, taps):  # type: ignore[no-untyped-def]
-    """Replace the bin fraction in row 2 of a pair's fields by the weights of all taps in rows 2 and on."""
-    width = len(taps)
-    even, odd = (width + 3) // 2 + 1, (width + 4) // 2
-    block = uint64(BLOCK)
-    for k in range(block):
-        y = fields[field + uint64(2) * block + k]
-        yy = y * y
-        for a in range((width + 1) // 2):
-            e = weight[a, 2 * even - 2]
-            for n in range(1, even):
-                e = e * yy + weight[a, 2 * (even - 1 - n)]
-            o = weight[a, 2 * odd - 1]
-            for n in range(1, odd):
-                o = o * yy + weight[a, 2 * (odd - n) - 1]
-            o *= y
-            fields[field + uint64(2 + a) * block + k] = e + o
-            fields[field + uint64(1 + width - a) * block + k] = e - o
+def _locate(geometry, a, block, at, delay, cosine, sine):  # type: ignore[no-untyped-def]
+    """Fill the delays and phasors of antenna ``a`` for a block of pixels from ``at`` on."""
+    medium, per_turn, carrier, gain = geometry.medium, geometry.per_turn, geometry.carrier, geometry.gain[a]
+    first = uint64(block * BLOCK)
+    antenna_rows(
+        geometry.pixels, first, geometry.antenna[a], medium, per_turn, carrier, gain, uint64(at), delay, cosine, sine
+    )
 
 
 @njit(nogil=True, **_FAST)
-def adjoint(table, bins, geometry, out, taps, channels, begin, end):  # type: ignore[no-untyped-def]
+def locate(geometry, begin, end):  # type: ignore[no-untyped-def]
+    """Fill the geometry's delays and phasors (block, antenna, pixel of the block), flat, for some blocks."""
+    antennas = geometry.antenna.shape[0]
+    for block in range(begin, end):
+        for a in range(antennas):
+            _locate(geometry, a, block, (block * antennas + a) * BLOCK, geometry.delay, geometry.cosine, geometry.sine)
+
+
+@njit(nogil=True, **_FAST)
+def adjoint(table, bins, geometry, out, taps, powers, channels, begin, end):  # type: ignore[no-untyped-def]
     """Fill pixel blocks ``begin`` to ``end`` of ``out`` (channel, pixel) from ``table`` (pair, bin, lane)."""
-    tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
-    medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
-    origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
-    antennas, pairs, half, fields_per_pair = antenna.shape[0], tx.shape[0], len(channels), (len(taps) + 2) * BLOCK
-    lanes = 2 * half
-    delay = np.empty(antennas * BLOCK, np.uint32)
-    cosine, sine = np.empty(antennas * BLOCK, np.float32), np.empty(antennas * BLOCK, np.float32)
+    tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
+    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
+    antennas, pairs, half, width = geometry.antenna.shape[0], tx.shape[0], len(channels), padded(len(taps))
+    lanes, fields_per_pair = row_size(len(taps), half), (width + 2) * BLOCK
+    kept = geometry.delay.shape[0] > 0
+    delay = geometry.delay if kept else np.empty(antennas * BLOCK, np.uint32)
+    cosine = geometry.cosine if kept else np.empty(antennas * BLOCK, np.float32)
+    sine = geometry.sine if kept else np.empty(antennas * BLOCK, np.float32)
     start = np.empty(GATHER_PAIRS * BLOCK, np.uint32)
     fields = np.empty(GATHER_PAIRS * fields_per_pair, np.float32)
-    total = np.empty(BLOCK * 2 * lanes, np.float32)
+    total = np.empty(BLOCK * lanes, np.float32)
+    complete = total.view(np.complex64)
     for block in range(begin, end):
-        first = uint64(block * BLOCK)
         total[:] = 0
-        for a in range(antennas):
-            at = uint64(a * BLOCK)
-            antenna_rows(pixels, first, antenna[a], medium, per_turn, carrier, gain[a], at, delay, cosine, sine)
+        place = block * antennas * BLOCK if kept else 0
+        if not kept:
+            for a in range(antennas):
+                _locate(geometry, a, block, a * BLOCK, delay, cosine, sine)
         for q in range(0, pairs, GATHER_PAIRS):
             held = min(GATHER_PAIRS, pairs - q)
             for g in range(held):
-                i, j, field = uint64(tx[q + g] * BLOCK), uint64(rx[q + g] * BLOCK), uint64(g * fields_per_pair)
-                base = uint32((q + g) * bins)
-                _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field)
-                _weigh(fields, field, weight, taps)
+                i, j = uint64(place + tx[q + g] * BLOCK), uint64(place + rx[q + g] * BLOCK)
+                base, pair = uint32((q + g) * bins), uint64(g)
+                combine_antennas(
+                    delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
+                )  # fmt: skip
             for k in range(uint64(BLOCK)):
-                gather_pairs(total, k * uint64(2 * lanes), table, start, fields, k, uint64(held), taps, channels)
-        for c in range(out.shape[0]):
-            for k in range(min(BLOCK, count - block * BLOCK)):
-                t = k * 2 * lanes + c
-                re = total[t] - total[t + lanes + half]
-                out[c, block * BLOCK + k] = complex(re, total[t + half] + total[t + lanes])
+                gather_pairs(total, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
+        wanted = min(BLOCK, count - block * BLOCK)
+        if half == 1:
+            for k in range(wanted):
+                re, im = float32(0), float32(0)
+                for a in range(width):
+                    re += total[k * lanes + a]
+                    im += total[k * lanes + width + a]
+                out[0, block * BLOCK + k] = complex(re, im)
+        else:
+            for c in range(out.shape[0]):
+                for k in range(wanted):
+                    out[c, block * BLOCK + k] = complete[k * half + c]
 
 
 @njit(cache=True)
@@ -138,39 +134,45 @@ def _antennas_of(tx, rx, q, held, used, local):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, **_FAST)
-def forward(table, bins, geometry, image, taps, channels, q, end):  # type: ignore[no-untyped-def]
+def forward(table, bins, geometry, image, taps, powers, channels, q, end):  # type: ignore[no-untyped-def]
     """Fill the pairs from ``q`` up to ``end`` of ``table`` from ``image`` (channel, pixel): transpose of the adjoint.
 
     A call owns the profiles of its pairs and goes through all pixels in order: what it finds for a pair does not depend
     on the others.
     """
-    tx, rx, antenna, pixels, count = geometry.tx, geometry.rx, geometry.antenna, geometry.pixels, geometry.pixel_count
-    medium, per_turn, carrier = geometry.medium, geometry.per_turn, geometry.carrier
-    origin, shift, gain, weight = geometry.origin, geometry.shift, geometry.gain, geometry.weight
-    half, fields_per_pair, held = len(channels), (len(taps) + 2) * BLOCK, end - q
-    lanes, most = 2 * half, 2 * held
-    table[q * bins * lanes : (q + held) * bins * lanes] = 0
+    tx, rx, count = geometry.tx, geometry.rx, geometry.pixel_count
+    origin, shift, weight = uint32(geometry.origin), uint32(geometry.shift), geometry.weight
+    half, held, fields_per_pair = len(channels), end - q, (padded(len(taps)) + 2) * BLOCK
+    lanes, most = row_size(len(taps), half), 2 * held
+    table[q * bins * lanes : end * bins * lanes] = 0
     used, local = np.empty(most, np.int64), np.empty(most, np.int64)
     antennas = _antennas_of(tx, rx, q, held, used, local)
-    delay = np.empty(most * BLOCK, np.uint32)
-    cosine, sine = np.empty(most * BLOCK, np.float32), np.empty(most * BLOCK, np.float32)
+    kept = geometry.delay.shape[0] > 0
+    delay = geometry.delay if kept else np.empty(most * BLOCK, np.uint32)
+    cosine = geometry.cosine if kept else np.empty(most * BLOCK, np.float32)
+    sine = geometry.sine if kept else np.empty(most * BLOCK, np.float32)
+    if kept:
+        for g in range(most):
+            local[g] = used[local[g]]
     start = np.empty(held * BLOCK, np.uint32)
     fields = np.empty(held * fields_per_pair, np.float32)
-    value = np.zeros(BLOCK * lanes, np.float32)
+    value = np.zeros(BLOCK * 2 * half, np.float32)
     for block in range((count + BLOCK - 1) // BLOCK):
         first = uint64(block * BLOCK)
         wanted = uint64(min(BLOCK, count - block * BLOCK))
-        for a in range(antennas):
-            n, at = used[a], uint64(a * BLOCK)
-            antenna_rows(pixels, first, antenna[n], medium, per_turn, carrier, gain[n], at, delay, cosine, sine)
+        place = block * geometry.antenna.shape[0] * BLOCK if kept else 0
+        if not kept:
+            for a in range(antennas):
+                _locate(geometry, used[a], block, a * BLOCK, delay, cosine, sine)
         for g in range(held):
-            i, j, field = (uint64(local[2 * g] * BLOCK), uint64(local[2 * g + 1] * BLOCK), uint64(g * fields_per_pair))
-            base = uint32((q + g) * bins)
-            _combine(i, j, g, delay, cosine, sine, base, origin, shift, lanes, start, fields, field)
-            _weigh(fields, field, weight, taps)
+            i, j = uint64(place + local[2 * g] * BLOCK), uint64(place + local[2 * g + 1] * BLOCK)
+            base, pair = uint32((q + g) * bins), uint64(g)
+            combine_antennas(
+                delay, cosine, sine, i, j, base, origin, shift, weight, powers, taps, channels, start, fields, pair
+            )  # fmt: skip
         for c in range(uint64(image.shape[0])):
             for k in range(wanted):
-                value[k * uint64(lanes) + c] = image[c, first + k].real
-                value[k * uint64(lanes) + c + uint64(half)] = image[c, first + k].imag
+                value[k * uint64(2 * half) + c] = image[c, first + k].real
+                value[k * uint64(2 * half) + c + uint64(half)] = image[c, first + k].imag
         for k in range(wanted):
-            spread_pairs(value, k * uint64(lanes), table, start, fields, k, uint64(held), taps, channels)
+            spread_pairs(value, k * uint64(2 * half), table, start, fields, k, uint64(held), taps, channels)

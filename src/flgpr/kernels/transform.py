@@ -14,6 +14,7 @@ from numba import njit, uint64
 from numpy.typing import NDArray
 
 from flgpr.kernels.lanes import butterfly
+from flgpr.kernels.layout import row_size
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -63,55 +64,81 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, **_FAST)
-def compress(data, weight, spectrum, table, channels, begin, end):  # type: ignore[no-untyped-def]
-    """Fill ``table`` (pair, bin, lane) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
+def compress(data, weight, spectrum, table, taps, channels, lane, begin, end):  # type: ignore[no-untyped-def]
+    """Fill ``table`` (pair, bin, row) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
 
-    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero.
+    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero. A single channel
+    is transformed for as many pairs at once as ``lane`` is long.
     """
-    half, size, first = len(channels), spectrum.size, spectrum.first
-    entries, slot, share = spectrum.entries, spectrum.slot, spectrum.share
-    factor, twiddle = spectrum.factor, spectrum.twiddle
+    size, first, factor = spectrum.size, spectrum.first, spectrum.factor
+    entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
+    half, together, row, width = len(lane), len(lane) // len(channels), row_size(len(taps), len(channels)), len(taps)
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    for q in range(begin, end):
-        a, b = np.zeros(size * lanes, np.float32), np.empty(size * lanes, np.float32)
-        for k in range(data.shape[2]):
-            for e in range(entries[k], entries[k + 1]):
-                at = slot[e] * lanes
-                for s in range(bands):
-                    w = weight[s, k] * share[e]
-                    for c in range(data.shape[0]):
-                        a[at + c * bands + s] += w * data[c, q, k].real
-                        a[at + half + c * bands + s] += w * data[c, q, k].imag
-        a = fourier(a, b, size, twiddle, channels)
-        for i in range(bins):
-            at, to = uint64(((first + i) % size) * lanes), uint64((q * bins + i) * lanes)
-            for j in range(uint64(lanes)):
-                table[to + j] = a[at + j] * factor[i]
+    source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
+    for first_pair in range(begin, end, together):
+        source[:] = 0
+        for q in range(first_pair, min(first_pair + together, end)):
+            for k in range(data.shape[2]):
+                for e in range(entries[k], entries[k + 1]):
+                    at = slot[e] * lanes + q - first_pair
+                    for s in range(bands):
+                        w = weight[s, k] * share[e]
+                        if w == 0:
+                            continue
+                        for c in range(data.shape[0]):
+                            source[at + c * bands + s] += w * data[c, q, k].real
+                            source[at + half + c * bands + s] += w * data[c, q, k].imag
+        profile = fourier(source, work, size, twiddle, lane)
+        if together == 1:
+            for i in range(bins):
+                at, to = uint64(((first + i) % size) * lanes), uint64((first_pair * bins + i) * row)
+                for j in range(uint64(lanes)):
+                    table[to + j] = profile[at + j] * factor[i]
+        else:
+            for q in range(first_pair, min(first_pair + together, end)):
+                table[q * bins * row : (q + 1) * bins * row] = 0
+                for i in range(bins):
+                    at = ((first + i) % size) * lanes + q - first_pair
+                    for a in range(min(width, i + 1)):
+                        to = (q * bins + i - a) * row + a
+                        table[to] = profile[at] * factor[i]
+                        table[to + row // 2] = profile[at + half] * factor[i]
 
 
 @njit(nogil=True, **_FAST)
-def expand(table, weight, spectrum, data, channels, begin, end):  # type: ignore[no-untyped-def]
+def expand(table, weight, spectrum, data, taps, channels, lane, begin, end):  # type: ignore[no-untyped-def]
     """Add the spectra of ``table`` to ``data`` (polarization, pair, tone): the transpose of :func:`compress`."""
-    half, size, first = len(channels), spectrum.size, spectrum.first
-    entries, slot, share = spectrum.entries, spectrum.slot, spectrum.share
-    factor, twiddle = spectrum.factor, spectrum.twiddle
+    size, first, factor = spectrum.size, spectrum.first, spectrum.factor
+    entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
+    half, together, row, width = len(lane), len(lane) // len(channels), row_size(len(taps), len(channels)), len(taps)
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
-    for q in range(begin, end):
-        a, b = np.zeros(size * lanes, np.float32), np.empty(size * lanes, np.float32)
-        for i in range(bins):
-            to, at = uint64(((first + i) % size) * lanes), uint64((q * bins + i) * lanes)
-            # Real and imaginary parts change places here and below: that conjugates the transform.
-            for j in range(uint64(half)):
-                a[to + uint64(half) + j] += table[at + j] * factor[i]
-                a[to + j] += table[at + uint64(half) + j] * factor[i]
-        a = fourier(a, b, size, twiddle, channels)
-        for c in range(data.shape[0]):
-            for k in range(data.shape[2]):
-                re, im = np.float32(0), np.float32(0)
-                for e in range(entries[k], entries[k + 1]):
-                    at = slot[e] * lanes + c * bands
-                    for s in range(bands):
-                        w = weight[s, k] * share[e]
-                        im += w * a[at + s]
-                        re += w * a[at + half + s]
-                data[c, q, k] += complex(re, im)
+    source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
+    for first_pair in range(begin, end, together):
+        source[:] = 0
+        # Real and imaginary parts change places here and below: that conjugates the transform.
+        if together == 1:
+            for i in range(bins):
+                to, at = uint64(((first + i) % size) * lanes), uint64((first_pair * bins + i) * row)
+                for j in range(uint64(half)):
+                    source[to + uint64(half) + j] += table[at + j] * factor[i]
+                    source[to + j] += table[at + uint64(half) + j] * factor[i]
+        else:
+            for q in range(first_pair, min(first_pair + together, end)):
+                for i in range(bins):
+                    to = ((first + i) % size) * lanes + q - first_pair
+                    for a in range(min(width, i + 1)):
+                        at = (q * bins + i - a) * row + a
+                        source[to + half] += table[at] * factor[i]
+                        source[to] += table[at + row // 2] * factor[i]
+        profile = fourier(source, work, size, twiddle, lane)
+        for q in range(first_pair, min(first_pair + together, end)):
+            for c in range(data.shape[0]):
+                for k in range(data.shape[2]):
+                    re, im = np.float32(0), np.float32(0)
+                    for e in range(entries[k], entries[k + 1]):
+                        at = slot[e] * lanes + c * bands + q - first_pair
+                        for s in range(bands):
+                            w = weight[s, k] * share[e]
+                            im += w * profile[at + s]
+                            re += w * profile[at + half + s]
+                    data[c, q, k] += complex(re, im)
