@@ -2,10 +2,10 @@
 
 import os
 
-# Threads that wait sleep instead of spinning: beside other processes spinning costs several times the work itself.
-# OpenMP and OpenBLAS read this when they are loaded, and child processes inherit it.
+# Small products of matrices on several threads cost several times the work itself, above all beside other processes,
+# and threads that wait should sleep, not spin. OpenMP and OpenBLAS read this when loaded; child processes inherit it.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 

@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
+
+from flgpr.kernels.compiled import njit
 
 _FINE = 64  # bins per coarse bin
 _COARSE = 64
