@@ -45,15 +45,17 @@ def test_a_copy_of_the_sources_loads_what_was_compiled_and_gives_the_same_bits(t
     assert len(set(told[0])) == 3
 
 
-def test_what_was_compiled_is_named_by_every_module_of_the_folder(tmp_path):
-    names = []
-    for home, text in (("here", "a = 1"), ("there", "a = 1"), ("later", "a = 2")):
+def test_what_was_compiled_is_named_by_what_the_module_and_those_behind_it_say(tmp_path):
+    folders = []
+    for home, inlined, other in (("here", "a = 1", ""), ("there", "a = 1", "b = 2"), ("later", "a = 2", "")):
         folder = tmp_path / home / "kernels"
         folder.mkdir(parents=True)
-        (folder / "loop.py").write_text("the loop\n")
-        (folder / "inlined.py").write_text(text)
-        names.append(compiled._cache_folder(folder))
-    assert names[0] == names[1] != names[2]
+        (folder / "loop.py").write_text("from flgpr.kernels.between import a\n")
+        (folder / "between.py").write_text("from flgpr.kernels.inlined import a\nfrom flgpr.kernels.loop import b\n")
+        (folder / "inlined.py").write_text(inlined)
+        (folder / "other.py").write_text(other)
+        folders.append(compiled._cache_folder(folder / "loop.py"))
+    assert folders[0] == folders[1] != folders[2]
 
 
 def test_without_a_place_to_keep_it_a_kernel_is_compiled_all_the_same(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ environment or clone would compile everything again. Here the folder is named by
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -18,16 +19,25 @@ from numba.core import caching, config
 from numba.misc.appdirs import AppDirs
 
 
+def _modules(source: Path) -> set[Path]:
+    """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
+    found, left = {source}, [source]
+    while left:
+        names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", left.pop().read_text("utf-8"), re.M)
+        left += (new := {source.with_name(f"{name}.py") for name in names} - found)
+        found |= new
+    return found
+
+
 @cache
-def _cache_folder(sources: Path) -> Path:
-    """Where the code of a folder's modules lies: the modules inline each other, so that all of them make the name."""
+def _cache_folder(source: Path) -> Path:
+    """Where a module's code is kept. The processor makes part of the name: homes may be shared by unlike machines."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
-    versions = f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}"
-    told = hashlib.sha256(versions.encode())
-    for path in sorted(sources.glob("*.py")):
+    told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
+    for path in sorted(_modules(source)):
         told.update(f"\0{path.name}\0".encode() + path.read_bytes())
     home = config.CACHE_DIR or AppDirs(appname="flgpr", appauthor=False).user_cache_dir
-    return Path(home) / f"{sources.name}-{told.hexdigest()[:20]}"
+    return Path(home) / f"{source.stem}-{told.hexdigest()[:20]}"
 
 
 _UserWide: Any = getattr(caching, "UserWideCacheLocator", None) or caching._UserWideCacheLocator
@@ -37,7 +47,7 @@ class _BySource(_UserWide):  # type: ignore[misc]
     """Tells numba the folder, for this package's functions alone."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
-        self._folder, self._lineno = _cache_folder(Path(py_file).parent), py_func.__code__.co_firstlineno
+        self._folder, self._lineno = _cache_folder(Path(py_file)), py_func.__code__.co_firstlineno
 
     def get_cache_path(self) -> str:
         return str(self._folder)
