@@ -7,6 +7,7 @@ CASES ?= 10000
 # What a change needs every time: it takes about a minute.
 QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
+SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
 
 # Files go to two processes in the order of their names, so that light ones come last and neither waits for the other.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
@@ -21,7 +22,7 @@ benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 
 quick: lint
-	$(PYTEST) -q $(addprefix tests/,$(QUICK))
+	$(PYTEST) -q $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(SLOW))
 
 test: lint
 	$(PYTEST)
