@@ -7,6 +7,10 @@ CASES ?= 10000
 # What a change needs every time: it takes about a minute.
 QUICK := model kernels features screen clutter calibrate scoring report chain/test_passes.py chain/test_recipe.py \
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
+SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
+
+# Files go to two processes in the order of their names, so that light ones come last and neither waits for the other.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo benchmark quick test lint docs robustness clean
 
@@ -18,10 +22,10 @@ benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 
 quick: lint
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile $(addprefix tests/,$(QUICK))
+	$(PYTEST) -q $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(SLOW))
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(PYTEST)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -30,7 +34,7 @@ lint: $(VENV)/.test
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
-	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(BIN)/python -m pytest -n 2 --dist loadfile \
+	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) \
 	    tests/robustness tests/io/test_fuzz_exchange.py tests/io/test_store_machines.py \
 	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
 

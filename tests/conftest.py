@@ -2,21 +2,24 @@
 
 import os
 
-# Threads that wait sleep instead of spinning: beside other processes spinning costs several times the work itself.
-# OpenMP and OpenBLAS read this when they are loaded, and child processes inherit it.
+# Small products of matrices on several threads cost several times the work itself, above all beside other processes,
+# and threads that wait should sleep, not spin. OpenMP and OpenBLAS read this when loaded; child processes inherit it.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
+from PIL import Image
 
 from flgpr import tasks
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
+DRAWING = {"tests", "io", "report", "scoring", "papers", "tasks", "test_docs_theory"}
+"""Folders and files whose tests look at pictures."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
 
@@ -26,6 +29,19 @@ def pytest_collect_file(file_path, parent):
     """Look for examples in the package only: files of one name, such as this one, cannot all be imported for it."""
     found = yield
     return [one for one in found if type(one).__name__ != "DoctestModule"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def blank_pictures(request):
+    """Make pictures blank where no test looks at one: drawing takes longer than all the rest of a small detection."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not {request.path.parent.name, request.path.stem} & DRAWING:
+            patch.setattr("matplotlib.figure.Figure.savefig", _blank)
+        yield
+
+
+def _blank(_figure, target, **options):
+    Image.new("L", (1, 1)).save(target, options.get("format", "png"))
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from flgpr.simulate import draw_world
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
 
-installed = test_plugin.installed
+site, installed = test_plugin.site, test_plugin.installed
 GROUND = """
 name = "small"
 version = 3

@@ -85,9 +85,12 @@ def test_names_in_the_text_exist(page):
     assert not wrong
 
 
+COMMANDS = typer.main.get_command(app)
+
+
 def command_of(words):
     """Find the command and return it with what is left of the words."""
-    found, words = typer.main.get_command(app), list(words)
+    found, words = COMMANDS, list(words)
     while hasattr(found, "commands"):
         if not words or words[0].startswith("-"):
             return found, words

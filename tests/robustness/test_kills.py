@@ -25,7 +25,7 @@ from flgpr.results.result import ResultError, read_result
 from robust import content, digests
 
 DATA = Path(__file__).parents[1] / "data"
-KILLS = int(os.environ.get("FLGPR_KILLS", "6"))
+KILLS = int(os.environ.get("FLGPR_KILLS", "4"))
 MOST_IN_A_ROW = 4
 OPERATIONS = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir"}
 

@@ -41,12 +41,17 @@ def make_wheel(folder: Path) -> Path:
     return wheel
 
 
-@pytest.fixture
-def installed(tmp_path_factory, monkeypatch):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
     target = tmp_path_factory.mktemp("site")
     options = ["--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", "--target", target]
     subprocess.run([sys.executable, "-m", "pip", "install", *options, make_wheel(target)], check=True)
-    monkeypatch.syspath_prepend(str(target))
+    return target
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    monkeypatch.syspath_prepend(str(site))
 
 
 def test_it_is_small():

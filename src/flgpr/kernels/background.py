@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from flgpr.kernels.compiled import njit
 from flgpr.kernels.filters import sorted_order
 
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins

@@ -6,8 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
+
+from flgpr.kernels.compiled import njit
 
 _TWO_PI = 2.0 * math.pi
 

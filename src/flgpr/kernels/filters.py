@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import int64, njit, prange, types, uint64
+from numba import int64, prange, types, uint64
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from flgpr.kernels.compiled import njit
 
 _FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
 _DIGIT = 11  # bits sorted at a time
@@ -230,11 +232,12 @@ def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: 
 
 
 @njit(parallel=True, nogil=True, cache=True)
-def _orders(images: NDArray[np.float32]) -> NDArray[np.int32]:
-    orders = np.empty((images.shape[0], images.shape[1] * images.shape[2]), np.int32)
+def _sort(images, orders):  # type: ignore[no-untyped-def]
+    """Fill ``orders`` with the order of every image of ``images`` (image, pixel)."""
     for i in prange(images.shape[0]):
-        orders[i] = sorted_order(images[i].ravel())
-    return orders
+        order = sorted_order(images[i])
+        for k in range(order.size):  # as a whole it would take seconds more to compile
+            orders[i, k] = order[k]
 
 
 def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
@@ -243,7 +246,9 @@ def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int =
     count, ny, nx = stack.shape
     out = np.empty((count, -(-ny // step), -(-nx // step)), np.float32)
     parts = max(1, min(8 // max(count, 1), ny))
-    median_of_ranks(_orders(stack), stack, size[0] // 2, size[1] // 2, step, parts, out)
+    orders = np.empty((count, ny * nx), np.int32)
+    _sort(stack.reshape(orders.shape), orders)
+    median_of_ranks(orders, stack, size[0] // 2, size[1] // 2, step, parts, out)
     return out
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import float32, njit, prange
+from numba import float32, prange
 
+from flgpr.kernels.compiled import njit
 from flgpr.kernels.geometry import cos_sin
 
 

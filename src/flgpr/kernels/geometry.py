@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import float32, njit, prange, uint32, uint64
+from numba import float32, prange, uint32, uint64
 
+from flgpr.kernels.compiled import njit
 from flgpr.kernels.layout import BLOCK
 
 _TURN32 = 4294967296.0

@@ -9,7 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from flgpr.kernels.compiled import njit
 
 _SWEEPS = 12  # six reach machine precision; quadratic convergence
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from flgpr.kernels.compiled import njit
 
 INNER, OUTER = 1, 2
 PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import float32, njit, uint32, uint64
+from numba import float32, uint32, uint64
 from numpy.typing import NDArray
 
+from flgpr.kernels.compiled import njit
 from flgpr.kernels.geometry import antenna_rows
 from flgpr.kernels.lanes import combine_antennas, gather_pairs, spread_pairs
 from flgpr.kernels.layout import BLOCK, GATHER_PAIRS, padded, row_size

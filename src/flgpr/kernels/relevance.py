@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from flgpr.kernels.compiled import njit
 
 _NEWTON = 60
 _TINY = 1e-300

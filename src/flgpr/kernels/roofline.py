@@ -6,10 +6,12 @@ import time
 from typing import Any
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import get_num_threads, njit, prange
+from llvmlite import ir
+from numba import get_num_threads, prange
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from flgpr.kernels.compiled import njit
 
 _CHAINS, _LANES = 12, 16
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, uint64
+from numba import uint64
 from numpy.typing import NDArray
 
+from flgpr.kernels.compiled import njit
 from flgpr.kernels.lanes import butterfly
 from flgpr.kernels.layout import row_size
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from flgpr.kernels.compiled import njit
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import bodies

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from flgpr.kernels.compiled import njit
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene import Target, Thing

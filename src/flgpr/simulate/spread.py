@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from flgpr.kernels.compiled import njit
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 

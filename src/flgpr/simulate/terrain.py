@@ -9,9 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from flgpr.kernels.compiled import njit
 from flgpr.model import Lane, heading_matrix
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate import tables

@@ -1,0 +1,77 @@
+"""numba's ``njit``, whose compiled code is found again by every copy of the same sources.
+
+numba keeps compiled code beside the source or under a name made of the source's path, so that another virtual
+environment or clone would compile everything again. Here the folder is named by what the sources say.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+import numba
+from numba.core import caching, config
+from numba.misc.appdirs import AppDirs
+
+
+def _modules(source: Path) -> set[Path]:
+    """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
+    found, left = {source}, [source]
+    while left:
+        names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", left.pop().read_text("utf-8"), re.M)
+        left += (new := {source.with_name(f"{name}.py") for name in names} - found)
+        found |= new
+    return found
+
+
+@cache
+def _cache_folder(source: Path) -> Path:
+    """Where a module's code is kept. The processor makes part of the name: homes may be shared by unlike machines."""
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
+    for path in sorted(_modules(source)):
+        told.update(f"\0{path.name}\0".encode() + path.read_bytes())
+    home = config.CACHE_DIR or AppDirs(appname="flgpr", appauthor=False).user_cache_dir
+    return Path(home) / f"{source.stem}-{told.hexdigest()[:20]}"
+
+
+_UserWide: Any = getattr(caching, "UserWideCacheLocator", None) or caching._UserWideCacheLocator
+
+
+class _BySource(_UserWide):  # type: ignore[misc]
+    """Tells numba the folder, for this package's functions alone."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        self._folder, self._lineno = _cache_folder(Path(py_file)), py_func.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return self._folder.name
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        inside = py_func.__module__.startswith("flgpr.") and Path(py_file).exists()
+        return super().from_function(py_func, py_file) if inside else None
+
+
+_implementation = getattr(caching, "CacheImpl", None) or caching._CacheImpl
+_implementation._locator_classes = [_BySource, *_implementation._locator_classes]
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile as ``numba.njit`` does; without ``cache`` where no place for it can be written."""
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        try:
+            return numba.njit(**options)(function)
+        except RuntimeError:  # neither the user's folder, nor the source's
+            return numba.njit(**options | {"cache": False})(function)
+
+    return compiled
