@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba import int64, prange, types, uint64
 from numba.core import cgutils
 from numba.extending import intrinsic

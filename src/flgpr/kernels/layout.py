@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from flgpr.kernels.compiled import njit
 
 BLOCK = 64
 """Pixels that are worked on together; pixel arrays are padded to a multiple."""
