@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flgpr.imaging.engines import Engine
 from flgpr.imaging.plan import Plan
 from flgpr.kernels import gpu
+from flgpr.kernels.layout import padded
 from flgpr.kernels.transform import Spectrum
 from flgpr.model.arrays import ComplexArray, FloatArray
 
@@ -184,7 +185,8 @@ class CudaEngine(Engine):
         self._delay, self._phasor = delay.reshape(-1), phasor.reshape(-1).view(np.uint64)
         begins = (cuda.to_device((antenna * shape[1]).astype(np.uint64)) for antenna in (g.tx, g.rx))
         self._on_device.tx, self._on_device.rx = begins
-        self._on_device.taps = cuda.to_device(g.weight)
+        weight = g.weight.reshape(-1, padded(self.width))[:, : self.width].T
+        self._on_device.taps = cuda.to_device(np.ascontiguousarray(weight))
 
     def _sorted_pixels(self) -> tuple[Any, Any]:
         """Pixels of every pair in the order of their bins, and where each bin begins; made at the first use."""
