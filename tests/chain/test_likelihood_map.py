@@ -157,9 +157,20 @@ def test_the_contrast_is_the_power_about_a_pixel_over_that_of_the_ring(run):
 def test_what_it_adds_of_the_contrast_is_a_mean_of_the_channels_asked_for(run):
     learnt, _ = LikelihoodMap.fit(stage_of(run).settings, [gathered(stage_of(run))])
     image = image_of(noise(np.random.default_rng(6), 4, 2, GRID.ny, GRID.nx))
-    without, twice = (stage_of(run, learnt, level=level).map(image) for level in (0.0, 2.0))
+    without, twice = (stage_of(run, learnt, level=level, blur=0.0).map(image) for level in (0.0, 2.0))
     want = contrasts(image.isel(polarization=slice(2)), stage_of(run).settings).mean(axis=(0, 1))
     np.testing.assert_allclose(twice - without, 2 * want, atol=1e-3)
+
+
+def test_its_map_is_smoothed_over_as_many_metres_as_asked_for(run):
+    learnt, _ = LikelihoodMap.fit(stage_of(run).settings, [gathered(stage_of(run))])
+    image = image_of(noise(np.random.default_rng(7), 4, 2, GRID.ny, GRID.nx))
+    sharp, smooth = (stage_of(run, learnt, blur=blur).map(image) for blur in (0.0, 0.2))
+    row, column, reach = 20, 20, 8  # four standard deviations of two pixels
+    offset = np.arange(-reach, reach + 1)
+    weight = np.exp(-(offset[:, None] ** 2 + offset**2) / (2 * 2**2))
+    around = sharp[row - reach : row + reach + 1, column - reach : column + reach + 1]
+    assert smooth[row, column] == pytest.approx((weight * around).sum() / weight.sum(), rel=1e-4)
 
 
 def test_an_array_that_is_not_the_runs_is_refused(run):

@@ -21,6 +21,7 @@ def test_packaged_recipes_are_valid(name):
         ('subband = "0.45-1.5"', 'subband = "F9"', ["subband", "'F9'"]),
         ("y = [1.2, 5.84]", "y = [5.84, 1.2]", ["image.y", "increase"]),
         ("guard = [9, 7]", "guard = [8, 7]", ["odd"]),
+        ("y_max = 5.84", "y_max = 5.84\nfalloff = 2", ["run_view", "falloff", '"mean"']),
         ('name = "demo"', "name = ", ["TOML"]),
     ],
 )

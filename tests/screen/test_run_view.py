@@ -1,9 +1,11 @@
+from itertools import product
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from flgpr.model import Grid, lane_to_scan
-from flgpr.screen import run_view, select
+from flgpr.screen import MeanViewSums, run_view, select
 from reference.wang2007 import second_largest
 
 GRID = Grid.spanning((-1.0, 1.0), (1.0, 4.0), 0.05)
@@ -45,6 +47,32 @@ def test_run_view_is_the_second_largest_over_the_scans_that_see_the_pixel(y_max)
                 assert view["looks"].values[iy, ix] == np.isfinite(values).sum()
                 checked += 1
     assert checked > 500
+
+
+def test_in_a_mean_view_near_looks_weigh_more():
+    grid = Grid.spanning((-0.5, 0.5), (2.0, 2.4), 0.1)
+    whole, parts = (MeanViewSums(grid, 3.5, falloff=2.0) for _ in range(2))
+    for plane, pose in zip(PLANES[:3], POSES, strict=False):
+        one, part = scan_image(plane, pose), MeanViewSums(grid, 3.5, falloff=2.0)
+        for sums in (whole, part):
+            sums.add(np.abs(one.values), GRID, np.asarray(pose))
+        parts.merge(part.state())
+    view, looks = whole.result()
+    np.testing.assert_allclose(parts.result()[0], view)
+    checked = 0
+    for (iy, y), (ix, x) in product(enumerate(grid.y), enumerate(grid.x)):
+        local = [lane_to_scan([x, y, 0.0], pose) for pose in POSES[:3]]
+        edges = [(abs(a) - 1, 1 - b, b - 3.5) for a, b, _ in local]
+        if any(abs(one) < 1e-6 for edge in edges for one in edge):
+            continue  # exactly on an edge: rounding decides
+        seen = [max(edge) < 0 for edge in edges]
+        weight = np.array([max(np.hypot(a, b), 1) ** -2.0 for a, b, _ in local]) * seen
+        values = np.array([plane(x, y) for plane in PLANES[:3]])
+        assert looks[iy, ix] == sum(seen)
+        if any(seen):
+            assert view[0, 0, iy, ix] == pytest.approx((weight * values).sum() / weight.sum(), rel=1e-5)
+            checked += sum(seen) > 1
+    assert checked > 30
 
 
 def test_select_names_what_there_is():

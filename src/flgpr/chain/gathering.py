@@ -28,8 +28,9 @@ def look_sums(table: RunViewTable, grid: Grid, rows: slice | None = None) -> Run
     """Make the sums of the recipe's look, on rows of a grid of the lane frame."""
     if table.look == "ranges":
         return RangeViewSums(grid, table.y_max, rows, table.ranges, table.within)
-    kind = MeanViewSums if table.look == "mean" else RunViewSums
-    return kind(grid, table.y_max, rows)
+    if table.look == "mean":
+        return MeanViewSums(grid, table.y_max, rows, table.falloff)
+    return RunViewSums(grid, table.y_max, rows)
 
 
 def check_confidence(recipe: Recipe, columns: Iterable[str]) -> None:

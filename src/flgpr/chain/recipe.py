@@ -126,8 +126,9 @@ class RunViewTable(Table):
     """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
 
     Without ``y`` it is as long as the lane. ``look`` tells what becomes of the scans that see a pixel: the
-    "second-largest" magnitude stands (Wang et al. 2007), or the "mean", or one view is made for each of the ``ranges``
-    ahead of the array (m), of the scan that sees the pixel nearest to it, at most ``within`` off (flsar2004).
+    "second-largest" magnitude stands (Wang et al. 2007), or the "mean", in which a look weighs as its distance to the
+    power -``falloff``, or one view is made for each of the ``ranges`` ahead of the array (m), of the scan that sees the
+    pixel nearest to it, at most ``within`` off (flsar2004).
     """
 
     x: Limits
@@ -135,6 +136,7 @@ class RunViewTable(Table):
     spacing: Spacing
     y_max: Annotated[float, Field(gt=0, le=1000)]
     look: Literal["second-largest", "mean", "ranges"] = "second-largest"
+    falloff: Annotated[float, Field(ge=0, le=10)] = 0.0
     ranges: tuple[Positive, ...] = ()
     within: Positive = 2.5
 
@@ -142,6 +144,8 @@ class RunViewTable(Table):
     def _ranged(self) -> RunViewTable:
         if (self.look == "ranges") != bool(self.ranges):
             raise ValueError(f'ranges must be given with the look "ranges" and only then, got {self.ranges}')
+        if self.falloff and self.look != "mean":
+            raise ValueError(f'falloff must be left out unless the look is "mean", got {self.falloff:g}')
         return self
 
     def grid(self, lane: Lane) -> Grid:

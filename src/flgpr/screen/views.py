@@ -146,19 +146,30 @@ class RunViewSums(LaneSums):
 
 
 class MeanViewSums(LaneSums):
-    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent."""
+    """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent.
+
+    A look weighs as its distance to the power -``falloff``, where what is nearer than a metre counts as a metre off.
+    """
+
+    def __init__(self, grid: Grid, y_max: float, rows: slice | None = None, falloff: float = 0.0) -> None:
+        super().__init__(grid, y_max, rows)
+        self.falloff = falloff
 
     def _begin(self, channels: tuple[int, ...]) -> dict[str, NDArray[Any]]:
-        return {"sum": np.zeros((*channels, *self._looks.shape))}
+        return {"sum": np.zeros((*channels, *self._looks.shape)), "weight": np.zeros(self._looks.shape)}
 
     def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
-        kept["sum"][...] += np.where(samples.whole, samples.values, 0.0)
+        distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
+        weight = np.where(samples.whole, np.maximum(distance, 1.0) ** -self.falloff, 0.0)
+        kept["sum"][...] += weight * np.where(samples.whole, samples.values, 0.0)
+        kept["weight"][...] += weight
 
     def _fold(self, own: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> None:
         own["sum"][...] += theirs["sum"]
+        own["weight"][...] += theirs["weight"]
 
     def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-        return kept["sum"] / np.maximum(self._looks, 1)
+        return kept["sum"] / np.where(self._looks > 0, kept["weight"], 1.0)
 
 
 class RangeViewSums(LaneSums):

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.special import logsumexp
 
 from flgpr.chain.passes import Accumulator, Arrays, added
@@ -38,7 +38,8 @@ class LikelihoodSettings(Table):
     the number of signature vectors, ``load`` the share of the mean power that is added to the covariance's diagonal,
     ``ratios`` are the powers of a signature in whitened clutter over which the likelihood is averaged. The contrast of
     these ``polarizations``, the power over the half width ``inner`` against that of the ring from ``guard`` to
-    ``outer``, dB, is added ``level`` times. ``offset`` lifts the map.
+    ``outer``, dB, is added ``level`` times. ``blur`` is the standard deviation of the map's smoothing,
+    ``offset`` lifts it.
     """
 
     sensor: str
@@ -58,6 +59,7 @@ class LikelihoodSettings(Table):
     inner: Positive = 0.15
     guard: Positive = 0.65
     outer: Positive = 1.55
+    blur: Annotated[float, Field(ge=0, le=10)] = 0.15
     offset: Positive = 40.0
 
     @model_validator(mode="after")
@@ -111,6 +113,8 @@ class LikelihoodMap(MapStage):
         total = self._between[0] @ value @ self._between[1] + table.offset
         if table.level:
             total += table.level * contrasts(image.sel(polarization=list(table.polarizations)), table).mean(axis=(0, 1))
+        grid = self.setup.images
+        total = gaussian_filter(total, (table.blur / grid.dy, table.blur / grid.dx), mode="nearest")
         return np.asarray(np.maximum(total, _LEAST), dtype=np.float32)
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
