@@ -1,4 +1,5 @@
 import shutil
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -281,3 +282,18 @@ def test_what_could_not_be_committed_is_refused_when_it_comes(small_run, tmp_pat
             writer.append(signal[0], np.zeros(6), 4.0)
         writer.append(signal[1], np.zeros(6))
     assert open_run(tmp_path / "run.zarr").sizes["scan"] == 2
+
+
+def test_committing_takes_no_memory_for_the_signal(tmp_path):
+    tones = 1e9 + 1e5 * np.arange(5000)
+    with RunWriter(tmp_path / "run.zarr", tones, ["VV"], np.zeros((4, 3)), np.zeros((4, 3))) as writer:
+        for scan in range(50):
+            signal = np.full((1, 4, 5000), np.nan if scan == 7 else 1j)
+            writer.append(signal, [0.0, scan, 2.0, 0.0, 0.0, 0.0], float(scan))
+        tracemalloc.start()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2e6  # the signal has 8 MB
+    run = open_run(tmp_path / "run.zarr")
+    np.testing.assert_array_equal(run["frequency"].values, tones)
+    np.testing.assert_array_equal(np.flatnonzero(~run["valid"].values.all(axis=(1, 2))), [7])

@@ -223,10 +223,11 @@ class RunWriter:
         scans = self._journal.scans
         if not scans:
             raise ValueError("a run must hold at least one scan, got none")
-        probe = np.where(np.stack([scan.valid for scan in scans])[..., None], 0, np.nan) * np.ones(self._frequency.size)
+        # One tone stands for all, which the beginning checked: those of a day's drive would not fit into the memory.
+        probe = np.where(np.stack([scan.valid for scan in scans])[..., None], np.complex64(0), np.complex64(np.nan))
         run = make_run(
-            probe + 0j,
-            self._frequency,
+            probe,
+            self._frequency[:1],
             self._polarization,
             self._tx,
             self._rx,
@@ -235,7 +236,7 @@ class RunWriter:
         )
         self._signal.resize((len(scans), *self._shape))  # a scan that append failed at does not count
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
-            values = run[name].values
+            values = self._frequency if name == "frequency" else run[name].values
             self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
         self._group.attrs.update(
             {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
