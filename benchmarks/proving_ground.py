@@ -101,10 +101,12 @@ def main() -> None:
     print("\n| split | site | expected calibration error | alarms | hits |\n|---|---|---|---|---|")
     for split, mark in (("standard", "o-"), ("new-site", "s--")):
         one = matched(ground, truth, given.folder, given.entries[0], split)
-        for number, site in enumerate(ground.table.sites):
-            lanes = [lane.name for lane in ground.tested(split) if lane.site == site and not lane.empty]
+        for number, site in enumerate((*ground.table.sites, "all")):
+            lanes = [lane.name for lane in ground.tested(split) if site in (lane.site, "all") and not lane.empty]
             table, error = reliability(one, lanes)
             print(f"| {split} | {site} | {error:.3f} | {table['alarms'].sum()} | {table['hits'].sum()} |")
+            if site == "all":  # the figure has a curve a site
+                continue
             enough = table[table["alarms"] >= 10]
             axes[2].plot(enough["stated"], enough["true"], mark, color=f"C{number}", ms=4,
                          label=site if split == "standard" else None)  # fmt: skip
