@@ -65,3 +65,13 @@ def test_the_median_of_a_stack_is_exact_in_single_precision_too(size, step):
 def test_a_plain_value_is_its_own_median():
     np.testing.assert_array_equal(median_stack(np.full((2, 9, 8), -0.5), (3, 5)), np.full((2, 9, 8), -0.5))
     assert median_stack(np.zeros((0, 9, 8)), (3, 5)).shape == (0, 9, 8)
+
+
+@pytest.mark.parametrize(("shape", "size", "step"), [((300, 300), (257, 257), 150), ((300, 800), (257, 771), 257)])
+def test_the_median_of_a_window_of_more_pixels_than_16_bits_count(shape, size, step):
+    image = np.random.default_rng(5).normal(size=shape).astype(np.float32)
+    got = median_stack(image[None], size, step)[0]
+    for (row, column), value in np.ndenumerate(got):
+        y, x = row * step, column * step
+        window = image[max(y - size[0] // 2, 0) : y + size[0] // 2 + 1, max(x - size[1] // 2, 0) : x + size[1] // 2 + 1]
+        assert value == np.float32(np.median(window.astype(np.float64)))

@@ -210,6 +210,22 @@ def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, reci
         pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
 
 
+def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, recipe, scans, monkeypatch):
+    broken, plain = start(run, recipe), start(run, recipe)
+    for number, scan in enumerate(scans[:40]):
+        plain._sums = None
+        expected = plain.add(scan).alarms
+        if number != 20:
+            found = broken.add(scan).alarms
+            assert number < 20 or {one.scans for one in found} == {one.scans for one in expected}
+            continue
+        with monkeypatch.context() as patch:
+            patch.setattr("flgpr.chain.gathering.AlarmSums.add", lambda *_: (_ for _ in ()).throw(ValueError("no")))
+            with pytest.raises(ValueError, match="no"):
+                broken.add(scan)
+    assert [one.scans for one in broken.alarms.values()] == [one.scans for one in plain.alarms.values()]
+
+
 PLUGIN = Path(__file__).parents[1] / "plugin"
 STAGE = '\n[[columns]]\nstage = "sharpness"\nradius = 0.3\n'
 DETECTOR = '\n[detector]\nestimator = "logistic"\nfeatures = ["sharp_HH", "C_HH_F1"]\n'

@@ -35,7 +35,11 @@ def anchor(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """A result as the demo recipe would write it, of three alarms."""
+    return written(tmp_path_factory.mktemp("result") / "demo")
+
+
+def written(folder, **told):
+    """Write a result as the demo recipe would, of three alarms and what the run told besides."""
     alarms = pd.DataFrame(
         {"alarm_id": ["a", "b", "c"], "x": [0.1, -0.7, 1.1], "y": [3.0, 3.5, 4.2], "confidence": [9.0, 4.0, 2.5]}
     )
@@ -47,9 +51,9 @@ def result(tmp_path_factory):
     )
     text = recipe_text("demo")
     lane = parse_recipe(text, "demo").lane.lane()
-    run = describe_run(open_run(sample_lane() / "run.zarr"))
+    run = describe_run(open_run(sample_lane() / "run.zarr")) | told
     detection = Detection("main", "as it stands", alarms, view, {})
-    return write_result(tmp_path_factory.mktemp("result") / "demo", [detection], text, lane, run)
+    return write_result(folder, [detection], text, lane, run)
 
 
 def test_alarms_leave_as_evidence_points(result, anchor, tmp_path):
@@ -81,6 +85,16 @@ def test_every_format_is_written(result, anchor, tmp_path):
         exchange.export_result(result, tmp_path / "a.shp", "shp", anchor)
     with pytest.raises(ValueError, match="detection must be one of main"):
         exchange.export_result(result, tmp_path / "b.csv", "csv", anchor, detection="best")
+
+
+def test_a_result_that_knows_its_place_needs_no_anchor(anchor, tmp_path):
+    pytest.importorskip("geopandas")
+    here = written(tmp_path / "here", georeference=read_anchor(anchor).georeference())
+    for name in exchange.TABLE_FORMATS:
+        assert exchange.export_result(here, tmp_path / f"a.{name}", name).stat().st_size > 100
+    assert '"anchor_sigma_m":null' in (tmp_path / "a.geojson").read_text().replace(" ", "")
+    with pytest.raises(ValueError, match="georeference must have longitude"):
+        exchange.export_result(written(tmp_path / "there", georeference="EPSG:4326"), tmp_path / "b.csv", "csv")
 
 
 def test_truth_is_exported_from_its_file(anchor, tmp_path):

@@ -23,6 +23,7 @@ from flgpr.chain.progress import Track, silent
 
 BLOCK = 16
 """Most scans in a block."""
+_THREADS = 16  # that take whole blocks at the most: each holds a few scans and one block's sums
 _MANY = 4  # blocks per thread from which on threads that take whole blocks are seldom left without one
 Arrays = dict[str, NDArray[Any]]
 
@@ -129,7 +130,7 @@ class Chain:
         Many blocks are dealt to threads, one block each: threads that share a kernel's loop wait for one another at
         every call.
         """
-        threads, left = numba.get_num_threads(), iter(numbers)
+        threads, left = min(numba.get_num_threads(), _THREADS), iter(numbers)
         if self.concurrent and threads > 1 and len(numbers) >= _MANY * threads:
             yield self.part(name, next(left))
             # The first block has called parallel kernels; numba's own threads can serve a single caller at a time.
@@ -139,12 +140,15 @@ class Chain:
 
     def _at_once(self, name: str, numbers: Iterator[int], threads: int) -> Iterator[Arrays]:
         waiting: deque[Future[Arrays]] = deque()
-        with ThreadPoolExecutor(threads, "flgpr-block", numba.set_num_threads, (1,)) as pool:
+        pool = ThreadPoolExecutor(threads, "flgpr-block", numba.set_num_threads, (1,))
+        try:
             for number in numbers:
                 waiting.append(pool.submit(self.part, name, number))
                 if len(waiting) > threads:
                     yield waiting.popleft().result()
             yield from (one.result() for one in waiting)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def bundled(groups: Mapping[str, Arrays]) -> Arrays:

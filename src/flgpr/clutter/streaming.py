@@ -147,6 +147,8 @@ class BackgroundEstimator:
             raise ValueError(
                 f"add_gain must be called once per scan of the first pass, got more than {len(self.gains)}"
             )
+        if image[..., self._rows, :].shape != signature.shape:
+            raise ValueError(f"image must have the shape {signature.shape} of those before, got {image.shape}")
         smooth = self._smooth(image, self.gains[self._smoothed], signature)
         self._median = smooth if self._median is None else self._median + smooth
         self._smoothed += 1

@@ -128,9 +128,10 @@ class _AnchorFile(BaseModel):
 
 def own_anchor(reference: Mapping[str, Any]) -> Anchor:
     """Make the anchor of a run's attribute ``georeference``; how well it ties the lane is not known (NaN)."""
-    told = [reference.get(name) for name in ("longitude", "latitude", "azimuth")]
+    named = reference if isinstance(reference, Mapping) else {}
+    told = [named.get(name) for name in ("longitude", "latitude", "azimuth")]
     if not all(isinstance(one, int | float) and math.isfinite(one) for one in told):
-        raise ValueError(f"georeference must have longitude, latitude and azimuth in degrees, got {dict(reference)}")
+        raise ValueError(f"georeference must have longitude, latitude and azimuth in degrees, got {reference!r}")
     longitude, latitude, azimuth = map(float, told)  # type: ignore[arg-type]
     return Anchor(
         (longitude, latitude, 0.0), math.radians(azimuth), (0.0, 0.0, 0.0), (0.0, 0.0), math.nan, 1, math.inf, 0.0, (),

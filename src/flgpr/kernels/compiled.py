@@ -19,11 +19,17 @@ from numba.core import caching, config
 from numba.misc.appdirs import AppDirs
 
 
+@cache
+def _text(source: Path) -> bytes:
+    """Read a module once: what was imported is what was read, though the file may change while the process runs."""
+    return source.read_bytes()
+
+
 def _modules(source: Path) -> set[Path]:
     """List a module and those of its folder behind it: what numba inlines and freezes comes from these."""
     found, left = {source}, [source]
     while left:
-        names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", left.pop().read_text("utf-8"), re.M)
+        names = re.findall(rf"^from flgpr\.{source.parent.name}\.(\w+) import", _text(left.pop()).decode(), re.M)
         left += (new := {source.with_name(f"{name}.py") for name in names} - found)
         found |= new
     return found
@@ -35,7 +41,7 @@ def _cache_folder(source: Path) -> Path:
     features = llvmlite.binding.get_host_cpu_features().flatten()
     told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
     for path in sorted(_modules(source)):
-        told.update(f"\0{path.name}\0".encode() + path.read_bytes())
+        told.update(f"\0{path.name}\0".encode() + _text(path))
     home = config.CACHE_DIR or AppDirs(appname="flgpr", appauthor=False).user_cache_dir
     return Path(home) / f"{source.stem}-{told.hexdigest()[:20]}"
 

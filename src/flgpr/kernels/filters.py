@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from flgpr.kernels.compiled import njit
 
 _FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
+_MOST = 0xFFFF  # pixels that 16 bits count
 _DIGIT = 11  # bits sorted at a time
 _SHORT, _INDEX = ir.IntType(16), ir.IntType(64)
 _VECTOR, _ORDER = ir.VectorType(_SHORT, _FAN), ir.VectorType(ir.IntType(32), _FAN)
@@ -61,40 +62,44 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
     return builder.load(cgutils.pointer_add(builder, data, start, _VECTOR.as_pointer()), align=2)
 
 
-def _spread(builder: Any, value: Any) -> Any:
-    none = ir.Constant(_VECTOR, ir.Undefined)
-    first = builder.insert_element(none, builder.trunc(value, _SHORT), ir.Constant(ir.IntType(32), 0))
+def _spread(builder: Any, value: Any, number: Any = _SHORT) -> Any:
+    none = ir.Constant(ir.VectorType(number, _FAN), ir.Undefined)
+    first = builder.insert_element(none, builder.trunc(value, number), ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, none, ir.Constant(_ORDER, None))
 
 
 @intrinsic
-def _bin_of(_context, table, first, columns, wanted):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _bin_of(_context, table, first, columns, wanted, most):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Find in which of 16 bins, summed over ``columns`` rows of ``table[first:]``, the ``wanted``-th counted pixel is.
 
-    Gives the bin and how many pixels those before it count.
+    Gives the bin and how many pixels those before it count. A number of ``most``'s type can count all pixels.
     """
     pair = types.UniTuple(types.uint64, 2)
+    number = ir.IntType(most.bitwidth)
+    vector = ir.VectorType(number, _FAN)
 
     def build(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        zero = ir.Constant(_VECTOR, None)
+        zero = ir.Constant(vector, None)
         total = cgutils.alloca_once_value(builder, zero)
         with cgutils.for_range(builder, args[2], intp=_INDEX) as loop:
             at = builder.add(args[1], builder.mul(loop.index, ir.Constant(_INDEX, _FAN)))
-            builder.store(builder.add(builder.load(total), _row(context, builder, sig.args[0], args[0], at)), total)
+            row = _row(context, builder, sig.args[0], args[0], at)
+            row = row if number == _SHORT else builder.zext(row, vector)
+            builder.store(builder.add(builder.load(total), row), total)
         upto = builder.load(total)
         for step in (1, 2, 4, 8):
             moved = ir.Constant(_ORDER, [_FAN + i if i < step else i - step for i in range(_FAN)])
             upto = builder.add(upto, builder.shuffle_vector(upto, zero, moved))
-        passed = builder.icmp_unsigned("<=", upto, _spread(builder, args[3]))
+        passed = builder.icmp_unsigned("<=", upto, _spread(builder, args[3], number))
         found = builder.zext(builder.ctpop(builder.bitcast(passed, _SHORT)), _INDEX)
         sums = cgutils.alloca_once_value(builder, upto)
         last = builder.sub(found, builder.zext(builder.icmp_unsigned(">", found, ir.Constant(_INDEX, 0)), _INDEX))
-        number = builder.load(builder.gep(builder.bitcast(sums, _SHORT.as_pointer()), [last]))
+        passed_by = builder.load(builder.gep(builder.bitcast(sums, number.as_pointer()), [last]))
         none = builder.icmp_unsigned("==", found, ir.Constant(_INDEX, 0))
-        before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(number, _INDEX))
+        before = builder.select(none, ir.Constant(_INDEX, 0), builder.zext(passed_by, _INDEX))
         return context.make_tuple(builder, pair, (found, before))
 
-    return pair(table, types.uint64, types.uint64, types.uint64), build
+    return pair(table, types.uint64, types.uint64, types.uint64, most), build
 
 
 @intrinsic
@@ -128,7 +133,7 @@ def _lowest(_context, bits):  # type: ignore[no-untyped-def]
 def _pick(places: Any, rank: int, last: int, wanted: Any, box: Any) -> int:
     """Rank of the ``wanted``-th pixel in the ``box`` among the pixels of one bin, from ``rank`` to before ``last``."""
     one = uint64(1)
-    while True:
+    while rank < last:
         bits = _inside(places, uint64(rank), box)
         if last - rank < _FAN:
             bits &= (one << uint64(last - rank)) - one
@@ -139,6 +144,7 @@ def _pick(places: Any, rank: int, last: int, wanted: Any, box: Any) -> int:
             return rank + int64(_lowest(bits))
         wanted -= count
         rank += _FAN
+    return last - 1
 
 
 @njit(cache=True)
@@ -155,7 +161,7 @@ def _count(row: Any, group: Any, groups: Any, one: Any, coarse: Any, middle: Any
 
 @njit(cache=True)
 def _median_rows(
-    places: Any, values: Any, bins: Any, half_y: int, half_x: int, step: int, first: int, last: int, out: Any
+    places: Any, values: Any, bins: Any, half_y: int, half_x: int, step: int, first: int, last: int, most: Any, out: Any
 ) -> None:
     """Median at every ``step``-th pixel of rows ``first`` to ``last``; ``places`` are the y and the x by rank.
 
@@ -163,7 +169,8 @@ def _median_rows(
     whole groups. Group g begins ``half_x`` pixels before column g·wide, where the window about that column does.
     """
     ny, nx = bins.shape
-    width, wide = _bin_width(bins.size), step if (2 * half_x + 1) % step == 0 else 1
+    shared = (2 * half_x + 1) % step == 0 and (2 * half_y + 1) * step <= _MOST
+    width, wide = _bin_width(bins.size), step if shared else 1
     span, count = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
     group, groups, fan = ((np.arange(nx) + half_x) // wide).astype(np.uint64), uint64(count), uint64(_FAN)
     coarse, middle = np.zeros(count * _FAN, np.uint16), np.zeros(count * _FAN**2, np.uint16)
@@ -185,7 +192,7 @@ def _median_rows(
             for rank in ((pixels - 1) // 2, pixels // 2):
                 b, left = uint64(0), uint64(rank)
                 for table in (coarse, middle, fine):
-                    i, before = _bin_of(table, (b * groups + at) * fan, columns, left)
+                    i, before = _bin_of(table, (b * groups + at) * fan, columns, left, most)
                     b, left = b * fan + i, left - before
                 start = int64(b) * width
                 total += values[_pick(places, start, min(start + width, bins.size), left, box)]
@@ -218,17 +225,18 @@ def _ranked(order: Any, image: Any) -> Any:
 
 
 @njit(parallel=True, nogil=True, cache=True)
-def median_of_ranks(orders, images, half_y, half_x, step, parts, out):  # type: ignore[no-untyped-def]
+def median_of_ranks(orders, images, half_y, half_x, step, parts, most, out):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
     ``orders`` (image, pixel) ranks the pixels of every image; its rows are dealt to ``parts`` sets of histograms.
+    ``most`` is of a type that counts the pixels of a window.
     """
     count, ny = images.shape[0], images.shape[1]
     for task in prange(count * parts):
         i, part = task // parts, task % parts
         places, values, bins = _ranked(orders[i], images[i])
         first, last = part * ny // parts, (part + 1) * ny // parts
-        _median_rows(places, values, bins, half_y, half_x, step, first, last, out[i])
+        _median_rows(places, values, bins, half_y, half_x, step, first, last, most, out[i])
 
 
 @njit(parallel=True, nogil=True, cache=True)
@@ -240,6 +248,10 @@ def _sort(images, orders):  # type: ignore[no-untyped-def]
             orders[i, k] = order[k]
 
 
+def _counter(size: tuple[int, int]) -> Any:
+    return np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
+
+
 def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
     """Exact median of finite images (image, y, x) in a window as :func:`median_filter`, at every ``step``-th pixel."""
     stack = np.ascontiguousarray(images, dtype=np.float32)
@@ -248,7 +260,7 @@ def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int =
     parts = max(1, min(8 // max(count, 1), ny))
     orders = np.empty((count, ny * nx), np.int32)
     _sort(stack.reshape(orders.shape), orders)
-    median_of_ranks(orders, stack, size[0] // 2, size[1] // 2, step, parts, out)
+    median_of_ranks(orders, stack, size[0] // 2, size[1] // 2, step, parts, _counter(size), out)
     return out
 
 
@@ -257,7 +269,7 @@ def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray
     plain = np.ascontiguousarray(image, dtype=np.float64)[None]
     order = np.argsort(plain.ravel(), kind="stable").astype(np.int32)[None]
     out = np.empty_like(plain)
-    median_of_ranks(order, plain, size[0] // 2, size[1] // 2, 1, min(8, plain.shape[1]), out)
+    median_of_ranks(order, plain, size[0] // 2, size[1] // 2, 1, min(8, plain.shape[1]), _counter(size), out)
     return out[0]
 
 

@@ -169,12 +169,15 @@ class LiveDetector:
             return LiveUpdate("warm-up", [])
         cleaned = self.reads.clean(scan.number, pose, image, gain, background, own=self.mapper is not None)
         history = sorted([*self.history, cleaned], key=lambda one: one.number)[-_MOST_SCANS:]
+        before, self._sums = self._sums, None  # until this scan is in them, which may fail
         if history[-1] is not cleaned or len(history) <= len(self.history):
-            self._sums = None  # a late scan belongs before others, and what a forgotten one gave cannot be taken away
+            before = None  # a late scan belongs before others, and what a forgotten one gave cannot be taken away
         self.history = history
         left_behind = self._jump(where)
         row, view = self._look(cleaned, where)
-        return LiveUpdate("taken", left_behind + self._raise(view, where), row, np.asarray(view.values, np.float32))
+        return LiveUpdate(
+            "taken", left_behind + self._raise(view, where, before), row, np.asarray(view.values, np.float32)
+        )
 
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
@@ -218,7 +221,9 @@ class LiveDetector:
         if self._operator is None or self._operator[0] != key:
             tx, rx = vehicle_to_scan(one.tx_position, pose), vehicle_to_scan(one.rx_position, pose)
             bands = [table.subbands[name] for name in self.reads.subbands]
-            operator = ImagingOperator(one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper)
+            operator = ImagingOperator(
+                one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper, device=table.device
+            )
             self._operator = key, operator
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
 
@@ -253,7 +258,7 @@ class LiveDetector:
             first, last = max(first, 0), min(last, round((end - y) / spacing))
         return first, max(last - first + 1, 3)
 
-    def _raise(self, view: xr.DataArray, pose: FloatArray) -> list[LiveAlarm]:
+    def _raise(self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None) -> list[LiveAlarm]:
         """Bring the open alarms up to date with the run-view, and close the ground that is passed."""
         found = local_maxima(view, self.recipe.prescreen.radius)
         found = found[found["y"] > self.closed]
@@ -261,7 +266,7 @@ class LiveDetector:
         row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).astype(int)
         found = found[view["looks"].values[row, column] >= self.settings.looks].reset_index(drop=True)
         strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
-        known = pd.concat([strong, self._confidence(strong)], axis=1)
+        known = pd.concat([strong, self._confidence(strong, before)], axis=1)
         changed = self._match(known[known["confidence"].notna()], pose)
         limit = self._reach(pose)[0] - self.recipe.prescreen.radius
         if limit > self.closed:
@@ -288,7 +293,7 @@ class LiveDetector:
         counted = np.isfinite(view.values) & (y > low) & (y <= high) & self._counts(x, y)
         return float(counted.sum()) * self.recipe.run_view.spacing**2
 
-    def _confidence(self, alarms: pd.DataFrame) -> pd.DataFrame:
+    def _confidence(self, alarms: pd.DataFrame, before: AlarmSums | None) -> pd.DataFrame:
         """Confidence of alarms and the number of scans that entered it.
 
         Alarms at pixels where there were some after the scan before take in the newest scan alone.
@@ -299,9 +304,9 @@ class LiveDetector:
         order = np.argsort(pixel)
         # The same place to the last bit, whichever window of the run-view it was found in.
         places = pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy}).iloc[order].reset_index(drop=True)
-        pixel, before = pixel[order], self._sums
+        pixel = pixel[order]
         known = np.isin(pixel, [] if before is None else before.rows)
-        self._sums = AlarmSums(self.reads, places, pixel)
+        whole = AlarmSums(self.reads, places, pixel)
         with _one_thread():
             for some, scans in ((known, self.history[-1:]), (~known, self.history)):
                 if some.any():
@@ -310,9 +315,10 @@ class LiveDetector:
                         sums.merge(before.state())
                     for one in scans:
                         sums.add(one)
-                    self._sums.merge(sums.state())
-        features = self._sums.table().iloc[np.argsort(order)].reset_index(drop=True)
+                    whole.merge(sums.state())
+        features = whole.table().iloc[np.argsort(order)].reset_index(drop=True)
         confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
+        self._sums = whole
         return pd.DataFrame({"confidence": confidence, "scans": features["scans"]})
 
     def _match(self, found: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:

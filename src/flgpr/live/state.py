@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from array import array
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -123,7 +124,8 @@ class SnapshotWriter:
 
     def _write_aside(self, snapshot: Snapshot) -> None:
         if sys.platform == "linux":  # where threads have priorities of their own: scans come first
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+            with suppress(OSError):  # a service may be forbidden to
+                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
         self._write(snapshot)
 
     def _write(self, snapshot: Snapshot) -> None:

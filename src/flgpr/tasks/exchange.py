@@ -30,6 +30,7 @@ from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.files import check_new, existing, partial_of
 from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.tables import json_value
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.track import reference_track
 from flgpr.results.result import Result, read_result
@@ -245,7 +246,8 @@ def _write_points(
     _fresh(output)
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
     if to == "geojson":
-        about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": anchor.sigma, "processing_id": identity}
+        about = {"kind": kind, "anchor_crs": anchor.crs, "processing_id": identity}
+        about["anchor_sigma_m"] = json_value(anchor.sigma)
         georeferenced.write_earth_geojson(points, output, about)
     elif to == "gpkg":
         georeferenced.write_geopackage(points, output, kind)
