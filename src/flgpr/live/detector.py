@@ -130,9 +130,7 @@ class LiveDetector:
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
-        self._sums: AlarmSums | None = (
-            None  # features of the latest alarms, from all of these scans but one added since
-        )
+        self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
         self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
         self.alarms: dict[str, LiveAlarm] = {}  # open: some scan may still see them
         # A day's drive passes 100,000 of them and more: bare numbers, so that memory and snapshots stay small.

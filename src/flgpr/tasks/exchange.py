@@ -246,8 +246,8 @@ def _write_points(
     _fresh(output)
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
     if to == "geojson":
-        about = {"kind": kind, "anchor_crs": anchor.crs, "processing_id": identity}
-        about["anchor_sigma_m"] = json_value(anchor.sigma)
+        sigma = json_value(anchor.sigma)
+        about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": sigma, "processing_id": identity}
         georeferenced.write_earth_geojson(points, output, about)
     elif to == "gpkg":
         georeferenced.write_geopackage(points, output, kind)
