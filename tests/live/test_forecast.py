@@ -169,10 +169,10 @@ def test_events_tell_it_where_the_model_does(run, model, tmp_path):
 
     lines = played(model, "new", vehicle=Vehicle(1.0))
     for line in lines:
-        assert ("p" in line) == (line["state"] in ("new", "update"))
-        if "p" in line:
-            assert line["p"] == pytest.approx(1 / (1 + math.exp(-line["confidence"])), abs=1e-4)
-            assert ("next_p" in line) == ("change" in line) == (line.get("looks_left", 0) > 0 or "change" in line)
+        assert line["p"] == pytest.approx(1 / (1 + math.exp(-line["confidence"])), abs=1e-4)
+        assert ("wait" in line) == ("looks_left" in line) == (line["state"] in ("new", "update"))
+        assert ("next_p" in line) == ("change" in line)
+        assert ("last_p" in line) == (line.get("looks_left", 0) > 0)
     assert {line.get("wait") for line in lines} >= {True, False}
     with pytest.warns(UserWarning, match="trained before that was learnt; train it again"):
         old = played(Model(model.detector), "old", vehicle=Vehicle(1.0))

@@ -382,7 +382,7 @@ export class Live {
       const aside = this.aside(alarm);
       const far = `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}`;
       const stop = alarm.inTime === false ? [make("em", {}, " too near")] : [];
-      const again = alarm.wait ? [make("b", { class: "again" }, " look again")] : [];
+      const again = alarm.wait ? [make("small", { class: "again", title: "another look is worth waiting for" }, " wait")] : [];
       const told = alarm.p === null ? [fixed(alarm.confidence, 2)] : [make("small", { title: "probability now, and with 80 % after the next look" }, percents(alarm)), ...again];
       const place = make("span", {}, make("b", {}, `${fixed(left, 1)} m`), ` ahead: ${alarm.id}, ${far}`, ...stop);
       list.append(make("li", { class: alarm.inTime === false ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, ...told)));

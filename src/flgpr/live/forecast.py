@@ -71,11 +71,8 @@ class Forecast:
 def foresees(recipe: Recipe, model: Model) -> bool:
     """Tell whether a recipe's looks and confidence are such that what comes can be told: a mean, and its log odds."""
     detector = model.detector
-    return (
-        recipe.run_view.look == "mean" and not recipe.waits()
-        and isinstance(detector, TrainedEstimator) and detector.name == "logistic"
-        and detector.features == ("magnitude",)
-    )  # fmt: skip
+    linear = isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude
+    return linear and recipe.run_view.look == "mean" and not recipe.waits()
 
 
 def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
@@ -100,14 +97,17 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
 def told(
     forecast: Forecast, detector: LiveDetector, alarm: LiveAlarm, margin: float | None, threshold: float, worth: float
 ) -> dict[str, Any]:
-    """Tell what further looks will make of an open alarm, as the members of its event.
+    """Tell an alarm's probability and, of an open one, what further looks will make of it: members of its event.
 
     The looks are those to come if the vehicle drives straight on in steps as before. ``margin`` is the room left now
     to stop before it, m; None where no speed is known: then every look counts, and whether to wait is left open. It is
     worth it if the next look still leaves room, and the probability that it brings the confidence to the other side of
     ``threshold`` is ``worth`` or more.
     """
-    odds, (looks, step) = alarm.confidence, detector.coming(alarm)
+    odds = alarm.confidence
+    if alarm.state in ("withdrawn", "final"):
+        return {"p": round(_probability(odds), 4)}
+    looks, step = detector.coming(alarm)
     left = len(looks) if margin is None or not looks else min(len(looks), max(math.floor(margin / step), 0))
     event: dict[str, Any] = {"p": round(_probability(odds), 4), "looks_left": left}
     if looks:

@@ -30,7 +30,7 @@ from flgpr.io import (
 from flgpr.io.files import write_whole
 from flgpr.io.tables import write_table
 from flgpr.live import forecast
-from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
+from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
 from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
@@ -223,10 +223,10 @@ class LiveRun:
             where = detector.where if detector.where is not None else scan.pose
             told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
             if self._forecast is not None:
-                told = [
-                    event | self._foreseen(detector, alarm, event)
-                    for alarm, event in zip(update.alarms, told, strict=True)
-                ]
+                least = 0.0 if self.options.threshold is None else self.options.threshold
+                for alarm, event in zip(update.alarms, told, strict=True):
+                    margin, worth = event.get("margin_m"), self.options.worth
+                    event |= forecast.told(self._forecast, detector, alarm, margin, least, worth)
             for event in told:
                 self._tell(as_line(event))
             lines += told
@@ -242,12 +242,6 @@ class LiveRun:
         self._moments = [*self._moments[:1], time.time()]
         self._frames += 1
         return scan is not None
-
-    def _foreseen(self, detector: LiveDetector, alarm: LiveAlarm, event: Event) -> Event:
-        if self._forecast is None or alarm.state not in ("new", "update"):
-            return {}
-        threshold = 0.0 if self.options.threshold is None else self.options.threshold
-        return forecast.told(self._forecast, detector, alarm, event.get("margin_m"), threshold, self.options.worth)
 
     def _judge(
         self, arrival: Arrival, detector: LiveDetector, intake: Intake
