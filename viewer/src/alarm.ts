@@ -197,7 +197,7 @@ export class AlarmPanel {
     if (!looks.length) return [];
     const mean = (column: number): number => looks.reduce((sum, look) => sum + look[2]! * look[column]!, 0);
     const table = (title: string, words: string, names: string[], first: number): HTMLElement => {
-      const head = ["m", "weight", ...names].map((name) => make("th", { scope: "col", title: name }, name === "likelihood" ? "ln \u039b" : name.replace(/^contrast |^mine over /, "")));
+      const head = ["m", "weight", ...names].map((name) => make("th", { scope: "col", title: name }, name === "likelihood" ? "ln \u039b" : name.replace(/^contrast /, "").replace(/^mine over /, "no ")));
       const row = (cells: string[]): HTMLElement => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
       const lines = looks.map((look) => row([fixed(look[1]!, 1), `${fixed(100 * look[2]!, 0)} %`, ...names.map((_, i) => fixed(look[first + i]!, 1))]));
       const total = row(["mean", "", ...names.map((_, i) => fixed(mean(first + i), 1))]);
