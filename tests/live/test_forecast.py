@@ -15,7 +15,7 @@ from flgpr.chain.recipe import DetectorTable, parse_recipe
 from flgpr.io import describe_for_live, save_run
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.live.feeding import feed
-from flgpr.live.forecast import NAME, Followed, Forecast, follow, forecast_of, foresees, learn, told
+from flgpr.live.forecast import NAME, Followed, Forecast, _scans, follow, forecast_of, foresees, learn, told
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.vehicle import Vehicle
 from live_lane import LANE, make_lane_run, small_recipe
@@ -97,12 +97,6 @@ def test_looks_to_come_weigh_as_they_then_do(run, model):
                 assert came == pytest.approx(looks[0], rel=0.1) or came == pytest.approx(0.0, abs=1e-12)
                 checked += came > 0
     assert checked > 100
-
-
-def _scans(run):
-    from flgpr.live.forecast import _scans as stored
-
-    return stored(run)
 
 
 def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):

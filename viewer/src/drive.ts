@@ -175,13 +175,13 @@ export class Drive {
     const aside = nearest ? live.aside(nearest.alarm) : 0;
     el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
     el("drive-chances").textContent = stale || !nearest ? "" : chances(nearest.alarm);
-    const again = verdict === "go" && nearest!.alarm.wait ? ", look again" : "";
+    const spare = verdict === "go" && nearest!.alarm.wait ? ", look again" : " to spare";
     const words = { blind: "Stop", free: "–", unknown: "Speed?", halt: "Cannot stop", go: "Can stop" };
     el("drive-verdict").textContent = words[verdict];
     el("drive-margin").textContent = verdict === "blind"
       ? "alarms are not shown"
       : margin !== null && !stale
-        ? `${fixed(Math.abs(margin), 1)} m ${margin < 0 ? "too near" : "to spare"}${again}`
+        ? `${fixed(Math.abs(margin), 1)} m${margin < 0 ? " too near" : spare}`
         : verdict === "unknown"
           ? "set it in Vehicle"
           : "";

@@ -57,7 +57,7 @@ const percent = (value: number): string => fixed(100 * value, 0);
 /** What is known of an alarm's probability, in few words; empty where it has none. */
 export function chances({ p, next }: LiveAlarm): string {
   if (p === null) return "";
-  return `p ${percent(p)} %${next ? `, next look ${percent(next[0])} to ${percent(next[1])} %` : ""}`;
+  return `p ${percent(p)} %${next ? `, next ${percent(next[0])}–${percent(next[1])} %` : ""}`;
 }
 const percents = ({ p, next }: LiveAlarm): string => `${percent(p ?? 0)}${next ? ` → ${percent(next[0])}–${percent(next[1])}` : ""} %`;
 
