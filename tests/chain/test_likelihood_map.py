@@ -192,3 +192,59 @@ def test_bad_entries_are_named():
     ):  # fmt: skip
         with pytest.raises(ValidationError, match=word):
             LikelihoodSettings(sensor="sri-array", **entries)
+
+
+@pytest.fixture(scope="module")
+def whole(run):
+    """A stage that has learnt, and what it learnt of."""
+    examples = gathered(stage_of(run, copies=8), scans=20)
+    learnt, _ = LikelihoodMap.fit(stage_of(run, copies=8).settings, [examples])
+    return stage_of(run, learnt, copies=8), examples
+
+
+def test_its_parts_add_up_to_the_map(whole):
+    stage, _ = whole
+    image = image_of(noise(np.random.default_rng(8), 4, 2, GRID.ny, GRID.nx))
+    adds, alone = stage.parts(image)
+    assert list(adds) == ["likelihood", "contrast HH", "contrast VV"]
+    assert list(alone) == ["B1", "B2", "mine over stone"]
+    np.testing.assert_allclose(sum(adds.values()) + stage.settings.offset, stage.map(image), atol=1e-3)
+    before = {name: one for name, one in stage.learnt.items() if not name.startswith("stone")}
+    assert list(stage_of((stage.setup.run, stage.settings.sensor), before).parts(image)[1]) == ["B1", "B2"]
+
+
+def test_a_sub_band_alone_is_the_ratio_of_densities_of_its_own_values(whole):
+    stage, _ = whole
+    back = np.linalg.inv(stage.learnt["whitener"][1].astype(complex))
+    own = np.arange(72).reshape(4, 2, 9)[:, 1].ravel()
+    clutter = (back @ back.conj().T)[np.ix_(own, own)]
+    vectors = (back @ stage.learnt["signature"][1].conj().T)[own]
+    body = (vectors * stage.learnt["share"][1]) @ vectors.conj().T
+    body /= np.trace(np.linalg.solve(clutter, body)).real  # of unit power in whitened clutter
+    chip = noise(np.random.default_rng(9), 72)
+
+    def density(covariance):
+        x = chip[own]
+        quadratic = (x.conj() @ np.linalg.solve(covariance, x)).real
+        return -np.linalg.slogdet(covariance)[1] - len(own) * np.log(quadratic)
+
+    want = np.log(np.mean([np.exp(density(clutter + g * body) - density(clutter)) for g in stage.settings.ratios]))
+    places, whitener, directions, share = stage._band(1, 1, 2)
+    np.testing.assert_array_equal(places, own)
+    found = ratio((chip[places] @ whitener.T)[None], directions, share, stage.settings.ratios)
+    assert found[0] == pytest.approx(want, abs=1e-3)
+
+
+def test_a_stone_is_told_from_a_mine(whole):
+    stage, examples = whole
+    rng, odds = np.random.default_rng(10), {}
+    for sort, ahead in (("bodies", "ahead"), ("stones", "stones_ahead")):
+        nearest = np.argsort(np.abs(examples[ahead] - 2.0), kind="stable")[:12]
+        odds[sort] = []
+        for body in examples[sort][nearest].reshape(-1, 4, 2, 3, 3):
+            image = image_of(noise(rng, 4, 2, GRID.ny, GRID.nx))
+            rows, columns = np.ix_(20 + 2 * np.arange(-1, 2), 20 + 2 * np.arange(-1, 2))
+            image.values[:, :, rows, columns] += 5 * body / np.sqrt((np.abs(body) ** 2).mean())
+            odds[sort].append(stage.parts(image)[1]["mine over stone"][20, 20])
+    assert np.median(odds["bodies"]) > 0 > np.median(odds["stones"])
+    assert np.mean(np.array(odds["bodies"])[:, None] > odds["stones"]) > 0.9

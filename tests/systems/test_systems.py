@@ -160,6 +160,28 @@ def test_live_maps_what_detection_maps(system):
     assert found > max(by_chance)
 
 
+@pytest.mark.parametrize("system", ["fused"], indirect=True)
+def test_what_each_look_says_adds_up_to_the_confidence(system):
+    """The causes of an alarm are all its looks; with one constant for all alarms they make its confidence."""
+    index = json.loads((system.folder / "result" / "view" / "index.json").read_text())
+    shown = next(one for one in index["detections"] if one["main"])
+    evidence, added = shown["evidence"], shown["contributions"]
+    assert list(added) == ["likelihood", "contrast HH", "contrast VV", "constant"]
+    assert evidence["alone"] == ["B1", "B2", "mine over stone"]
+    total = np.sum(list(added.values()), axis=0)
+    np.testing.assert_allclose(total, shown["alarms"]["confidence"], atol=1e-4)
+    np.testing.assert_allclose(added["constant"], added["constant"][0], atol=1e-3)
+    detector = system.model.detector
+    low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
+    assert added["constant"][0] == pytest.approx(low + 40.0 * (high - low), abs=1e-3)  # the map's offset
+    alarms = pd.read_csv(system.folder / "result/alarms.csv")
+    assert all(len(looks) >= scans > 0 for looks, scans in zip(evidence["causes"], alarms["scans"], strict=True))
+    for looks in evidence["causes"]:
+        _, distance, share, *_ = np.array(looks).T
+        np.testing.assert_allclose(share, distance**-2.0 / (distance**-2.0).sum(), atol=2e-3)
+        assert (np.diff(distance) >= 0).all()
+
+
 @pytest.mark.parametrize("name", sorted(set(SYSTEMS) - {"wang2007"}))
 def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
     with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):

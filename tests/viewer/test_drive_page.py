@@ -122,6 +122,38 @@ def test_a_loss_is_seen_at_the_desk_and_nothing_moves_for_it(driving):
     assert [screen.page.locator(name).bounding_box() for name in ("#lane", "#live", "#export-menu")] == before
 
 
+def test_what_another_look_is_worth_is_told_while_it_may_be_waited_for(driving):
+    screen, feeder = driving
+    one = alarm("alarm-1", 0.5, 16.0, 0.5, 1) | {"p": 0.622, "next_p": [0.396, 0.704], "wait": True}
+    for number in range(1, 5):
+        feeder.give(scan(number, float(number)), one)
+        screen.alive()
+        screen.pass_time(250)
+    said = screen.page.inner_text("#drive-chances"), screen.says()["drive-margin"]
+    assert said[0] == "p 62 %, next 40\u201370 %"
+    assert said[1].endswith(" m, look again")
+    height = float(
+        screen.page.evaluate("parseFloat(getComputedStyle(document.getElementById('drive-chances')).fontSize)")
+    )
+    assert height >= 38
+    screen.page.set_viewport_size({"width": 1024, "height": 768})  # the least that the docs ask for
+    assert screen.page.evaluate("drive.scrollHeight <= drive.clientHeight && drive.scrollWidth <= drive.clientWidth")
+    line = screen.page.locator("#live li").first
+    assert line.text_content().endswith("62 \u2192 40\u201370 % wait")
+    assert line.get_attribute("aria-label").endswith("p 62 %, next 40\u201370 %, worth another look")
+    feeder.give(scan(5, 5.0), one | {"state": "update", "y": 8.0})  # too near to stop by now
+    screen.alive()
+    screen.pass_time(400)
+    assert screen.says()["verdict"] == "halt"
+    assert "look again" not in screen.says()["drive-margin"]
+    plain = {name: value for name, value in one.items() if name not in ("p", "next_p", "wait")}
+    feeder.give(scan(6, 6.0), plain | {"state": "update", "y": 20.0})
+    screen.alive()
+    screen.pass_time(400)
+    assert screen.page.locator("#drive-chances").is_hidden()
+    assert "look again" not in screen.says()["drive-margin"]
+
+
 def test_a_slow_radar_has_its_own_rhythm(driving):
     screen, feeder = driving
     for number in range(1, 12):

@@ -1,6 +1,6 @@
 import type { App } from "./app";
 import { el, fixed } from "./dom";
-import { LABELLED, type Live, type LiveAlarm } from "./live";
+import { LABELLED, chances, type Live, type LiveAlarm } from "./live";
 import { Sound } from "./sound";
 
 /** How often the page looks at its own clock, and after what silence something is lost, ms; a slower radar has its rhythm. */
@@ -174,12 +174,14 @@ export class Drive {
     el("drive-left").textContent = stale || !nearest ? "–" : `${fixed(nearest.left, 1)} m`;
     const aside = nearest ? live.aside(nearest.alarm) : 0;
     el("drive-aside").textContent = stale ? "not known" : nearest ? `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}` : live.sight > 0 ? `none in ${fixed(live.sight, 0)} m` : "nothing seen yet";
+    el("drive-chances").textContent = stale || !nearest ? "" : chances(nearest.alarm);
+    const spare = verdict === "go" && nearest!.alarm.wait ? ", look again" : " to spare";
     const words = { blind: "Stop", free: "–", unknown: "Speed?", halt: "Cannot stop", go: "Can stop" };
     el("drive-verdict").textContent = words[verdict];
     el("drive-margin").textContent = verdict === "blind"
       ? "alarms are not shown"
       : margin !== null && !stale
-        ? `${fixed(Math.abs(margin), 1)} m ${margin < 0 ? "too near" : "to spare"}`
+        ? `${fixed(Math.abs(margin), 1)} m${margin < 0 ? " too near" : spare}`
         : verdict === "unknown"
           ? "set it in Vehicle"
           : "";

@@ -19,6 +19,9 @@ interface Event {
   left_m?: number;
   in_time?: boolean;
   margin_m?: number;
+  p?: number;
+  next_p?: number[];
+  wait?: boolean;
   latency_ms?: number;
   lane?: Lane | null;
   grid?: Omit<Grid, "ny"> | null;
@@ -43,8 +46,20 @@ export interface LiveAlarm {
   scans: number | null;
   final: boolean;
   inTime: boolean | null;
+  /** Probability that it is a target, now and, with 80 %, after the next look; whether that is worth waiting for. */
+  p: number | null;
+  next: [number, number] | null;
+  wait: boolean;
 }
 export interface LiveRows { row: number; rows: number; median: number; halves: Uint16Array }
+
+const percent = (value: number): string => fixed(100 * value, 0);
+/** What is known of an alarm's probability, in few words; empty where it has none. */
+export function chances({ p, next }: LiveAlarm): string {
+  if (p === null) return "";
+  return `p ${percent(p)} %${next ? `, next ${percent(next[0])}–${percent(next[1])} %` : ""}`;
+}
+const percents = ({ p, next }: LiveAlarm): string => `${percent(p ?? 0)}${next ? ` → ${percent(next[0])}–${percent(next[1])}` : ""} %`;
 
 const number = (value: unknown): value is number => typeof value === "number" && Number.isFinite(value);
 const FAULTS: Record<string, string> = {
@@ -189,7 +204,7 @@ export class Live {
       name: "live",
       title: this.title,
       alarms: { alarm_id: column((one) => one.id), x: column((one) => one.x), y: column((one) => one.y), confidence: column((one) => one.confidence) },
-      features: { scans: column((one) => one.scans), magnitude: column((one) => one.magnitude) },
+      features: { scans: column((one) => one.scans), magnitude: column((one) => one.magnitude), ...(all.some((one) => one.p !== null) ? { p: column((one) => one.p) } : {}) },
       contributions: null,
       training: null,
     };
@@ -319,6 +334,9 @@ export class Live {
       scans: number(event.scans) ? event.scans : null,
       final: event.state === "final",
       inTime: typeof event.in_time === "boolean" ? event.in_time : null,
+      p: number(event.p) ? event.p : null,
+      next: number(event.next_p?.[0]) && number(event.next_p[1]) ? ([event.next_p[0], event.next_p[1]] as [number, number]) : null,
+      wait: event.wait === true,
     };
     if (!this.alarms.has(id)) fresh.set(id, alarm);
     this.alarms.set(id, alarm);
@@ -339,7 +357,8 @@ export class Live {
     const aside = this.aside(alarm);
     const place = left === null ? `at y ${fixed(alarm.y, 1)} m` : left > 0 ? `${fixed(left, 1)} metres ahead` : "passed";
     const late = alarm.inTime === false && left !== null && left > 0 ? ", too near to stop" : "";
-    return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, confidence ${fixed(alarm.confidence, 2)}`;
+    const told = [`confidence ${fixed(alarm.confidence, 2)}`, chances(alarm), alarm.wait ? "worth another look" : ""].filter(Boolean).join(", ");
+    return `${alarm.id}, ${place}, ${fixed(Math.abs(aside), 1)} metres ${aside < 0 ? "left" : "right"}${late}, ${told}`;
   }
 
   /** Alarms are shown from this confidence on; as the run was started with, until the page's threshold is moved. */
@@ -363,8 +382,10 @@ export class Live {
       const aside = this.aside(alarm);
       const far = `${fixed(Math.abs(aside), 1)} m ${aside < 0 ? "left" : "right"}`;
       const stop = alarm.inTime === false ? [make("em", {}, " too near")] : [];
+      const again = alarm.wait ? [make("small", { class: "again", title: "another look is worth waiting for" }, " wait")] : [];
+      const told = alarm.p === null ? [fixed(alarm.confidence, 2)] : [make("small", { title: "probability now, and with 80 % after the next look" }, percents(alarm)), ...again];
       const place = make("span", {}, make("b", {}, `${fixed(left, 1)} m`), ` ahead: ${alarm.id}, ${far}`, ...stop);
-      list.append(make("li", { class: alarm.inTime === false ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, fixed(alarm.confidence, 2))));
+      list.append(make("li", { class: alarm.inTime === false ? "late" : "", "aria-label": this.words(alarm) }, place, make("span", {}, ...told)));
     }
     if (all.length > LISTED) list.append(make("li", {}, `and ${all.length - LISTED} more`));
     parts.push(list);

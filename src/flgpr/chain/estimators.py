@@ -82,6 +82,11 @@ class TrainedEstimator:
         return result
 
     @property
+    def linear_in_magnitude(self) -> bool:
+        """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
+        return self.name == "logistic" and self.features == ("magnitude",)
+
+    @property
     def border(self) -> float:
         """Confidence where the estimator parts mines from clutter: PyOD's own threshold, zero of all others."""
         return (1 if self.unlike else -1) * float(getattr(self.estimator, "threshold_", 0.0))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,10 +18,12 @@ from flgpr.kernels.focus import focus
 from flgpr.kernels.sampling import bilinear
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, ground_points, lane_to_scan, vehicle_to_scan
-from flgpr.screen.views import grid_of
+from flgpr.screen.views import grid_of, look_weight
 
 MOST_SCANS = 4  # the nearest, where resolution is best
 MOST_ALARMS, MOST_GATHERED = 1000, 4000  # alarms that are explained; of how many, the strongest, it is gathered
+Maps = Mapping[str, NDArray[Any]]
+Parts = Callable[[xr.DataArray], tuple[Maps, Maps]]
 _CUT = np.round(np.arange(-40, 41) * 0.05, 3)
 _TRACE = np.round(np.arange(-80, 81) * 0.025, 4)
 _FLOOR = 1e-6
@@ -43,6 +46,11 @@ class Evidence:
     #: (polarization, trace), one after the other; NaN outside the image
     blocks: list[NDArray[np.float16]]
     polarimetric: pd.DataFrame  #: ``entropy`` and ``alpha`` (rad) per alarm; NaN where a polarization is missing
+    #: adds, alone: what a look's value is made of, where the map tells, and what explains it without adding up
+    adds: list[str] = field(default_factory=list)
+    alone: list[str] = field(default_factory=list)
+    #: per alarm and look, nearest first: scan, distance (m), share of the weight, then a value each of these
+    causes: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,22 @@ def in_order(evidence: Evidence, rows: NDArray[np.intp]) -> Evidence:
     scans = [evidence.scans[row] if row < known else [] for row in wanted]
     blocks = [evidence.blocks[row] if row < known else np.zeros((0, 0), np.float16) for row in wanted]
     points = evidence.polarimetric.reindex(wanted).reset_index(drop=True)
-    return replace(evidence, scans=scans, blocks=blocks, polarimetric=points)
+    columns = 3 + len(evidence.adds) + len(evidence.alone)
+    causes = [evidence.causes[row] if row < known else np.zeros((0, columns)) for row in wanted]
+    return replace(evidence, scans=scans, blocks=blocks, polarimetric=points, causes=causes)
+
+
+def caused(evidence: Evidence, slope: float, confidence: ArrayLike) -> pd.DataFrame:
+    """Split confidences, linear in the map with this slope, into what each part adds and a ``constant``.
+
+    NaN where an alarm is not explained.
+    """
+    count, total = len(evidence.adds), np.asarray(confidence, dtype=np.float64)
+    shares = np.full((len(total), count), np.nan)
+    for row, one in enumerate(evidence.causes):
+        if len(one):
+            shares[row] = slope * one[:, 2] @ one[:, 3 : 3 + count]
+    return pd.DataFrame(shares, columns=evidence.adds).assign(constant=total - shares.sum(axis=1))
 
 
 class EvidenceSums:
@@ -71,7 +94,9 @@ class EvidenceSums:
 
     Alarms (x, y in the lane frame, m) come the most mine-like first. A-scans need the ``run``; ``subband`` is that of
     the polarimetric point, default the first. ``poses`` are those (6,) of all scans that will be taken in, here or by
-    others, as far as they see the same alarms: with them only the scans that will be kept are cut up.
+    others, as far as they see the same alarms: with them only the scans that will be kept are cut up. ``parts`` gives
+    the maps of a cleaned image that add up to what alarms are raised on, and others; the run-view weighs looks by
+    their distance to the power -``falloff``.
     """
 
     def __init__(
@@ -82,6 +107,8 @@ class EvidenceSums:
         run: xr.Dataset | None = None,
         subband: str | None = None,
         poses: Mapping[int, NDArray[np.float64]] | None = None,
+        parts: Parts | None = None,
+        falloff: float = 0.0,
     ) -> None:
         self._points = ground_points(alarms)
         self._patch, self._y_max, self._run, self._subband = patch, y_max, run, subband
@@ -89,6 +116,9 @@ class EvidenceSums:
         self._seen = np.zeros(len(self._points), bool)
         self._coherency = np.zeros((len(self._points), 3, 3), np.complex128)
         self._channels: tuple[list[str], list[str]] = ([], [])
+        self._parts, self._falloff = parts, falloff
+        self._names: tuple[list[str], list[str]] = ([], [])
+        self._causes: list[tuple[NDArray[np.intp], NDArray[np.float64]]] = []  # numbers of alarms, and a row each
         self._poses = poses
         self._nearest: list[set[int]] | None = None
 
@@ -120,8 +150,24 @@ class EvidenceSums:
             for number, one in zip(wanted, values, strict=True):
                 self._look(number, _Look(scan, _distance(local[number]), one.copy()))
         self._seen[seen] = True
+        if seen.size and self._parts is not None:
+            self._cause(image, seen, local[seen], self._parts(image))
         if seen.size:
             self._coherency[seen] += _coherency(image.sel(subband=self._subband or subband[0]), local[seen])
+
+    def _cause(
+        self, image: xr.DataArray, seen: NDArray[np.intp], local: NDArray[np.float64], parts: tuple[Maps, Maps]
+    ) -> None:
+        """Take in what a look's value at each alarm in sight is made of."""
+        self._names = list(parts[0]), list(parts[1])
+        grid, maps = grid_of(image), [one for some in parts for one in some.values()]
+        if maps:
+            row, column = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
+            values = bilinear(np.stack(maps), row, column).T
+            distance = np.hypot(local[:, 0], local[:, 1])
+            weight = look_weight(distance, self._falloff)
+            scan = np.full(len(seen), float(image.attrs["scan"]))
+            self._causes.append((seen, np.column_stack([scan, distance, weight, values])))
 
     def _nearest_scans(self, image: xr.DataArray, poses: Mapping[int, NDArray[np.float64]]) -> list[set[int]]:
         """Find the scans of every alarm that will be kept; all images have the pixels of this one."""
@@ -146,12 +192,19 @@ class EvidenceSums:
             "coherency": self._coherency[seen],
             "polarization": np.array(polarization, dtype=np.str_),
             "subband": np.array(subband, dtype=np.str_),
+            "adds": np.array(self._names[0], dtype=np.str_),
+            "alone": np.array(self._names[1], dtype=np.str_),
+            "cause": np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)]),
+            "causes": np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, 0))]),
         }
 
     def merge(self, state: dict[str, NDArray[Any]]) -> None:
         """Take in what another gathered of other scans for the same alarms."""
         if state["polarization"].size:
             self._channels = ([str(n) for n in state["polarization"]], [str(n) for n in state["subband"]])
+        if state["cause"].size:
+            self._names = [str(n) for n in state["adds"]], [str(n) for n in state["alone"]]
+            self._causes.append((state["cause"], state["causes"]))
         rows = zip(state["alarm"], state["scan"], state["distance"], state["values"], strict=True)
         for number, scan, distance, values in rows:
             self._look(int(number), _Look(int(scan), float(distance), values))
@@ -168,7 +221,22 @@ class EvidenceSums:
             [[{"scan": look.scan, "distance": round(look.distance, 3)} for look in one] for one in self._looks],
             [_stacked(one) for one in self._looks],
             entropy_alpha_points(self._coherency),
+            *self._names,
+            self._caused(),
         )
+
+    def _caused(self) -> list[NDArray[np.float64]]:
+        """Give every alarm's looks, nearest first, with their shares of the weight."""
+        columns = 3 + sum(map(len, self._names))
+        alarm = np.concatenate([one for one, _ in self._causes] or [np.zeros(0, np.intp)])
+        rows = np.concatenate([rows for _, rows in self._causes] or [np.zeros((0, columns))])
+        order = np.lexsort((rows[:, 0], rows[:, 1], alarm))
+        alarm, rows = alarm[order], rows[order]
+        borders = np.searchsorted(alarm, np.arange(len(self._points) + 1))
+        parts = [rows[first:end].copy() for first, end in itertools.pairwise(borders)]
+        for one in parts:
+            one[:, 2] /= max(one[:, 2].sum(), np.finfo(float).tiny)
+        return parts
 
     def _look(self, number: int, look: _Look) -> None:
         some = [*self._looks[number], look]

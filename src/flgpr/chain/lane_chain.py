@@ -17,7 +17,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.evidence import MOST_GATHERED, Evidence, EvidenceSums, in_order
+from flgpr.chain.estimators import TrainedEstimator
+from flgpr.chain.evidence import MOST_GATHERED, Evidence, EvidenceSums, caused, in_order
 from flgpr.chain.gathering import AlarmFeatures, AlarmSums, check_confidence, look_sums
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
@@ -309,12 +310,15 @@ class LaneChain(Chain):
             detection, sums = self.detection(variation), self._evidence_sums(variation)
             sums.merge(group_of(self.known[variation.of("features")], "evidence"))
             features, detector = detection.features, self.model.detector
+            explained = in_order(sums.result(), self._ranked(variation)[2])
             if detector is None or features is None:
                 shares = pd.DataFrame({self._reads.single: detection.alarms["confidence"].to_numpy()})
             else:
                 shares = detector.contributions(features)
+            if explained.adds and isinstance(detector, TrainedEstimator) and detector.linear_in_magnitude:
+                low, high = detector.confidence(pd.DataFrame({"magnitude": [0.0, 1.0]}))
+                shares = caused(explained, high - low, detection.alarms["confidence"])
             before = self._before() if variation.name == MAIN else None
-            explained = in_order(sums.result(), self._ranked(variation)[2])
             channel = screen.polarization, screen.subband
             several.append(replace(detection, channel=channel, contributions=shares, evidence=explained, before=before))
         return several
@@ -509,8 +513,10 @@ class LaneChain(Chain):
     def _evidence_sums(self, variation: Variation, poses: Mapping[int, FloatArray] | None = None) -> EvidenceSums:
         contrast, alarms = self.recipe.contrast, self.raised(variation).iloc[:MOST_GATHERED]
         return EvidenceSums(
-            alarms, contrast.patch(), self.recipe.run_view.y_max, self.setup.run, contrast.subband, poses
-        )
+            alarms, contrast.patch(), self.recipe.run_view.y_max, self.setup.run, contrast.subband, poses,
+            None if self.mapper is None or self.recipe.run_view.look != "mean" else self.mapper.parts,
+            self.recipe.run_view.falloff,
+        )  # fmt: skip
 
     def _poses_near(self, block: range) -> dict[int, FloatArray]:
         """Give the poses of all scans that may see what a scan of the block sees."""

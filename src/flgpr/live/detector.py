@@ -32,7 +32,7 @@ from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
-from flgpr.screen import counts, density_threshold, local_maxima, seen_along, view_array
+from flgpr.screen import counts, density_threshold, local_maxima, look_weight, seen_along, view_array
 
 FloatArray = NDArray[np.float64]
 State = Literal["new", "update", "withdrawn", "final"]
@@ -188,6 +188,28 @@ class LiveDetector:
         names = [f"{_NAME}{number:.0f}" for number in table["alarm_id"]]
         table = table.assign(alarm_id=names, scans=table["scans"].astype(int))
         return table.sort_values("confidence", ascending=False, kind="stable", ignore_index=True)
+
+    def looked(self, alarm: LiveAlarm) -> tuple[float, float]:
+        """Give the mean of the looks at an alarm's place, ground that is not final, and the sum of their weights."""
+        grid, table = self._view_grid(int(self.view["row"])), self.recipe.run_view
+        at = round((alarm.y - grid.y_min) / table.spacing), round((alarm.x - grid.x_min) / table.spacing)
+        weight = float(self.view["weight"][at])
+        return float(self.view["sum"][at]) / weight if weight else math.nan, weight
+
+    def coming(self, alarm: LiveAlarm) -> tuple[list[float], float]:
+        """Give the weights of the looks to come at an alarm, and the step between them, m.
+
+        The vehicle is taken to drive straight on in its median step so far; with no step known none comes.
+        """
+        poses = np.array([one.pose[:2] for one in self.history])
+        if self.where is None or len(poses) < 2:
+            return [], math.nan
+        step = float(np.median(np.hypot(*np.diff(poses, axis=0).T)))
+        x, y = lane_to_scan([alarm.x, alarm.y, 0.0], self.where)[:2]
+        left, right, near, _ = self.grid.extent()
+        ahead = np.arange(y - step, near, -step) if left <= x <= right else np.zeros(0)
+        ahead = ahead[ahead <= self.recipe.run_view.y_max]
+        return look_weight(np.hypot(x, ahead), self.recipe.run_view.falloff).tolist(), step
 
     def view_grid(self) -> dict[str, float] | None:
         """Lattice of the run-view: ``x``, ``y`` of its first pixel, ``nx``, ``dx``, ``dy``; None before a pose came."""

@@ -29,6 +29,7 @@ from flgpr.io import (
 )
 from flgpr.io.files import write_whole
 from flgpr.io.tables import write_table
+from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
@@ -59,6 +60,8 @@ class LiveOptions:
     idle: float | None = None  #: end after so many seconds without a scan
     threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
+    #: an alarm tells to wait for the next look if that changes the decision with this probability or a higher one
+    worth: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class LiveRun:
             raise ValueError("live needs a folder or a socket to take scans from, got neither")
         if options.threshold is not None and not np.isfinite(options.threshold):
             raise ValueError(f"threshold must be finite, got {options.threshold}")
+        if not 0 <= options.worth <= 1:
+            raise ValueError(f"worth must be a probability, 0 to 1, got {options.worth}")
         if options.snapshot < 0:
             raise ValueError(f"snapshot must be a number of scans from 0, got {options.snapshot}")
         self.options, self._tell = options, tell
@@ -92,6 +97,7 @@ class LiveRun:
         check_causal(self._recipe)
         self._model = load_model(options.model) if options.model is not None else Model()
         unlearnt(self._recipe, self._model)
+        self._forecast = forecast.forecast_of(self._recipe, self._model)
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
         model = "" if options.model is None else sha256((Path(options.model) / MODEL_FILE).read_bytes())
@@ -216,6 +222,11 @@ class LiveRun:
             )  # fmt: skip
             where = detector.where if detector.where is not None else scan.pose
             told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
+            if self._forecast is not None:
+                least = 0.0 if self.options.threshold is None else self.options.threshold
+                for alarm, event in zip(update.alarms, told, strict=True):
+                    margin, worth = event.get("margin_m"), self.options.worth
+                    event |= forecast.told(self._forecast, detector, alarm, margin, least, worth)
             for event in told:
                 self._tell(as_line(event))
             lines += told

@@ -180,6 +180,9 @@ def _write_evidence(home: Path, name: str, evidence: Evidence) -> dict[str, Any]
         "start": ends.tolist(),
         "scans": evidence.scans,
         "polarimetric": _columns(evidence.polarimetric),
+        "adds": evidence.adds,
+        "alone": evidence.alone,
+        "causes": [[[_rounded(value) for value in row] for row in np.round(one, 3)] for one in evidence.causes],
     }
 
 

@@ -148,7 +148,7 @@ class RunViewSums(LaneSums):
 class MeanViewSums(LaneSums):
     """The mean over the scans that see a pixel; of log-likelihoods their fusion as if looks were independent.
 
-    A look weighs as its distance to the power -``falloff``, where what is nearer than a metre counts as a metre off.
+    A look weighs as :func:`look_weight` tells, of its distance.
     """
 
     def __init__(self, grid: Grid, y_max: float, rows: slice | None = None, falloff: float = 0.0) -> None:
@@ -160,7 +160,7 @@ class MeanViewSums(LaneSums):
 
     def _take(self, kept: Mapping[str, NDArray[Any]], samples: Samples) -> None:
         distance = np.hypot(samples.local[..., 0], samples.local[..., 1])
-        weight = np.where(samples.whole, np.maximum(distance, 1.0) ** -self.falloff, 0.0)
+        weight = np.where(samples.whole, look_weight(distance, self.falloff), 0.0)
         kept["sum"][...] += weight * np.where(samples.whole, samples.values, 0.0)
         kept["weight"][...] += weight
 
@@ -170,6 +170,11 @@ class MeanViewSums(LaneSums):
 
     def _view(self, kept: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
         return kept["sum"] / np.where(self._looks > 0, kept["weight"], 1.0)
+
+
+def look_weight(distance: NDArray[np.float64], falloff: float) -> NDArray[np.float64]:
+    """Weigh looks by distances, m: their power -``falloff``; what is nearer than a metre counts as a metre off."""
+    return np.asarray(np.maximum(distance, 1.0) ** -falloff)
 
 
 class RangeViewSums(LaneSums):

@@ -25,7 +25,9 @@ from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import LaneJob, make_job, report
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.io import describe_for_live, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.live import forecast
+from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.model import Lane
 
 PathLike = str | Path
@@ -84,6 +86,7 @@ def train_runs(
         course.learn_stages()
         if judges:
             course.train_detector(features, label_radius)
+            course.learn_forecast()
     digests = [read_manifest(run)["sha256"] for run in runs]
     notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
     save_model(course.model, output, notes)
@@ -161,6 +164,24 @@ class _Course:
                 train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
             )
         self.model = replace(self.model, detector=detector)
+
+    def learn_forecast(self) -> None:
+        """Learn what becomes of the alarms, hits and false ones alike, that live detection raises on the lanes."""
+        if not forecast.foresees(self.recipe, self.model):
+            return
+        settings = LiveSettings(looks=2)  # so that looks two to three tell, too
+        with self._counted(forecast.NAME):
+            followed: list[forecast.Followed] = []
+            for lane in self.lanes:
+                run = open_run(lane.run, self._how.max_memory)
+                detector = LiveDetector(describe_for_live(run), self.recipe, lane.area, self.model, settings)
+                followed.extend(forecast.follow(detector, run))
+            arrays, notes = forecast.learn(followed)
+        self.model = replace(
+            self.model,
+            stages=self.model.stages | ({forecast.NAME: arrays} if arrays else {}),
+            notes=self.model.notes | {forecast.NAME: notes},
+        )
 
     @contextmanager
     def _counted(self, name: str) -> Iterator[None]:

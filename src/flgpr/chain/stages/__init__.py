@@ -166,6 +166,10 @@ class MapStage(Stage):
         """Map (y, x) of a cleaned complex scan image (polarization, subband, y, x); NaN where it says nothing."""
         raise NotImplementedError
 
+    def parts(self, image: xr.DataArray) -> tuple[Mapping[str, NDArray[Any]], Mapping[str, NDArray[Any]]]:  # noqa: ARG002
+        """Give by name the maps (y, x) that add up to the map but for a constant, and others that explain it alone."""
+        return {}, {}
+
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Gather what ``fit`` needs of a lane; ``image`` gives the cleaned image of the scan at an index."""
         raise NotImplementedError

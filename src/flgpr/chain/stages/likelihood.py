@@ -27,6 +27,9 @@ _APART = 100.0  # m between simulated bodies: a scan sees no farther
 _TILT = math.radians(4)  # rms in each axis, as mines are laid
 _DARK = 0.05  # of the background's power: a darker chip counts no more
 _SEED = 2026
+# Log odds of a mine over a stone by the difference of their log-likelihoods: a logistic regression, docs/fused.md.
+_RIVAL = (0.32, -0.87)
+_STONES = (0.04, 0.12)  # m, radii of stones: smaller ones are seldom seen
 
 
 class LikelihoodSettings(Table):
@@ -101,6 +104,7 @@ class LikelihoodMap(MapStage):
         chip = np.mgrid[-1:2, -1:2].reshape(2, -1)
         self._down, self._across = chip[0] * down, chip[1] * across
         self._between = _between(self._rows, grid.ny), _between(self._columns, grid.nx).T
+        self._bands: dict[tuple[int, int], tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]] = {}
 
     def map(self, image: xr.DataArray) -> NDArray[np.float32]:
         """Give the log-likelihood ratio with the contrast and ``offset`` added."""
@@ -116,6 +120,53 @@ class LikelihoodMap(MapStage):
         grid = self.setup.images
         total = gaussian_filter(total, (table.blur / grid.dy, table.blur / grid.dx), mode="nearest")
         return np.asarray(np.maximum(total, _LEAST), dtype=np.float32)
+
+    def parts(self, image: xr.DataArray) -> tuple[Arrays, Arrays]:
+        """Give what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
+
+        That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
+        """
+        table, learnt, grid = self.settings, self.learnt, self.setup.images
+        chips, metre = self._chips(image.values), self._metre(grid.y[self._rows])
+        bands = [str(name) for name in image["subband"].values]
+        values: dict[str, list[FloatArray]] = {}
+        for one in np.unique(metre):
+            some = chips[metre == one]
+            white = some @ learnt["whitener"][one].T
+            found = {"likelihood": ratio(white, learnt["signature"][one], learnt["share"][one], table.ratios)}
+            for number, name in enumerate(bands):
+                own, whitener, vectors, share = self._band(int(one), number, len(bands))
+                found[name] = ratio(some[..., own] @ whitener.T, vectors, share, table.ratios)
+            if "stone" in learnt:
+                stone = ratio(white, learnt["stone"][one], learnt["stone_share"][one], table.ratios)
+                found["mine over stone"] = _RIVAL[0] * (found["likelihood"] - stone) + _RIVAL[1]
+            for name, value in found.items():
+                values.setdefault(name, []).append(value)
+        maps = {name: self._between[0] @ np.concatenate(some) @ self._between[1] for name, some in values.items()}
+        adds = {"likelihood": maps.pop("likelihood")}
+        contrast = table.level * contrasts(image.sel(polarization=list(table.polarizations)), table).mean(axis=1)
+        for label, one_label in zip(table.polarizations, contrast, strict=True):
+            adds[f"contrast {label}"] = one_label / len(table.polarizations)
+        blur = table.blur / grid.dy, table.blur / grid.dx
+
+        def smooth(some: Arrays) -> Arrays:
+            return {name: gaussian_filter(one, blur, mode="nearest") for name, one in some.items()}
+
+        return smooth(adds), smooth(maps)
+
+    def _band(
+        self, metre: int, number: int, bands: int
+    ) -> tuple[NDArray[np.intp], ComplexArray, ComplexArray, FloatArray]:
+        """Give a sub-band's places in a chip, what whitens it there, and its signatures' vectors and shares."""
+        if (metre, number) not in self._bands:
+            whitener, vectors = self.learnt["whitener"][metre], self.learnt["signature"][metre]
+            own = np.flatnonzero(np.arange(len(whitener)) // 9 % bands == number)
+            back = np.linalg.inv(whitener.astype(complex))
+            white = np.linalg.inv(np.linalg.cholesky((back @ back.conj().T)[np.ix_(own, own)]))
+            strong = vectors.conj().T * np.sqrt(self.learnt["share"][metre])
+            left, strength, _ = np.linalg.svd(white @ (back @ strong)[own], full_matrices=False)
+            self._bands[metre, number] = own, _single(white), _single(left.T.conj()), strength**2 / (strength**2).sum()
+        return self._bands[metre, number]
 
     def examples(self, truth: pd.DataFrame, image: Callable[[int], xr.DataArray]) -> Accumulator:
         """Sum the covariance of target-free ground; simulate the signatures, in units of this lane's background."""
@@ -144,25 +195,31 @@ class LikelihoodMap(MapStage):
     def fit(cls, settings: Any, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
         """Learn, by metre ahead, what whitens the clutter of all lanes, and the signatures' directions in it."""
         total, count = (np.sum([lane[name] for lane in examples], axis=0) for name in ("covariance", "count"))
-        bodies, ahead = (np.concatenate([lane[name] for lane in examples]) for name in ("bodies", "ahead"))
+        sorts = {
+            names: [np.concatenate([lane[name] for lane in examples]) for name in told]
+            for names, told in (
+                (("signature", "share"), ("bodies", "ahead")), (("stone", "stone_share"), ("stones", "stones_ahead"))
+            )
+        }  # fmt: skip
         size, metres = total.shape[-1], np.arange(len(count))
         if count.sum() < size:
             raise ValueError(f"likelihood needs {size} places of target-free ground or more, got {count.sum():g}")
-        learnt: dict[str, list[Any]] = {"whitener": [], "signature": [], "share": []}
+        learnt: dict[str, list[Any]] = {"whitener": [], **{name: [] for names in sorts for name in names}}
         for metre in metres:
             reach = next(r for r in range(1, len(count) + 1) if count[np.abs(metres - metre) <= r].sum() >= size)
             covariance = total[np.abs(metres - metre) <= reach].sum(axis=0)
             covariance *= size / np.trace(covariance).real
             white = np.linalg.inv(np.linalg.cholesky(covariance + settings.load * np.eye(size)))
-            nearest = np.argsort(np.abs(ahead - metre - 0.5), kind="stable")
-            some = bodies[nearest[: max(3 * len(bodies) // len(count), settings.rank)]] @ white.T
-            some /= np.linalg.norm(some, axis=1, keepdims=True)
-            _, strength, vectors = np.linalg.svd(some, full_matrices=False)
             learnt["whitener"].append(white)
-            learnt["signature"].append(vectors[: settings.rank].conj())
-            learnt["share"].append((strength**2 / (strength**2).sum())[: settings.rank])
-        kept = np.sum(learnt["share"], axis=1)
-        notes = {"ground": int(count.sum()), "signatures": len(bodies), "kept": float(kept.mean())}
+            for (signature, share), (bodies, ahead) in sorts.items():
+                nearest = np.argsort(np.abs(ahead - metre - 0.5), kind="stable")
+                some = bodies[nearest[: max(3 * len(bodies) // len(count), settings.rank)]] @ white.T
+                some /= np.linalg.norm(some, axis=1, keepdims=True)
+                _, strength, vectors = np.linalg.svd(some, full_matrices=False)
+                learnt[signature].append(vectors[: settings.rank].conj())
+                learnt[share].append((strength**2 / (strength**2).sum())[: settings.rank])
+        kept, number = np.sum(learnt["share"], axis=1), len(sorts["signature", "share"][0])
+        notes = {"ground": int(count.sum()), "signatures": number, "kept": float(kept.mean())}
         arrays = {name: np.array(some) for name, some in learnt.items()}
         return {name: one.astype(np.complex64) if np.iscomplexobj(one) else one for name, one in arrays.items()}, notes
 
@@ -188,11 +245,14 @@ class LikelihoodMap(MapStage):
         pixels = tuple(zip(self._across * grid.dx, self._down * grid.dy, strict=True))
         limits = max(grid.x_min, setup.lane.x_min), min(grid.extent()[1], setup.lane.x_max)
         how = _Imaging(grid, bands, labels, window, setup.imager.tolerance, pixels, limits)
-        raw, place = signatures(table, sensor, how)
-        column, row = np.round((place - (grid.x_min, grid.y_min)) / (grid.dx, grid.dy)).astype(int).T
-        level = np.moveaxis(known["gain"][:, :, row, column], 2, 0) * known["gains"].mean(axis=0)
-        chips = (raw / level[..., None]).reshape(len(raw), -1)
-        return {"bodies": chips.astype(np.complex64), "ahead": place[:, 1] - grid.y_min}
+        made: Arrays = {}
+        for chips_name, ahead, kinds in (("bodies", "ahead", table.kinds), ("stones", "stones_ahead", ())):
+            raw, place = signatures(table, sensor, how, kinds)
+            column, row = np.round((place - (grid.x_min, grid.y_min)) / (grid.dx, grid.dy)).astype(int).T
+            level = np.moveaxis(known["gain"][:, :, row, column], 2, 0) * known["gains"].mean(axis=0)
+            made[chips_name] = (raw / level[..., None]).reshape(len(raw), -1).astype(np.complex64)
+            made[ahead] = place[:, 1] - grid.y_min
+        return made
 
 
 def ratio(chips: ComplexArray, vectors: ComplexArray, share: FloatArray, ratios: Sequence[float]) -> FloatArray:
@@ -236,36 +296,45 @@ def _sensor_of(setup: Setup, name: str) -> Sensor:
 
 
 @lru_cache(maxsize=4)
-def signatures(table: LikelihoodSettings, sensor: Sensor, how: _Imaging) -> tuple[ComplexArray, FloatArray]:
-    """Simulate bodies alone: chips (body, polarization, subband, pixel), and places (body, 2) in the scan frame, m."""
+def signatures(
+    table: LikelihoodSettings, sensor: Sensor, how: _Imaging, kinds: tuple[str, ...]
+) -> tuple[ComplexArray, FloatArray]:
+    """Simulate bodies alone: chips (body, polarization, subband, pixel), and places (body, 2) in the scan frame, m.
+
+    Without ``kinds`` they are stones that lie half in the ground.
+    """
     found, places = [], []
     edge = 1.5 * table.step
     _, _, near, far = how.grid.extent()
     for number, (permittivity, loss) in enumerate(table.soils):
         rng = np.random.default_rng([_SEED, number])
-        sorts = [(kind, depth) for kind in table.kinds for depth in table.depths] * table.copies
+        sorts = ([(kind, depth) for kind in kinds for depth in table.depths] or [("", 0.0)]) * table.copies
         ahead = rng.permutation(np.linspace(near + edge, far - edge, len(sorts)))
         across = rng.uniform(how.limits[0] + edge, how.limits[1] - edge, len(sorts))
         lean = rng.normal(0, _TILT, (len(sorts), 2))
+        where = [(float(x), float(_APART * k + y)) for k, (x, y) in enumerate(zip(across, ahead, strict=True))]
         targets = [
-            {
-                "kind": kind, "depth": depth, "x": x, "y": _APART * k + y,
-                "tilt": math.hypot(a, b), "azimuth": math.atan2(b, a),
-            }
-            for k, ((kind, depth), x, y, (a, b)) in enumerate(zip(sorts, across, ahead, lean, strict=True))
-        ]  # fmt: skip
-        scene = Scene.model_validate(
-            {
-                "soil": {"model": "fixed", "permittivity": permittivity, "loss_tangent": loss}, "targets": targets,
-                "length": _APART * len(sorts), "x_min": how.limits[0], "x_max": how.limits[1], "clutter": BARE,
-                "track": {"positions": [_APART * k for k in range(len(sorts))]}, **ALONE,
-            }
-        )  # fmt: skip
-        simulator = Simulator(scene, sensor, number)
-        run = simulator.run(bodies=True).sel(polarization=list(how.polarizations))
+            {"kind": kind, "depth": depth, "x": x, "y": y, "tilt": math.hypot(a, b), "azimuth": math.atan2(b, a)}
+            for (kind, depth), (x, y), (a, b) in zip(sorts, where, lean, strict=True)
+        ]
+        things = [
+            {"kind": "rock", "x": x, "y": y, "radius": float(radius)}
+            for (x, y), radius in zip(where, np.linspace(*_STONES, len(sorts)), strict=True)
+        ]
+        ground = {
+            "soil": {"model": "fixed", "permittivity": permittivity, "loss_tangent": loss},
+            "length": _APART * len(sorts), "x_min": how.limits[0], "x_max": how.limits[1], "clutter": BARE,
+            "track": {"positions": [_APART * k for k in range(len(sorts))]}, **ALONE,
+        }  # fmt: skip
+        simulator = Simulator(Scene.model_validate(ground | {"targets": targets if kinds else []}), sensor, number)
+        run = simulator.run(bodies=True)
+        if not kinds:  # a stone is what the scan with it has more than the one without
+            stony = Simulator(Scene.model_validate(ground | {"objects": things}), sensor, number)
+            run["signal"] = stony.run()["signal"] - simulator.run()["signal"]
+        run = run.sel(polarization=list(how.polarizations))
         imager = ScanImager(run, how.grid, dict(how.subbands), how.window, how.tolerance)
-        for k, target in enumerate(scene.targets):
-            place = lane_to_scan(np.array([target.x, target.y, 0.0]), simulator.pose[k])
+        for k, spot in enumerate(where):
+            place = lane_to_scan(np.array([*spot, 0.0]), simulator.pose[k])
             place[:2] += rng.uniform(-table.step / 4, table.step / 4, 2)  # no mine lies on a pixel
             points = place + np.column_stack([how.pixels, np.zeros(len(how.pixels))])
             found.append(imager.operator_on(k, points, imager.subbands).adjoint(imager.signal(k)))
@@ -286,6 +355,10 @@ def contrasts(image: xr.DataArray, table: LikelihoodSettings) -> NDArray[np.floa
     ring = (count * outer - few * guard) / (count - few)
     tiny = np.finfo(np.float32).tiny
     return np.asarray(10 * np.log10(np.maximum(inner, tiny) / np.maximum(ring, tiny)), dtype=np.float32)
+
+
+def _single(values: NDArray[Any]) -> ComplexArray:
+    return np.asarray(values, dtype=np.complex64)
 
 
 def _between(pixels: NDArray[np.int64], count: int) -> FloatArray:

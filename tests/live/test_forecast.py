@@ -1,0 +1,202 @@
+"""What further looks will make of an alarm: the numbers, what is learnt of alarms, what events tell."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flgpr.chain.classifier import TrainingSet
+from flgpr.chain.estimators import train_estimator
+from flgpr.chain.model import Model, load_model, save_model
+from flgpr.chain.recipe import DetectorTable, parse_recipe
+from flgpr.io import describe_for_live, save_run
+from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.feeding import feed
+from flgpr.live.forecast import NAME, Followed, Forecast, _scans, follow, forecast_of, foresees, learn, told
+from flgpr.live.session import LiveOptions, LiveRun
+from flgpr.live.vehicle import Vehicle
+from live_lane import LANE, make_lane_run, small_recipe
+from small_lane import cut_down
+
+KNOWN = Forecast((-1.2, -0.35, 0.4), (-0.2, 1.0), 0.6)
+RECIPE = cut_down(small_recipe(), [("y_max = 4.5", 'y_max = 4.5\nlook = "mean"\nfalloff = 2')])
+LOGISTIC = DetectorTable(estimator="logistic", features=("magnitude",))
+
+
+def trained(features=("magnitude",), table=LOGISTIC):
+    """Log odds that grow with the magnitude."""
+    rng = np.random.default_rng(2)
+    label = np.repeat([0, 1], 40)
+    values = pd.DataFrame({name: rng.normal(3.0 + 2.0 * label, 1.5) for name in features})
+    return train_estimator(TrainingSet(values, label, np.ones(80, int), np.repeat("a", 80)), table, features)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return make_lane_run()
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Model(trained(), {NAME: KNOWN.arrays()})
+
+
+def started(run, model, **settings):
+    return LiveDetector(describe_for_live(run), parse_recipe(RECIPE), LANE, model, LiveSettings(**settings))
+
+
+def drawn(count, seed, looks=2):
+    """Alarms that become what KNOWN says, by its covariance of single looks."""
+    rng = np.random.default_rng(seed)
+    (a, b, c), (g, h), rho = KNOWN.mean, KNOWN.spread, KNOWN.correlation
+    alike = np.linalg.cholesky(rho + (1 - rho) * np.eye(looks))
+    for z in rng.normal(-1.5, 2.0, count):
+        p, seen, weights = 1 / (1 + math.exp(-z)), rng.uniform(0.02, 0.04), rng.uniform(0.008, 0.02, looks)
+        values = z + a + (b + c * p) * z + math.exp(g + h * p) * (alike @ rng.normal(size=looks))
+        for k in range(1, looks + 1):
+            w = weights[:k]
+            yield Followed(z, seen, tuple(w), (seen * z + w @ values[:k]) / (seen + w.sum()))
+
+
+def test_log_odds_after_further_looks_are_the_weighed_mean_with_them():
+    rows = [one for one in drawn(60_000, 1, 3) if len(one.looks) == 3]
+    rows = [one._replace(seen=0.03, looks=(0.01, 0.015, 0.02)) for one in rows[:1]]
+    mean, deviation = KNOWN.after(rows[0].odds, 0.03, rows[0].looks)
+    rng, z = np.random.default_rng(3), rows[0].odds
+    p, weights = 1 / (1 + math.exp(-z)), np.array(rows[0].looks)
+    alike = np.linalg.cholesky(0.6 + 0.4 * np.eye(3))
+    values = z - 1.2 + (-0.35 + 0.4 * p) * z + math.exp(-0.2 + p) * (rng.normal(size=(200_000, 3)) @ alike.T)
+    later = (0.03 * z + values @ weights) / (0.03 + weights.sum())
+    assert mean == pytest.approx(later.mean(), abs=5 * deviation / 200_000**0.5)
+    assert deviation == pytest.approx(later.std(), rel=0.01)
+
+
+def test_the_numbers_are_learnt_of_what_alarms_became():
+    arrays, notes = learn(drawn(4000, 4))
+    assert notes["looks"] == 8000
+    assert notes["within"] == pytest.approx(0.8, abs=0.02)
+    np.testing.assert_allclose(arrays["mean"], KNOWN.mean, atol=0.15)
+    np.testing.assert_allclose(arrays["spread"], KNOWN.spread, atol=0.15)
+    assert float(arrays["correlation"]) == pytest.approx(0.6, abs=0.1)
+    assert learn(drawn(10, 5)) == ({}, {"looks": 20})
+
+
+def test_looks_to_come_weigh_as_they_then_do(run, model):
+    detector, checked = started(run, model, looks=1), 0
+    for scan in (one for one in _scans(run) if one.number < 30):
+        before = {one.alarm_id: (one, *detector.coming(one)) for one in detector.alarms.values()}
+        seen = {name: detector.looked(one)[1] for name, (one, _, _) in before.items()}
+        detector.add(scan)
+        for name, (alarm, looks, step) in before.items():
+            if alarm.y > detector.closed and looks:
+                assert step == pytest.approx(0.4, abs=0.05)
+                came = detector.looked(alarm)[1] - seen[name]
+                assert came == pytest.approx(looks[0], rel=0.1) or came == pytest.approx(0.0, abs=1e-12)
+                checked += came > 0
+    assert checked > 100
+
+
+def test_an_alarm_stands_at_the_mean_of_its_looks(run, model):
+    detector = started(run, model)
+    for scan in _scans(run):
+        detector.add(scan)
+        for alarm in detector.alarms.values():
+            assert detector.looked(alarm)[0] == pytest.approx(alarm.magnitude, rel=1e-5)
+
+
+def test_what_is_followed_is_what_alarms_became(run, model):
+    followed = list(follow(started(run, model, looks=2), run))
+    assert len(followed) > 100
+    detector, odds = started(run, model, looks=2), set()
+    for scan in _scans(run):
+        detector.add(scan)
+        odds |= {one.confidence for one in detector.alarms.values()}
+    assert {one.odds for one in followed} <= odds
+    assert np.mean([one.later in odds for one in followed]) > 0.5  # others were withdrawn
+    assert max(len(one.looks) for one in followed) > 2
+    arrays, notes = learn(followed)
+    assert 0.7 < notes["within"] < 0.9
+    assert set(arrays) == {"mean", "spread", "correlation"}
+
+
+def test_to_wait_needs_room_and_a_doubt(run, model):
+    detector = started(run, model, looks=1)
+    for scan in _scans(run):
+        detector.add(scan)
+        if scan.number == 20:
+            break
+    alarm = next(one for one in detector.alarms.values() if len(detector.coming(one)[0]) >= 3)
+    step = detector.coming(alarm)[1]
+    sure = told(KNOWN, detector, replace(alarm, confidence=20.0), 9.0, 0.0, 0.1)
+    doubt = told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 0.0, 0.1)
+    assert (sure["wait"], doubt["wait"]) == (False, True)
+    assert sure["change"] < 0.05 < 0.3 < doubt["change"]
+    near = told(KNOWN, detector, replace(alarm, confidence=0.2), 0.9 * step, 0.0, 0.1)
+    assert (near["wait"], near["looks_left"], "last_p" in near) == (False, 0, False)
+    assert near["next_p"] == doubt["next_p"]
+    assert told(KNOWN, detector, alarm, 2.5 * step, 0.0, 0.1)["looks_left"] == 2
+    assert "wait" not in told(KNOWN, detector, alarm, None, 0.0, 0.1)
+    low, high = doubt["last_p"]
+    assert low < doubt["next_p"][0]
+    assert high - low > 0
+    assert not told(KNOWN, detector, replace(alarm, confidence=0.2), 9.0, 8.0, 0.1)["wait"]
+
+
+def test_events_tell_it_where_the_model_does(run, model, tmp_path):
+    (tmp_path / "recipe.toml").write_text(RECIPE)
+    (tmp_path / "lane.toml").write_text(f"x_min = {LANE.x_min}\nx_max = {LANE.x_max}\ny_min = 2.0\ny_max = 20.0\n")
+    save_run(run, tmp_path / "run.zarr")
+    feed(tmp_path / "run.zarr", tmp_path / "incoming", math.inf)
+
+    def played(given, name, **more):
+        save_model(given, tmp_path / f"model-{name}")
+        options = LiveOptions(
+            tmp_path / "recipe.toml", tmp_path / name, tmp_path / "incoming", model=tmp_path / f"model-{name}",
+            lane=tmp_path / "lane.toml", **more,
+        )  # fmt: skip
+        LiveRun(options).run()
+        lines = [json.loads(line) for line in (tmp_path / name / "live.jsonl").read_text().splitlines()]
+        return [line for line in lines if line["event"] == "alarm"]
+
+    lines = played(model, "new", vehicle=Vehicle(1.0))
+    for line in lines:
+        assert line["p"] == pytest.approx(1 / (1 + math.exp(-line["confidence"])), abs=1e-4)
+        assert ("wait" in line) == ("looks_left" in line) == (line["state"] in ("new", "update"))
+        assert ("next_p" in line) == ("change" in line)
+        assert ("last_p" in line) == (line.get("looks_left", 0) > 0)
+    assert {line.get("wait") for line in lines} >= {True, False}
+    with pytest.warns(UserWarning, match="trained before that was learnt; train it again"):
+        old = played(Model(model.detector), "old", vehicle=Vehicle(1.0))
+    members = {"p", "next_p", "last_p", "looks_left", "change", "wait"}
+    assert not any(members & set(line) for line in old)
+    untimed = ("latency_ms", "margin_m", "in_time")
+    assert [{k: v for k, v in one.items() if k not in untimed} for one in old] == [
+        {k: v for k, v in one.items() if k not in {*untimed, *members}} for one in lines
+    ]
+    with pytest.raises(ValueError, match="worth must be a probability"):
+        played(model, "worth", worth=1.5)
+
+
+def test_a_model_keeps_it_and_one_of_other_shapes_is_refused(model, tmp_path):
+    recipe = parse_recipe(RECIPE)
+    kept = load_model(save_model(model, tmp_path / "model"))
+    assert forecast_of(recipe, kept) == KNOWN
+    for name, value in (("mean", np.zeros(2)), ("spread", np.array([0.0, np.nan]))):
+        wrong = replace(model, stages={NAME: KNOWN.arrays() | {name: value}})
+        with pytest.raises(ValueError, match=r"model must hold finite live\.forecast of shapes .* train it again"):
+            forecast_of(recipe, wrong)
+    with pytest.warns(UserWarning, match="its lanes gave too few"):
+        assert forecast_of(recipe, Model(model.detector, {}, {NAME: {"looks": 3}})) is None
+
+
+def test_it_is_told_of_means_whose_confidence_is_their_log_odds_alone(model):
+    recipe = parse_recipe(RECIPE)
+    assert foresees(recipe, model)
+    assert not foresees(parse_recipe(small_recipe()), model)
+    assert not foresees(recipe, Model())
+    assert not foresees(recipe, Model(trained(table=DetectorTable(estimator="lda", features=("magnitude",)))))
+    assert not foresees(recipe, Model(trained(("magnitude", "scans"), LOGISTIC)))
+    assert forecast_of(parse_recipe(small_recipe()), model) is None
