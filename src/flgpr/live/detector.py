@@ -311,8 +311,7 @@ class LiveDetector:
                     sums = AlarmSums(self.reads, places[some].reset_index(drop=True), pixel[some])
                     if before is not None:
                         sums.merge(before.state())
-                    for one in scans:
-                        sums.add(one)
+                    sums.add(*scans)
                     whole.merge(sums.state())
         features = whole.table().iloc[np.argsort(order)].reset_index(drop=True)
         confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
