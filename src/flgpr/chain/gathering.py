@@ -185,7 +185,9 @@ class AlarmSums:
     def add(self, *scans: CleanedScan) -> None:
         """Take in scans, one after the other."""
         for prefix, ten in self._ten.items():
-            ten.add_all((one.magnitude, _phased(one.own if prefix == PAPER else one.coherent), one.pose) for one in scans)
+            ten.add_all(
+                (one.magnitude, _phased(one.own if prefix == PAPER else one.coherent), one.pose) for one in scans
+            )
         for one in scans:
             if self._contrast is not None:
                 self._contrast.add(one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose)

@@ -91,7 +91,7 @@ class FeatureSums:
         self.add_all([(magnitude, coherent, pose)])
 
     def add_all(self, scans: Iterable[tuple[NDArray[np.float32], NDArray[np.complex64], FloatArray]]) -> None:
-        """Take in scans, at least one, one after the other as :meth:`add` does; of few alarms quicker than one by one."""
+        """Take in scans, at least one, in their order as :meth:`add` does; of few alarms quicker than one by one."""
         looks = zip(*(self._look(*scan) for scan in scans), strict=True)
         seen, values, patch, fits = (np.concatenate(one, axis) for one, axis in zip(looks, (0, 0, 2, 0), strict=True))
         if not seen.size:
@@ -164,7 +164,9 @@ class FeatureSums:
             region_statistics(flat, row, column, offset, self._regions[None], out)
         return out.reshape(row.size, *channels, 4)
 
-    def _patches(self, coherent: NDArray[np.complex64], row: FloatArray, column: FloatArray) -> tuple[NDArray[Any], ...]:
+    def _patches(
+        self, coherent: NDArray[np.complex64], row: FloatArray, column: FloatArray
+    ) -> tuple[NDArray[Any], ...]:
         """Cut patches (polarization, subband, alarm, y, x) about places; tell which the image holds, and only those.
 
         They are not interpolated: the phase turns by up to a cycle from pixel to pixel.

@@ -6,8 +6,10 @@ import os
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,7 @@ from flgpr.model import Lane
 
 PathLike = str | Path
 _TICK = 0.1  # s between looks at the clock while nothing comes
+_AWAKE, _REST = 0.06, 0.018  # s before a scan is due between which rehearsals, of some 15 ms each, may begin
 _REPORTED = 10_000  # latencies kept for the percentiles
 
 
@@ -59,6 +62,7 @@ class LiveOptions:
     idle: float | None = None  #: end after so many seconds without a scan
     threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
+    awake: bool = True  #: keep the processors awake shortly before a scan is due
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,7 @@ class LiveRun:
         self._latency: list[float] = []
         self._moments: list[float] = []
         self._frames = 0
+        self._came: deque[float] = deque(maxlen=9)  # when the last frames came, s since 1970
         self._names: set[str] = set()
         self._detector: LiveDetector | None = None
         self._intake: Intake | None = None
@@ -147,7 +152,7 @@ class LiveRun:
         while not self.inbox.stop.is_set():
             events.beat()
             try:
-                arrival = self.inbox.arrivals.get(timeout=_TICK)
+                arrival = self._next()
             except queue.Empty:
                 if self.options.idle is not None and time.monotonic() - last > self.options.idle:
                     return
@@ -164,6 +169,23 @@ class LiveRun:
                 if self.options.snapshot and since >= self.options.snapshot:
                     since = 0
                     writer.offer(self._snapshot())
+
+    def _next(self) -> Arrival:
+        """Give what comes within a tick, else raise queue.Empty; shortly before a scan is due, rehearse meanwhile.
+
+        It is due after the least of the last intervals: none that keeps the pace is kept waiting.
+        """
+        came, arrivals = self._came, self.inbox.arrivals
+        least = min((b - a for a, b in pairwise(came)), default=0.0)
+        ahead = came[-1] + least - time.time() if self.options.awake and len(came) > 2 else 0.0
+        if self._detector is not None and _REST < ahead <= _AWAKE and arrivals.empty():
+            self._detector.rehearse()
+            return arrivals.get_nowait()
+        self.inbox.awaited = True
+        try:
+            return arrivals.get(timeout=min(ahead - _AWAKE, _TICK) if ahead > _AWAKE else _TICK)
+        finally:
+            self.inbox.awaited = False
 
     def _announced(self, arrival: Arrival, events: EventFile) -> None:
         """Take a description: of this run for the first time, or again from a sender that connected anew."""
@@ -201,6 +223,7 @@ class LiveRun:
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
+        self._came.append(arrival.when)
         before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
