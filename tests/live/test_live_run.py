@@ -495,18 +495,18 @@ def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("came", "more", "rehearsals"),
+    ("came", "awake", "rehearsals"),
     [
-        ([9.0, 9.5, 9.75, 10.0], {}, 1),  # due at 10.25, the least interval after the last
-        ([9.0, 9.5, 9.75, 10.0], {"awake": False}, 0),
-        ([9.75, 10.0], {}, 0),  # one interval is no rhythm
-        ([9.0, 9.4, 9.8, 10.0], {}, 0),  # it should have come
-        ([9.76, 9.98, 10.2], {}, 0),  # not yet
-        ([9.0, 9.5, 9.97, 10.0], {}, 0),  # they queue
+        ([9.0, 9.5, 9.75, 10.0], True, 1),  # due at 10.25, the least interval after the last
+        ([9.0, 9.5, 9.75, 10.0], False, 0),
+        ([9.75, 10.0], True, 0),  # one interval is no rhythm
+        ([9.0, 9.4, 9.8, 10.0], True, 0),  # it should have come
+        ([9.76, 9.98, 10.2], True, 0),  # not yet
+        ([9.0, 9.5, 9.97, 10.0], True, 0),  # they queue
     ],
 )
-def test_it_rehearses_shortly_before_a_scan_is_due(home, tmp_path, monkeypatch, came, more, rehearsals):
-    run, done = LiveRun(options(home, tmp_path, **more)), []
+def test_it_rehearses_shortly_before_a_scan_is_due(home, tmp_path, monkeypatch, came, awake, rehearsals):
+    run, done = LiveRun(options(home, tmp_path, awake=awake)), []
     run._detector = SimpleNamespace(rehearse=lambda: done.append(1))
     run._came.extend(came)
     monkeypatch.setattr("flgpr.live.session.time", SimpleNamespace(time=lambda: 10.21))

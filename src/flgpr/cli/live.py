@@ -46,7 +46,7 @@ def live(
     idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,
     threshold: Annotated[float | None, Option(help="Confidence from which the page shows alarms; default all.")] = None,
     fresh: Annotated[bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
-    doze: Annotated[bool, Option("--doze", help="Let processors sleep until a scan comes: slower, frugal.")] = False,
+    awake: Annotated[bool, Option("--awake", help="Keep processors awake shortly before a scan is due.")] = False,
     view: Annotated[bool, Option("--view", help="Show it in the browser.")] = False,
     no_browser: Annotated[bool, Option("--no-browser", help="With --view: print the address only.")] = False,
     quiet: Quiet = False,
@@ -56,7 +56,7 @@ def live(
         vehicle = tasks.Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
         options = tasks.LiveOptions(
             recipe, output, incoming, socket, model, lane, anchor, tasks.LiveSettings(looks, warm_up, span), vehicle,
-            snapshot, idle, threshold, fresh, not doze,
+            snapshot, idle, threshold, fresh, awake,
         )  # fmt: skip
         run = tasks.LiveRun(options, (lambda _: None) if quiet else _print)
         with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:

@@ -62,7 +62,7 @@ class LiveOptions:
     idle: float | None = None  #: end after so many seconds without a scan
     threshold: float | None = None  #: confidence from which the page shows alarms; None shows all
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
-    awake: bool = True  #: keep the processors awake shortly before a scan is due
+    awake: bool = False  #: image the last scan again shortly before one is due, so that processors are awake
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class LiveRun:
                     writer.offer(self._snapshot())
 
     def _next(self) -> Arrival:
-        """Give what comes within a tick, else raise queue.Empty; shortly before a scan is due, rehearse meanwhile.
+        """Give what comes within a tick, else raise queue.Empty; if asked to, rehearse shortly before a scan is due.
 
         It is due after the least of the last intervals: none that keeps the pace is kept waiting.
         """
