@@ -45,6 +45,12 @@ def patches_of(scans, x, y, band, step, half):
     return found
 
 
+def test_scans_taken_in_at_once_are_those_taken_in_one_by_one(scans):
+    sums = FeatureSums(ALARMS, POLARIZATIONS, SUBBANDS, GRID)
+    sums.add_all((magnitude, coherent, pose) for (magnitude, coherent), pose in zip(scans, POSES, strict=True))
+    pd.testing.assert_frame_equal(sums.table(), features_of(scans), check_exact=True)
+
+
 @pytest.mark.parametrize("psi", ["circular", "linear"])
 @pytest.mark.parametrize("swap", [False, True])
 def test_the_ten_features_are_equations_6_to_17(scans, swap, psi):

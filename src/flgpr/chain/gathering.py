@@ -182,19 +182,19 @@ class AlarmSums:
         contrast = {} if self._contrast is None else {"": self._contrast}
         return {**contrast, **self._ten, **self._stages}
 
-    def add(self, scan: CleanedScan) -> None:
-        """Take in one scan."""
-        if self._contrast is not None:
-            self._contrast.add(scan.magnitude[self._how.channel(self._how.recipe.contrast)], scan.pose)
+    def add(self, *scans: CleanedScan) -> None:
+        """Take in scans, one after the other."""
         for prefix, ten in self._ten.items():
-            coherent = scan.own if prefix == PAPER else scan.coherent
-            if coherent is None:
-                raise ValueError("scan must be cleaned as its features need it, got one without its phase")
-            ten.add(scan.magnitude, coherent, scan.pose)
-        if self._stages:
-            image = self._how.labelled(scan)
-            for stage in self._stages.values():
-                stage.add(image)
+            ten.add_all(
+                (one.magnitude, _phased(one.own if prefix == PAPER else one.coherent), one.pose) for one in scans
+            )
+        for one in scans:
+            if self._contrast is not None:
+                self._contrast.add(one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose)
+            if self._stages:
+                image = self._how.labelled(one)
+                for stage in self._stages.values():
+                    stage.add(image)
 
     def state(self) -> Arrays:
         """Give what was gathered."""
@@ -218,3 +218,9 @@ class AlarmSums:
                 columns = columns[[f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]]
             tables.append((columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix))
         return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)
+
+
+def _phased(image: ComplexArray | None) -> ComplexArray:
+    if image is None:
+        raise ValueError("scan must be cleaned as its features need it, got one without its phase")
+    return image

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -72,7 +72,6 @@ class FeatureSums:
         self._hh, self._vv, self._hv = (names.index(name) for name in ("HH", "VV", cross))
         self._index = alarms.index
         self._centres = ground_points(alarms)
-        self._order = np.argsort(self._centres[:, 1], kind="stable")
         self._regions = region_codes(self.settings.patch)
         wanted = self.settings.polarimetric
         bands = [i for i, band in enumerate(self.subbands) if wanted is None or band in wanted] or [-1]
@@ -89,19 +88,17 @@ class FeatureSums:
 
         Both are (polarization, subband, y, x); the polarizations of the complex images share one gain.
         """
-        grid = self.grid
-        local = lane_to_scan(self._centres, pose)[:, :2]
-        row, column = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
-        reach = (local[:, 1] <= self.settings.y_max) & (row >= 0) & (row <= grid.ny - 1)
-        seen = np.flatnonzero(reach & (column >= 0) & (column <= grid.nx - 1))
+        self.add_all([(magnitude, coherent, pose)])
+
+    def add_all(self, scans: Iterable[tuple[NDArray[np.float32], NDArray[np.complex64], FloatArray]]) -> None:
+        """Take in scans, at least one, in their order as :meth:`add` does; of few alarms quicker than one by one."""
+        looks = zip(*(self._look(*scan) for scan in scans), strict=True)
+        seen, values, patch, fits = (np.concatenate(one, axis) for one, axis in zip(looks, (0, 0, 2, 0), strict=True))
         if not seen.size:
             return
-        values = self._statistics(magnitude, row[seen], column[seen])
-        keep = np.isfinite(values).all(axis=(1, 2, 3))
-        seen, values = seen[keep], values[keep]
         self._add_incoherent(seen, values)
-        self._add_coherent(seen, values[:, self._hh, :, PEAK], coherent, row, column)
-        self._scans[seen] += 1
+        self._add_coherent(seen[fits], values[fits, self._hh, self._coherent, PEAK], patch)
+        np.add.at(self._scans, seen, 1)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be merged into another: ``row``, the alarms that were seen, and their sums."""
@@ -143,61 +140,71 @@ class FeatureSums:
             columns |= {f"{name}_{subband}": ten[name][:, b] for name in FEATURES}
         return pd.DataFrame(columns, index=self._index)
 
+    def _look(
+        self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray
+    ) -> tuple[NDArray[Any], ...]:
+        """Tell which alarms a scan sees and their regions' statistics; cut their coherent patches."""
+        grid = self.grid
+        local = lane_to_scan(self._centres, pose)[:, :2]
+        row, column = (local[:, 1] - grid.y_min) / grid.dy, (local[:, 0] - grid.x_min) / grid.dx
+        reach = (local[:, 1] <= self.settings.y_max) & (row >= 0) & (row <= grid.ny - 1)
+        reach &= (column >= 0) & (column <= grid.nx - 1)
+        seen = np.flatnonzero(reach)
+        values = self._statistics(magnitude, row[seen], column[seen])
+        keep = np.isfinite(values).all(axis=(1, 2, 3))
+        seen, values = seen[keep], values[keep]
+        return seen, values, *self._patches(coherent, row[seen], column[seen])
+
     def _statistics(self, magnitude: NDArray[np.float32], row: FloatArray, column: FloatArray) -> FloatArray:
         patch, channels = self.settings.patch, magnitude.shape[:2]
-        offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / self.grid.dx
         out = np.empty((row.size, channels[0] * channels[1], 1, 4))
-        flat = np.ascontiguousarray(magnitude.reshape(-1, *magnitude.shape[2:]))
-        region_statistics(flat, row, column, offset, self._regions[None], out)
+        if row.size:
+            offset = (np.arange(patch.size) - patch.size // 2) * patch.spacing / self.grid.dx
+            flat = np.ascontiguousarray(magnitude.reshape(-1, *magnitude.shape[2:]))
+            region_statistics(flat, row, column, offset, self._regions[None], out)
         return out.reshape(row.size, *channels, 4)
+
+    def _patches(
+        self, coherent: NDArray[np.complex64], row: FloatArray, column: FloatArray
+    ) -> tuple[NDArray[Any], ...]:
+        """Cut patches (polarization, subband, alarm, y, x) about places; tell which the image holds, and only those.
+
+        They are not interpolated: the phase turns by up to a cycle from pixel to pixel.
+        """
+        half = _AVERAGE // 2
+        nx, ny = (n // 2 + half for n in self.settings.inner)
+        y, x = np.rint(row).astype(np.intp), np.rint(column).astype(np.intp)
+        fits = (y - ny >= 0) & (y + ny < self.grid.ny) & (x - nx >= 0) & (x + nx < self.grid.nx)
+        rows = y[fits, None, None] + np.arange(-ny, ny + 1)[:, None]
+        columns = x[fits, None, None] + np.arange(-nx, nx + 1)
+        return coherent[:, self._coherent, rows, columns], fits
 
     def _add_incoherent(self, seen: NDArray[np.intp], values: FloatArray) -> None:
         cross = values[:, self._hv]
         for name, place in (("HH", self._hh), ("VV", self._vv)):
             own = values[:, place]
             peak = own[..., PEAK]
-            self._peak[name][seen] = np.maximum(self._peak[name][seen], peak)  # Eq. 6
-            self._sum[name][seen] += peak
+            np.maximum.at(self._peak[name], seen, peak)  # Eq. 6
+            np.add.at(self._sum[name], seen, peak)
             with np.errstate(invalid="ignore", divide="ignore"):
-                self._sum[f"C_{name}"][seen] += peak * (peak - own[..., OUTER_MEAN]) / own[..., OUTER_STD]  # Eq. 7
-                self._sum[f"R_{name}_HV"][seen] += peak * own[..., MEAN] / cross[..., MEAN]  # Eq. 8
+                contrast = peak * (peak - own[..., OUTER_MEAN]) / own[..., OUTER_STD]  # Eq. 7
+                ratio = peak * own[..., MEAN] / cross[..., MEAN]  # Eq. 8
+                np.add.at(self._sum[f"C_{name}"], seen, contrast)
+                np.add.at(self._sum[f"R_{name}_HV"], seen, ratio)
 
-    def _add_coherent(
-        self,
-        seen: NDArray[np.intp],
-        weight: FloatArray,
-        coherent: NDArray[np.complex64],
-        row: FloatArray,
-        column: FloatArray,
-    ) -> None:
-        """Add entropy, alpha, tau and psi at the pixels about each alarm (Eq. 11, 12, 16, 17).
-
-        The patch is cut from the image without interpolation: the phase turns by up to a cycle from pixel to pixel.
-        """
-        nx, ny = (n // 2 for n in self.settings.inner)
-        half = _AVERAGE // 2
-        y, x = np.rint(row[seen]).astype(np.intp), np.rint(column[seen]).astype(np.intp)
-        fits = (
-            (y - ny - half >= 0)
-            & (y + ny + half < self.grid.ny)
-            & (x - nx - half >= 0)
-            & (x + nx + half < self.grid.nx)
-        )
-        bands = self._coherent
-        seen, weight, y, x = seen[fits], weight[fits, bands], y[fits], x[fits]
+    def _add_coherent(self, seen: NDArray[np.intp], weight: FloatArray, patch: NDArray[np.complex64]) -> None:
+        """Add entropy, alpha, tau and psi at the pixels about each alarm (Eq. 11, 12, 16, 17)."""
         if not weight.size:
             return
-        rows = y[:, None, None] + np.arange(-ny - half, ny + half + 1)[:, None]
-        columns = x[:, None, None] + np.arange(-nx - half, nx + half + 1)
-        patch = coherent[:, bands, rows, columns].astype(np.complex128)  # polarization, subband, alarm, y, x
-        hh, hv, vv = patch[self._hh], patch[self._hv], patch[self._vv]
+        bands, half = self._coherent, _AVERAGE // 2
+        hh, hv, vv = (patch[i].astype(np.complex128) for i in (self._hh, self._hv, self._vv))
         inner = (Ellipsis, slice(half, -half), slice(half, -half))
         entropy, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _AVERAGE))
         tau, psi = cameron(hh[inner], hv[inner], vv[inner])
         for name, value in zip(POLARIMETRIC, (entropy, alpha, tau, psi), strict=True):
-            self._angle[name][seen, bands] += weight * value.mean(axis=(-2, -1)).T
-        self._turn[seen, bands] += weight * np.exp(2j * psi).mean(axis=(-2, -1)).T
-        self._angle["weight"][seen, bands] += weight
+            np.add.at(self._angle[name][:, bands], seen, weight * value.mean(axis=(-2, -1)).T)
+        np.add.at(self._turn[:, bands], seen, weight * np.exp(2j * psi).mean(axis=(-2, -1)).T)
+        np.add.at(self._angle["weight"][:, bands], seen, weight)
 
 
 def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:

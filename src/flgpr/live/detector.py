@@ -128,6 +128,7 @@ class LiveDetector:
         labels = list(description.polarization)
         self._imaged = [labels.index(one) for one in image.polarizations or labels]
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
+        self._imaged_last: Scan | None = None
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
@@ -176,6 +177,11 @@ class LiveDetector:
         return LiveUpdate(
             "taken", left_behind + self._raise(view, where, before), row, np.asarray(view.values, np.float32)
         )
+
+    def rehearse(self) -> None:
+        """Image the last scan once more, for nothing: processors and caches that were idle are slow at first."""
+        if self._imaged_last is not None:
+            self._image(self._imaged_last)
 
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
@@ -245,6 +251,7 @@ class LiveDetector:
                 one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper, device=table.device
             )
             self._operator = key, operator
+        self._imaged_last = scan
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:
@@ -333,8 +340,7 @@ class LiveDetector:
                     sums = AlarmSums(self.reads, places[some].reset_index(drop=True), pixel[some])
                     if before is not None:
                         sums.merge(before.state())
-                    for one in scans:
-                        sums.add(one)
+                    sums.add(*scans)
                     whole.merge(sums.state())
         features = whole.table().iloc[np.argsort(order)].reset_index(drop=True)
         confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)

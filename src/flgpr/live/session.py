@@ -6,8 +6,10 @@ import os
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,7 @@ from flgpr.model import Lane
 
 PathLike = str | Path
 _TICK = 0.1  # s between looks at the clock while nothing comes
+_AWAKE, _REST = 0.06, 0.018  # s before a scan is due between which rehearsals, of some 15 ms each, may begin
 _REPORTED = 10_000  # latencies kept for the percentiles
 
 
@@ -62,6 +65,7 @@ class LiveOptions:
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
     #: an alarm tells to wait for the next look if that changes the decision with this probability or a higher one
     worth: float = 0.1
+    awake: bool = False  #: image the last scan again shortly before one is due, so that processors are awake
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,7 @@ class LiveRun:
         self._latency: list[float] = []
         self._moments: list[float] = []
         self._frames = 0
+        self._came: deque[float] = deque(maxlen=9)  # when the last frames came, s since 1970
         self._names: set[str] = set()
         self._detector: LiveDetector | None = None
         self._intake: Intake | None = None
@@ -153,7 +158,7 @@ class LiveRun:
         while not self.inbox.stop.is_set():
             events.beat()
             try:
-                arrival = self.inbox.arrivals.get(timeout=_TICK)
+                arrival = self._next()
             except queue.Empty:
                 if self.options.idle is not None and time.monotonic() - last > self.options.idle:
                     return
@@ -170,6 +175,23 @@ class LiveRun:
                 if self.options.snapshot and since >= self.options.snapshot:
                     since = 0
                     writer.offer(self._snapshot())
+
+    def _next(self) -> Arrival:
+        """Give what comes within a tick, else raise queue.Empty; if asked to, rehearse shortly before a scan is due.
+
+        It is due after the least of the last intervals: none that keeps the pace is kept waiting.
+        """
+        came, arrivals = self._came, self.inbox.arrivals
+        least = min((b - a for a, b in pairwise(came)), default=0.0)
+        ahead = came[-1] + least - time.time() if self.options.awake and len(came) > 2 else 0.0
+        if self._detector is not None and _REST < ahead <= _AWAKE and arrivals.empty():
+            self._detector.rehearse()
+            return arrivals.get_nowait()
+        self.inbox.awaited = True
+        try:
+            return arrivals.get(timeout=min(ahead - _AWAKE, _TICK) if ahead > _AWAKE else _TICK)
+        finally:
+            self.inbox.awaited = False
 
     def _announced(self, arrival: Arrival, events: EventFile) -> None:
         """Take a description: of this run for the first time, or again from a sender that connected anew."""
@@ -207,6 +229,7 @@ class LiveRun:
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
+        self._came.append(arrival.when)
         before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []

@@ -17,7 +17,7 @@ from typing import Any, Literal
 from flgpr.io import ScanFileError, decode_frame, read_description
 from flgpr.io.scan_file import END_FILE, MAGIC, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
-_LOOK = 0.004  # s between looks at a folder
+_LOOK, _GLANCE = 0.004, 0.001  # s between looks at a folder, while a scan is in hand and while one is waited for
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says, and a sender may pause within a frame
 _MOST_WAITING = 32
@@ -46,6 +46,7 @@ class Inbox:
 
     arrivals: queue.Queue[Arrival] = field(default_factory=lambda: queue.Queue(_MOST_WAITING))
     stop: threading.Event = field(default_factory=threading.Event)
+    awaited: bool = False  #: whether what comes is taken at once
 
     def put(self, arrival: Arrival) -> bool:
         """Hand something over and tell whether it was; give up when it is over."""
@@ -76,7 +77,7 @@ class FolderWatch(threading.Thread):
                 self._inbox.put(Arrival("failed", str(self._folder), time.time(), value=error))
                 return
             if not busy:
-                self._inbox.stop.wait(_LOOK)
+                self._inbox.stop.wait(_GLANCE if self._inbox.awaited else _LOOK)
 
     def _look(self) -> bool:
         """Look once; tell whether something came."""
