@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import xarray as xr
 
@@ -115,3 +115,12 @@ def plan_sections(
     for section in sections:
         section_lane(recipe, lane, section)
     return sections
+
+
+def threads_within(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, sections: Sequence[Section], limit: int = MAX_MEMORY
+) -> int:
+    """Tell how many threads may work on scans of a lane at once, in sections of :func:`plan_sections`; at least one."""
+    rows = max(section.stop - section.start for section in sections) + 2 * margin(recipe) if sections[1:] else None
+    room = limit - memory_needed(sizes, recipe, lane, rows)
+    return 1 + max(0, int(room / (_at_work(sizes, recipe) - _PROGRAM)))
