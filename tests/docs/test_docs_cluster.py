@@ -4,9 +4,9 @@ import re
 import shlex
 
 import pytest
+from test_docs_pages import check_flgpr
 
 from reading import FENCE, ROOT, read
-from test_docs_pages import check_flgpr
 
 PYTHON = [body for kind, body in FENCE.findall(read(ROOT / "docs" / "cluster.md")) if kind == "python"]
 QUANTITY = re.compile(r"\d+(\.\d+)?(m|[KMGT]i?)?")
