@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.lane_chain import array_table, table_arrays
-from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, added, blocks_of, bundled, group_of
+from flgpr.chain.passes import BLOCK, Accumulator, Chain, Pass, added, blocks_of, bundled, dealt, group_of, mine
 from flgpr.clutter import BackgroundEstimator
 from flgpr.model import Grid
 from flgpr.screen import RunViewSums
@@ -116,38 +116,81 @@ class Counted:
         return self._gathered(lambda place: place > total["n"] / total["scans"])
 
 
-def test_threads_that_take_blocks_give_the_bits_of_one(monkeypatch):
-    """Sums of numbers of all magnitudes show another order; the first block takes longest."""
-    numbers = np.random.default_rng(1).standard_normal(200) * 10.0 ** np.arange(200)
+class Slow(Chain):
+    """Sums of numbers of all magnitudes, which show another order; the first block takes longest."""
 
-    class Slow(Chain):
-        def __init__(self):
-            super().__init__([Pass("sum", "sum", self._start)], numbers.size, {})
-            self.workers = set()
+    numbers_ = np.random.default_rng(1).standard_normal(200) * 10.0 ** np.arange(200)
 
-        def _start(self, block):
-            total = np.zeros(1)
+    def __init__(self, concurrent):
+        super().__init__([Pass("sum", "sum", self._start)], self.numbers_.size, {})
+        self.workers, self.concurrent = set(), concurrent
 
-            def add(index):
-                self.workers.add(threading.current_thread().name)
-                time.sleep(0.01 if index < 32 else 0.001)
-                if self.concurrent and index == 199:
-                    raise ValueError("the last scan is broken")
-                total[:] += numbers[index]
+    def _start(self, block):
+        total = np.zeros(1)
 
-            return added({"total": total}, add)
+        def add(index):
+            self.workers.add(threading.current_thread().name)
+            time.sleep(0.01 if index < 16 else 0.001)
+            total[:] += self.numbers_[index]
 
-    chain, several = Slow(), Slow()
-    chain.go()
-    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+        return added({"total": total}, add)
+
+
+@pytest.fixture(params=[2, 4])
+def threads(request, monkeypatch):
+    """As on a machine of so many processors, whatever numba's own threads do."""
+    monkeypatch.setattr(numba, "get_num_threads", lambda: request.param)
     monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
-    several.concurrent = True
-    with pytest.raises(ValueError, match="last scan"):
-        several.go()
-    parts = list(several._parts("sum", range(12)))
-    assert [part["total"] for part in parts] == [chain.part("sum", number)["total"] for number in range(12)]
+    return request.param
+
+
+def test_threads_that_take_blocks_give_the_bits_of_one(threads):
+    chain, several = Slow(False), Slow(True)
+    chain.go()
+    several.go()
+    assert several.known["sum"]["total"] == chain.known["sum"]["total"]
     assert chain.workers == {"MainThread"}
-    assert len(several.workers) == 3  # the first block tells whether there may be more
+    assert len(several.workers) == threads + 1  # the thirteenth block is left for this one
+
+
+def test_a_single_caller_at_a_time_where_numbas_threads_serve_no_more(threads, monkeypatch):
+    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
+    names = dealt(lambda: threading.current_thread().name, [()] * 9, threads)
+    assert set(names) == {"MainThread"}
+
+
+@pytest.mark.parametrize(("pieces", "left"), [(1, 1), (2, 0), (5, 1), (8, 0), (10, 2), (11, 0)])
+def test_what_would_leave_most_threads_without_a_piece_is_shared(pieces, left, monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 4)
+    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
+    names = list(dealt(lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4))
+    assert [name == "MainThread" for name in names] == [False] * (pieces - left) + [True] * left
+
+
+def test_an_error_ends_the_pieces_at_work_at_their_next_scan(threads):
+    """The first piece that fails is told, whichever fails first, and none goes on in the background."""
+    begun, gone = threading.Event(), []
+
+    class Broken(Slow):
+        def _start(self, block):
+            def add(index):
+                if index == block.start == self.blocks[1].start:
+                    begun.set()
+                    assert mine.stop.wait(20)
+                if block.start == 0:
+                    assert begun.wait(20)
+                    raise ValueError(f"scan {index} is broken")
+                gone.append(index)
+
+            return added({}, add)
+
+    chain = Broken(True)
+    with pytest.raises(ValueError, match="scan 0 is broken"):
+        chain.go()
+    second = chain.blocks[1]
+    assert [index for index in gone if index in second] == [second.start]
+    assert not [one for one in threading.enumerate() if one.name.startswith("flgpr-block")]
+    assert not mine.stop.is_set()
 
 
 def test_a_chain_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_kept():

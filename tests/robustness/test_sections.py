@@ -14,7 +14,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from flgpr import tasks
-from flgpr.chain.memory import memory_needed, plan_sections
+from flgpr.chain.memory import memory_needed, plan_sections, threads_within
 from flgpr.chain.recipe import load_recipe
 from flgpr.chain.sections import Section, divide, section_lane
 from flgpr.cli import app
@@ -247,6 +247,11 @@ def test_a_lane_of_any_length_is_planned_within_the_memory():
     assert all(one.stop == other.start for one, other in pairwise(sections))
     most = max(section.stop - section.start for section in sections)
     assert memory_needed(SIZES, recipe, long, most) <= 2e9 < memory_needed(SIZES, recipe, long, 2 * most)
+    assert threads_within(SIZES, recipe, long, sections) == 2
+    one = memory_needed(SIZES, recipe, short)
+    several = [threads_within(SIZES, recipe, short, [Section(0, 12001)], int(k * one)) for k in (0.5, 1, 2, 4)]
+    assert several == sorted(several)
+    assert several[:2] == [1, 1] < several[2:]
     assert len(plan_sections(SIZES, recipe, long, 2 * 10**9, 1000.0)) == 201
     with pytest.raises(ValueError, match=r"for a lane of 200000 m in one piece, got 2 GB"):
         plan_sections(SIZES, recipe, long, longest=math.inf)

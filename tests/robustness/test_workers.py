@@ -6,8 +6,10 @@ import os
 import re
 import shutil
 import signal
+import threading
 import time
 
+import numba
 import pandas as pd
 import pytest
 
@@ -27,6 +29,48 @@ def test_worker_count_does_not_change_a_byte(lane, workers, tmp_path):
     result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, workers=workers, report=False)
     assert content(result.folder) == lane.content
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result"]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_thread_count_does_not_change_a_byte(lane, threads, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    at_work, part = set(), LaneChain.part
+
+    def watched(*arguments):
+        at_work.add(threading.current_thread().name)
+        return part(*arguments)
+
+    monkeypatch.setattr(LaneChain, "part", watched)
+    reports = []
+    result = tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False, note=reports.append)
+    assert content(result.folder) == lane.content
+    assert len(reports) == 4 * (lane.blocks + 1) + 2
+    assert (len(at_work) > 1) is (threads > 1)
+    assert ("MainThread" in at_work) is (threads < 4)  # of three blocks two threads leave one
+
+
+def test_a_broken_scan_ends_the_run_by_its_name_and_mended_it_goes_on(lane, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    run, output = tmp_path / "run.zarr", tmp_path / "result"
+    shutil.copytree(lane.run, run)
+    [chunk] = [path for path in (run / "signal" / "c" / "20").rglob("*") if path.is_file()]
+    data = chunk.read_bytes()
+    chunk.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    with pytest.raises(ValueError, match="signal/c/20"):
+        tasks.detect_run(run, lane.recipe, output, lane.area, report=False)
+    assert not output.exists()
+    chunk.write_bytes(data)
+    assert content(tasks.detect_run(run, lane.recipe, output, lane.area, report=False).folder) == lane.content
+
+
+def test_lanes_of_a_survey_are_worked_on_where_an_interrupt_arrives(lane, tmp_path, monkeypatch):
+    def interrupted(*_):
+        assert threading.current_thread() is threading.main_thread()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("flgpr.execution.survey.detect_lane", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        tasks.detect_runs([lane.run], lane.recipe, tmp_path / "out", [lane.area])
 
 
 def test_a_recipe_with_variants_has_the_same_bytes_whoever_works_and_after_a_stop(tmp_path):

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.detect import FisherDiscriminant, HistogramNormalizer, hit_weights
+from flgpr import detect  # what it offers loads scikit-learn, which only what has learnt or learns needs
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
+
+if TYPE_CHECKING:
+    from flgpr.detect import FisherDiscriminant, HistogramNormalizer
 
 CLASSIFIER_A = ("C_HH_F1",)
 CLASSIFIER_B = ("C_HH_F1", "M_VV_F1", "P_alpha_F1")
@@ -66,7 +69,7 @@ class Classifier:
     ) -> Classifier:
         """Put together what :meth:`about` and :meth:`arrays` gave."""
         names = tuple(str(name) for name in about["features"])
-        normalizer, discriminant = HistogramNormalizer(), FisherDiscriminant()
+        normalizer, discriminant = detect.HistogramNormalizer(), detect.FisherDiscriminant()
         normalizer.knots_ = [np.asarray(arrays[f"knots-{i}"], dtype=np.float64) for i in range(len(names))]
         discriminant.direction_ = np.asarray(arrays["direction"], dtype=np.float64)
         discriminant.threshold_ = float(about["threshold"])
@@ -121,7 +124,7 @@ def duplication(labels: pd.DataFrame, targets: int, label_radius: float = 1.0) -
     ``labels`` are rows of :func:`label_lanes`; ``targets`` counts simulants, too; ``label_radius`` is r_label, m.
     """
     w0 = float((labels["label"] == "false").sum() / max(targets, 1))
-    return hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
+    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
 
 
 def make_training_set(
@@ -155,8 +158,8 @@ def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplica
         raise ValueError(f"features must be columns of the feature table, got {', '.join(missing)}")
     values = examples.features[list(features)].to_numpy(dtype=np.float64)
     weight = examples.weight if duplicate else np.ones_like(examples.weight)
-    normalizer = HistogramNormalizer().fit(values, sample_weight=weight)
-    discriminant = FisherDiscriminant().fit(normalizer.transform(values), examples.label, sample_weight=weight)
+    normalizer = detect.HistogramNormalizer().fit(values, sample_weight=weight)
+    discriminant = detect.FisherDiscriminant().fit(normalizer.transform(values), examples.label, sample_weight=weight)
     notes = {
         "hits": int(examples.label.sum()),
         "false_alarms": int((examples.label == 0).sum()),

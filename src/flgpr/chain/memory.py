@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import xarray as xr
 
@@ -41,16 +41,16 @@ def sizes_of(run: xr.Dataset) -> dict[str, int]:
     return {str(name): length for name, length in run.sizes.items()}
 
 
-def _at_work(sizes: Mapping[str, int], recipe: Recipe) -> float:
-    """Estimate what the program and a scan at work take, whatever the lane."""
+def _per_thread(sizes: Mapping[str, int], recipe: Recipe) -> float:
+    """Estimate what a scan at work and the sums of its block take."""
     image, bands = recipe.image.grid(), len(recipe.image.subbands)
     pixels, samples = image.nx * image.ny, sizes["pair"] * sizes["frequency"]
-    return _PROGRAM + sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
+    return sizes["polarization"] * bands * (_PER_PIXEL * pixels + _PER_SAMPLE * samples)
 
 
 def check_scan_memory(shape: tuple[int, int, int], recipe: Recipe, limit: int = MAX_MEMORY) -> None:
     """Refuse scans (polarization, pair, frequency) one of which would take more than a limit (bytes)."""
-    needed = _at_work(dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe)
+    needed = _PROGRAM + _per_thread(dict(zip(("polarization", "pair", "frequency"), shape, strict=True)), recipe)
     if needed > limit:
         raise ValueError(f"scans of {shape} samples must take at most {limit / 1e9:.3g} GB, got {needed / 1e9:.3g} GB")
 
@@ -75,7 +75,7 @@ def memory_needed(sizes: Mapping[str, int], recipe: Recipe, lane: Lane, rows: in
     shown = names if recipe.map is not None else names * channels // bands
     run_views = _PER_VIEW_PIXEL * (channels + shown) / 2 * pixels + _PER_ALARM * bands * alarms
     stages = sum(one.of.memory(one.settings, sizes, image) for one in recipe.named().values())
-    return _at_work(sizes, recipe) + kept + several * run_views + stages
+    return _PROGRAM + _per_thread(sizes, recipe) + kept + several * run_views + stages
 
 
 def plan_sections(
@@ -111,7 +111,17 @@ def plan_sections(
     if least > limit:
         raise ValueError(f"max-memory must be at least {least / 1e9:.3g} GB for this run, got {limit / 1e9:.3g} GB")
     each = memory_needed(sizes, recipe, lane, 1) - memory_needed(sizes, recipe, lane, 0)
-    sections = divide(grid.ny, min(wanted, shortest + int((limit - least) / each)))
+    room = limit - least - _per_thread(sizes, recipe)  # for a second thread, if it may be
+    sections = divide(grid.ny, min(wanted, shortest + int(max(room, 0) / each)))
     for section in sections:
         section_lane(recipe, lane, section)
     return sections
+
+
+def threads_within(
+    sizes: Mapping[str, int], recipe: Recipe, lane: Lane, sections: Sequence[Section], limit: int = MAX_MEMORY
+) -> int:
+    """Tell how many threads may work on scans of a lane at once, in sections of :func:`plan_sections`; at least one."""
+    rows = max(section.stop - section.start for section in sections) + 2 * margin(recipe) if sections[1:] else None
+    room = limit - memory_needed(sizes, recipe, lane, rows)
+    return 1 + max(0, int(room / _per_thread(sizes, recipe)))

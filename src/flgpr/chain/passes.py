@@ -7,13 +7,15 @@ result depend neither on how many work on it, nor where, nor on what was interru
 
 from __future__ import annotations
 
+import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -23,9 +25,19 @@ from flgpr.chain.progress import Track, silent
 
 BLOCK = 16
 """Most scans in a block."""
-_THREADS = 16  # that take whole blocks at the most: each holds a few scans and one block's sums
-_MANY = 4  # blocks per thread from which on threads that take whole blocks are seldom left without one
+_THREADS = 16  # that take whole blocks at the most where nobody counts the memory: each holds a scan, a block's sums
 Arrays = dict[str, NDArray[Any]]
+T = TypeVar("T")
+
+
+class _Mine(threading.local):
+    """What a thread knows of the pieces that it takes."""
+
+    threads = 1  # that take pieces beside it, itself included
+    stop = threading.Event()  # set when nobody waits for its piece any more
+
+
+mine = _Mine()
 
 
 @dataclass(frozen=True)
@@ -101,6 +113,8 @@ class Chain:
         block = self.blocks[number]
         gathered = self.passes[name].start(block)
         for index in going(block, gathered):
+            if mine.stop.is_set():
+                raise CancelledError
             gathered.add(index)
         return gathered.state(False)
 
@@ -116,39 +130,54 @@ class Chain:
         for name in self.passes if names is None else names:
             if name not in self.known:
                 every = self.numbers(name)
-                parts = track(self._parts(name, every), self.passes[name].title, len(every))
-                if self.passes[name].stored:
-                    for number, part in zip(every, parts, strict=True):
-                        self.known[part_name(name, number)] = part
-                    self.known[name] = {}
-                else:
-                    self.known[name] = self.fold(name, parts)
+                pieces = [(name, number) for number in every]
+                with closing(dealt(self.part, pieces, _THREADS if self.concurrent else 1)) as done:
+                    parts = track(done, self.passes[name].title, len(every))
+                    if self.passes[name].stored:
+                        for number, part in zip(every, parts, strict=True):
+                            self.known[part_name(name, number)] = part
+                        self.known[name] = {}
+                    else:
+                        self.known[name] = self.fold(name, parts)
 
-    def _parts(self, name: str, numbers: Sequence[int]) -> Iterator[Arrays]:
-        """Work on blocks and give what was gathered of each, in their order.
 
-        Many blocks are dealt to threads, one block each: threads that share a kernel's loop wait for one another at
-        every call.
-        """
-        threads, left = min(numba.get_num_threads(), _THREADS), iter(numbers)
-        if self.concurrent and threads > 1 and len(numbers) >= _MANY * threads:
-            yield self.part(name, next(left))
-            # The first block has called parallel kernels; numba's own threads can serve a single caller at a time.
-            if numba.threading_layer() != "workqueue":
-                yield from self._at_once(name, left, threads)
-        yield from (self.part(name, number) for number in left)
+def dealt(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int) -> Generator[T]:
+    """Do a piece of work for each set of arguments, so many at once, and yield what it gives in their order.
 
-    def _at_once(self, name: str, numbers: Iterator[int], threads: int) -> Iterator[Arrays]:
-        waiting: deque[Future[Arrays]] = deque()
-        pool = ThreadPoolExecutor(threads, "flgpr-block", numba.set_num_threads, (1,))
-        try:
-            for number in numbers:
-                waiting.append(pool.submit(self.part, name, number))
-                if len(waiting) > threads:
-                    yield waiting.popleft().result()
-            yield from (one.result() for one in waiting)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    Threads take whole pieces, each with its share of numba's threads: those that share a kernel's loop wait for one
+    another at every call. Where the last round would leave most without a piece, all share the loops of what is left.
+    Close it where it may not be used up: the pieces at work then end at their next scan.
+    """
+    kernels = numba.get_num_threads()
+    threads = min(threads, kernels, len(arguments))
+    if threads > 1 and numba.threading_layer() != "workqueue":  # which serves a single caller at a time
+        left = len(arguments) % threads
+        count = len(arguments) - (left if 2 * left <= threads else 0)
+        yield from _at_once(work, arguments[:count], threads, kernels // threads)
+        arguments = arguments[count:]
+    for some in arguments:
+        yield work(*some)
+
+
+def _at_once(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int, kernels: int) -> Generator[T]:
+    stop = threading.Event()
+
+    def begin() -> None:
+        numba.set_num_threads(kernels)
+        mine.threads, mine.stop = threads, stop
+
+    waiting: deque[Future[T]] = deque()
+    pool = ThreadPoolExecutor(threads, "flgpr-block", begin)
+    try:
+        for some in arguments:
+            waiting.append(pool.submit(work, *some))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
 
 
 def bundled(groups: Mapping[str, Arrays]) -> Arrays:

@@ -49,19 +49,25 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
 
     def __getitem__(self, name: str) -> Bundle:
         """Open a group; the one asked for last is kept open with what was read of it."""
-        if self._latest is None or self._latest[0] != name:
+        latest = self._latest  # read and set in one step: several threads may ask
+        if latest is None or latest[0] != name:
             if name not in self:
                 raise KeyError(name)
-            self._latest = (name, Bundle(self.path(name)))
-        return self._latest[1]
+            latest = self._latest = (name, Bundle(self.path(name)))
+        return latest[1]
 
     def __setitem__(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         write_bundle(self.path(name), arrays)
-        self._latest = None
+        self._forget(name)
 
     def __delitem__(self, name: str) -> None:
         self.path(name).unlink()
-        self._latest = None
+        self._forget(name)
+
+    def _forget(self, name: str) -> None:
+        latest = self._latest
+        if latest is not None and latest[0] == name:
+            self._latest = None
 
     def drop_parts(self, stage: str) -> None:
         """Delete the parts of a stage that is folded."""

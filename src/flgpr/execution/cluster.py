@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 from flgpr.execution.executors import Executor, LostWorkersError, Report, Work
@@ -37,7 +37,7 @@ class Cluster(Executor):
             self._client.close()
             self._client = None
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:  # noqa: ARG002
         """Submit a task for each set of arguments and yield what is done first; workers lost time and again end it."""
         futures = [self._client.submit(work, *some, pure=False) for some in arguments]
         try:

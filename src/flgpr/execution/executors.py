@@ -1,7 +1,7 @@
 """Who does the work: this process, other processes of this machine, or a Dask cluster.
 
-All of them take a function of a module and a list of arguments and give back what the function returns, in the order in
-which the work gets done. What they return is small: arrays go through the work folder.
+All of them take a function of a module and a list of arguments and give back what the function returns, as the work
+gets done. What they return is small: arrays go through the work folder.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import threading
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
@@ -19,6 +19,8 @@ from typing import Any
 
 import numba
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from flgpr.chain.passes import dealt
 
 Report = dict[str, Any]
 Work = Callable[..., Report]
@@ -36,22 +38,24 @@ class Executor(AbstractContextManager["Executor"]):
     """Whether work is done elsewhere, so that several callers may wait at once."""
 
     @abstractmethod
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Do a piece of work for each set of arguments and yield what it returns, whichever is done first."""
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:
+        """Do a piece of work for each set of arguments and yield what it returns, in any order.
+
+        A single process may do as many at once as ``threads`` says. Close it where it may not be used up.
+        """
 
 
 class Here(Executor):
-    """Does everything in this process, one after the other."""
+    """Does everything in this process."""
 
     parallel = False
 
     def __exit__(self, *_: object) -> None:
         pass
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
-        """Do the work piece by piece."""
-        for some in arguments:
-            yield work(*some)
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:
+        """Deal the work to threads, and yield in its order."""
+        yield from dealt(work, arguments, threads)
 
 
 class Processes(Executor):
@@ -76,7 +80,7 @@ class Processes(Executor):
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
 
-    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]]) -> Iterator[Report]:
+    def run(self, work: Work, arguments: Sequence[tuple[Any, ...]], threads: int = 1) -> Generator[Report]:  # noqa: ARG002
         """Hand out the work, a module's function; yield what is done first. Processes killed time and again end it."""
         left = list(arguments)
         for _ in range(_TRIALS):

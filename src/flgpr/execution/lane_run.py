@@ -10,7 +10,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from flgpr.chain.lane_chain import LaneChain, array_table
-from flgpr.chain.memory import plan_sections, sizes_of
+from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.passes import Pass, group_of, part_name
 from flgpr.chain.progress import Track, silent
@@ -62,7 +62,7 @@ def detect_lane(
         return _planned(chain, wanted)
 
     folder.parent.mkdir(parents=True, exist_ok=True)
-    drive = _Drive(executor, track, note)
+    drive = _Drive(executor, track, note, _threads(first, sections, job))
     if len(sections) > 1:
         return _in_sections(job, sections, plan, drive)
     with begin(job.work, job.identity()) as work:
@@ -82,12 +82,19 @@ def passes_of_lane(
     """
     job = replace(job, explains=False)
     chain = open_chain(job)
-    plan_sections(sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf)
+    sections = plan_sections(sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf)
+    drive = _Drive(executor, track, note, _threads(chain, sections, job))
     with begin(job.work, job.identity()) as work:
         chain = open_chain(job, work)
-        plan = _planned(chain, lambda _: True)
-        _Drive(executor, track, note).passes(job, work, plan, name)
+        drive.passes(job, work, _planned(chain, lambda _: True), name)
         yield chain
+
+
+def _threads(chain: LaneChain, sections: Sequence[Section], job: LaneJob) -> int:
+    """Tell how many threads of a process may take blocks of a lane."""
+    if not chain.concurrent:
+        return 1
+    return threads_within(sizes_of(chain.setup.run), chain.recipe, chain.lane, sections, job.max_memory)
 
 
 def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
@@ -97,8 +104,8 @@ def _planned(chain: LaneChain, wanted: Callable[[Pass], bool]) -> Plan:
 class _Drive:
     """Hands the pieces of a lane out and waits for them."""
 
-    def __init__(self, executor: Executor, track: Track, note: Note) -> None:
-        self.executor, self.track, self.note = executor, track, note
+    def __init__(self, executor: Executor, track: Track, note: Note, threads: int) -> None:
+        self.executor, self.track, self.note, self.threads = executor, track, note, threads
 
     def passes(self, job: LaneJob, work: Checkpoint, plan: Plan, name: str = "") -> None:
         for stage, (title, every) in plan.items():
@@ -108,14 +115,16 @@ class _Drive:
             if shared is not None and self._taken(job, work, stage, shared):
                 continue
             missing = [number for number in every if part_name(stage, number) not in work]
-            parts = self.executor.run(do_part, [(job, stage, number) for number in missing])
             spent = []
-            for report in self.track(parts, name + title, len(missing)) if missing else ():
-                self.note(report)
-                spent.append(report)
-            for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
-                self.note(report)
-                spent.append(report)
+            pieces = [(job, stage, number) for number in missing]
+            with closing(self.executor.run(do_part, pieces, self.threads)) as parts:
+                for report in self.track(parts, name + title, len(missing)) if missing else ():
+                    self.note(report)
+                    spent.append(report)
+            with closing(self.executor.run(do_fold, [(job, stage, tuple(every))])) as folded:
+                for report in folded:
+                    self.note(report)
+                    spent.append(report)
             if shared is not None:
                 self._keep(job, work, stage, shared, spent)
 
@@ -135,8 +144,9 @@ class _Drive:
         Checkpoint(Path(job.kept)).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
-        for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
-            self.note(report)
+        with closing(self.executor.run(do_finish, [(job,)])) as finished:
+            for report in self.track(finished, f"{name}writing the result", 1):
+                self.note(report)
 
 
 def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:

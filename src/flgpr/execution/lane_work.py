@@ -10,6 +10,7 @@ import threading
 import time
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -21,7 +22,7 @@ import llvmlite.binding
 import flgpr
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import MODEL_FILE, load_model
-from flgpr.chain.passes import BLOCK, Arrays, part_name
+from flgpr.chain.passes import BLOCK, Arrays, mine, part_name
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
 from flgpr.execution.checkpoint import Checkpoint, Kept
@@ -33,7 +34,7 @@ from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
 
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
-_ONE_AT_A_TIME = threading.Lock()
+_OPENING, _ONE_AT_A_TIME = threading.Lock(), threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ def kept_pass(job: LaneJob, stage: str) -> str | None:
 def do_part(job: LaneJob, stage: str, number: int) -> Report:
     """Do one block of a stage and leave it in the work folder; a process without it, or of other versions, refuses."""
     begun = _now()
-    with _ONE_AT_A_TIME:
+    with _ONE_AT_A_TIME if mine.threads == 1 else nullcontext():  # but for threads that blocks are dealt to
         chain, work = _open(job)
         name = part_name(stage, number)
         if name not in work:
@@ -201,7 +202,8 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
         raise ValueError(f"worker {socket.gethostname()} must have the versions of the driver, got {differ}")
     if not job.work.is_dir():
         raise ValueError(f"worker {socket.gethostname()} must see the work folder of the driver, got no {job.work}")
-    return _opened(job)
+    with _OPENING:
+        return _opened(job)
 
 
 @lru_cache(maxsize=2)
@@ -244,7 +246,7 @@ def report(lane: str, stage: str, number: int, begun: tuple[float, float], size:
         "stage": stage,
         "block": number,
         "seconds": wall - begun[0],
-        "processor_seconds": processor_time - begun[1],
+        "processor_seconds": (processor_time - begun[1]) / mine.threads,  # of the process: each of its threads saw all
         "bytes": size,
         "peak_bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
         "worker": f"{socket.gethostname()}:{os.getpid()}",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
 from flgpr.execution.lane_run import Note, detect_lane, is_done, results_at, unnoted
-from flgpr.execution.lane_work import make_job
+from flgpr.execution.lane_work import LaneJob, make_job
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
 from flgpr.results.result import check_free, read_result
 
@@ -86,19 +85,22 @@ def detect_survey(
         plan_sections(sizes_of(as_imaged(dataset, recipe)), recipe, area, how.max_memory, section)  # refuses beforehand
     survey.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
-    with ExitStack() as stack:
-        stack.enter_context(executor)
-        pool = stack.enter_context(ThreadPoolExecutor(at_once))
-        futures = [
-            pool.submit(detect_lane, job, executor, _named(how.track, Path(job.output).name), how.note, section)
-            for job in left
-        ]
-        try:
-            for future in futures:
-                future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+
+    def detect(job: LaneJob) -> None:
+        detect_lane(job, executor, _named(how.track, Path(job.output).name), how.note, section)
+
+    with executor:
+        if at_once == 1:  # in this thread, which is the one that is interrupted
+            for job in left:
+                detect(job)
+        else:
+            with ThreadPoolExecutor(at_once) as pool:
+                try:
+                    for future in [pool.submit(detect, job) for job in left]:
+                        future.result()
+                except BaseException:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
     folders = [Path(job.output) for job in jobs]
     write_whole(survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
     return folders

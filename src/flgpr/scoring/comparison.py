@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy  # whose parts load when they are used
 from numpy.typing import ArrayLike
-from scipy import optimize, stats
 
 from flgpr.scoring.assignment import assign
 from flgpr.scoring.bootstrap import make_design, make_scores, pd_mean_interval, tails
@@ -168,7 +168,7 @@ def mcnemar_test(only_a: int, only_b: int) -> float:
     0.065
     """
     total = only_a + only_b
-    return float(stats.binomtest(only_a, total).pvalue) if total else 1.0
+    return float(scipy.stats.binomtest(only_a, total).pvalue) if total else 1.0
 
 
 def paired_interval(only_a: int, only_b: int, n_targets: int, level: float = 0.95) -> tuple[float, float]:
@@ -186,7 +186,7 @@ def paired_interval(only_a: int, only_b: int, n_targets: int, level: float = 0.9
     """
     if not 0 < n_targets >= only_a + only_b or min(only_a, only_b) < 0:
         raise ValueError(f"only_a and only_b must be counts among n_targets, got {only_a}, {only_b} of {n_targets}")
-    z = float(stats.norm.ppf((1 + level) / 2))
+    z = float(scipy.stats.norm.ppf((1 + level) / 2))
     return _lower_end(only_a, only_b, n_targets, z), -_lower_end(only_b, only_a, n_targets, z)
 
 
@@ -254,7 +254,7 @@ def _lower_end(more: int, less: int, n: int, z: float) -> float:
 
     found = (more - less) / n
     start = found - 1e-10  # at the difference itself the test statistic is zero over zero if nothing differs
-    return float(optimize.brentq(excess, -1.0, start)) if start > -1 and excess(start) < 0 else found
+    return float(scipy.optimize.brentq(excess, -1.0, start)) if start > -1 and excess(start) < 0 else found
 
 
 def _check_pair(first: Match, second: Match) -> None:
