@@ -12,6 +12,8 @@ SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
 # Whole files go to two processes, heavy ones first (tests/conftest.py), so that neither waits long for the other.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
+LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
 # Without compiled modules each of the many processes that the tests start would compile them anew.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -29,15 +31,13 @@ quick: lint
 
 # The checks go on beside the tests; what they say comes last.
 test: $(VENV)/.test
-	@log=$$(mktemp); $(MAKE) --no-print-directory lint > $$log 2>&1 & lint=$$!; \
+	@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & lint=$$!; \
 	$(PYTEST); tests=$$?; wait $$lint; lint=$$?; cat $$log; rm -f $$log; \
 	test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
 	exit $$((lint || tests))
 
 lint: $(VENV)/.test
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(LINT)
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
