@@ -9,8 +9,13 @@ QUICK := model kernels features screen clutter calibrate scoring report chain/te
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
 SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
 
-# Files go to two processes in the order of their names, so that light ones come last and neither waits for the other.
+# Whole files go to two processes, heavy ones first (tests/conftest.py), so that neither waits long for the other.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+# Without compiled modules each of the many processes that the tests start would compile them anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo benchmark quick test lint docs robustness clean
 
@@ -24,13 +29,15 @@ benchmark: $(VENV)/.benchmark
 quick: lint
 	$(PYTEST) -q $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(SLOW))
 
-test: lint
-	$(PYTEST)
+# The checks go on beside the tests; what they say comes last.
+test: $(VENV)/.test
+	@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & lint=$$!; \
+	$(PYTEST); tests=$$?; wait $$lint; lint=$$?; cat $$log; rm -f $$log; \
+	test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
+	exit $$((lint || tests))
 
 lint: $(VENV)/.test
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(LINT)
 
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test

@@ -20,8 +20,19 @@ from flgpr.model import make_run
 DATA = Path(__file__).parent / "data"
 DRAWING = {"tests", "io", "report", "scoring", "papers", "tasks", "test_docs_theory"}
 """Folders and files whose tests look at pictures."""
+HEAVY = (
+    "test_systems", "test_docs_run", "test_running", "test_fuzz_exchange", "test_wang2007_study", "test_sections",
+    "test_workers", "test_flsar2004_study", "test_live_page", "test_drive_page", "test_fuse2018_study", "test_live_run",
+    "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
+    "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
+)  # fmt: skip
+"""Files that take longest: they are begun first, so that two processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: HEAVY.index(item.path.stem) if item.path.stem in HEAVY else len(HEAVY))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,11 +1,5 @@
 """Every reader on damaged files: an import or one ValueError that names the file, nothing else."""
 
-import faulthandler
-import os
-import runpy
-import signal
-import subprocess
-import sys
 from importlib.util import find_spec
 from unittest import mock
 
@@ -17,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from bag import drive
-from damage import FUZZ, damaged, refusal
+from damage import FUZZ, damaged, in_forks, refusal
 from flgpr.io.anchor import fit_anchor, read_anchor
 from flgpr.io.arrays import open_arrays
 from flgpr.io.explain import explain_file
@@ -76,31 +70,6 @@ def test_damaged_array_files(good, name, data, tmp_path):
         assert said is None or (str(path) in said and "\n" not in said)
 
 
-def forked(command, timeout, stdout, **_):
-    """Run the child's script in a fork, which is a hundred times quicker than a new interpreter."""
-    reader, writer = os.pipe()
-    pid = os.fork()
-    if not pid:
-        faulthandler.disable()
-        signal.alarm(int(timeout))
-        if stdout != subprocess.DEVNULL:
-            os.dup2(stdout.fileno(), 1)
-        try:
-            sys.argv = command[2:]
-            runpy.run_path(command[2], run_name="__main__")
-            os._exit(0)
-        except BaseException as error:
-            os.write(writer, repr(error).encode()[:4096])
-            os._exit(1)
-    os.close(writer)
-    with open(reader, "rb") as said:
-        words = said.read()
-    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    if code == -signal.SIGALRM:
-        raise subprocess.TimeoutExpired(command, timeout)
-    return subprocess.CompletedProcess(command, code, None, words)
-
-
 GUARDED = ["a.h5", "a.mat", "b.mat"]
 
 
@@ -110,9 +79,7 @@ GUARDED = ["a.h5", "a.mat", "b.mat"]
 def test_damaged_files_that_a_child_reads(good, name, data, tmp_path):
     path = tmp_path / name
     path.write_bytes(damaged(good[name], data.draw))
-    # A fork takes the address space of all the tests, beside which the limit of 64 MB could not be kept.
-    patched = mock.patch.multiple("flgpr.io.arrays", _PATIENCE=5.0, _SPARE=2**38)
-    with patched, mock.patch("flgpr.io.arrays.subprocess.run", forked):
+    with in_forks(), mock.patch("flgpr.io.arrays._PATIENCE", 5.0):
         said = refusal(read_all, path)
     assert said is None or (str(path) in said and "\n" not in said)
 

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from damage import in_forks
 from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
 from flgpr.model import Sensor
 from flgpr.simulate import Scene
@@ -16,6 +17,12 @@ from robust import digests
 
 SPEED = 299_792_458.0
 TONES = 600e6 + 50e6 * np.arange(15)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_children():
+    with in_forks():
+        yield
 
 
 def write_output(path, deck, point=None):

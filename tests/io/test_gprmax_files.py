@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from damage import in_forks
 from flgpr.cli import app
 from flgpr.io import open_run
 from flgpr.io.gprmax import pulse
@@ -39,6 +40,12 @@ def write_scan(path, place, kind="ricker", samples=False):
             for axis, name in enumerate(("Ex", "Ey", "Ez")):
                 field = -1j * dipole_field(np.eye(3)[0], offset, axis, f) * moment
                 group[name] = np.fft.irfft(np.concatenate([[0], field]), count)[:STEPS]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_children():
+    with in_forks():
+        yield
 
 
 @pytest.fixture

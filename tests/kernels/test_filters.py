@@ -6,8 +6,10 @@ from flgpr.kernels.sampling import bilinear
 from reference.wang2007 import filtered
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (3, 40), (23, 17), (40, 5)])
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (21, 21)])
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [((1, 1), (5, 3)), ((3, 40), (21, 21)), ((23, 17), (1, 1)), ((23, 17), (5, 3)), ((40, 5), (21, 21))],
+)
 def test_filters_equal_their_plain_twins_to_the_border(shape, size):
     rng = np.random.default_rng(3)
     image = rng.normal(size=shape)
@@ -49,8 +51,9 @@ def test_bilinear_is_its_definition_to_the_border_of_any_image(kind, shape):
             assert np.isnan(one).all()
 
 
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (7, 9), (21, 21)])
-@pytest.mark.parametrize("step", [1, 2, 3, 7])
+@pytest.mark.parametrize(
+    ("size", "step"), [((1, 1), 2), ((21, 21), 2), ((5, 3), 1), ((5, 3), 7), ((7, 9), 3), ((21, 21), 7)]
+)
 def test_the_median_of_a_stack_is_exact_in_single_precision_too(size, step):
     rng = np.random.default_rng(4)
     stack = rng.normal(size=(3, 37, 29)).astype(np.float32)
