@@ -121,10 +121,9 @@ class _Drive:
                 for report in self.track(parts, name + title, len(missing)) if missing else ():
                     self.note(report)
                     spent.append(report)
-            with closing(self.executor.run(do_fold, [(job, stage, tuple(every))])) as folded:
-                for report in folded:
-                    self.note(report)
-                    spent.append(report)
+            for report in self.executor.run(do_fold, [(job, stage, tuple(every))]):
+                self.note(report)
+                spent.append(report)
             if shared is not None:
                 self._keep(job, work, stage, shared, spent)
 
@@ -144,9 +143,8 @@ class _Drive:
         Checkpoint(Path(job.kept)).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
-        with closing(self.executor.run(do_finish, [(job,)])) as finished:
-            for report in self.track(finished, f"{name}writing the result", 1):
-                self.note(report)
+        for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
+            self.note(report)
 
 
 def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
