@@ -76,8 +76,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         try:
-            return numba.njit(**options)(function)
+            return numba.njit(no_cfunc_wrapper=True, **options)(function)
         except RuntimeError:  # neither the user's folder, nor the source's
-            return numba.njit(**options | {"cache": False})(function)
+            return numba.njit(no_cfunc_wrapper=True, **options | {"cache": False})(function)
 
     return compiled
