@@ -52,9 +52,12 @@ docs: $(VENV)/.docs
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
+# The demo's kernels are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
 $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
-	touch $@
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt numba
+	rm -f $@
+	{ $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e . >&2 && touch $@; } \
+	    | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead; test -e $@
 
 $(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[benchmark]'

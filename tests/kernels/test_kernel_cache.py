@@ -1,13 +1,16 @@
 """Compiled kernels are found by every copy of the same sources and give the bits of a fresh compilation."""
 
+import contextlib
+import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import flgpr
-from flgpr.kernels import compiled
+from flgpr.kernels import ahead, compiled
 
 PROGRAM = """
 import hashlib
@@ -54,7 +57,7 @@ def test_what_was_compiled_is_named_by_what_the_module_and_those_behind_it_say(t
         (folder / "between.py").write_text("from flgpr.kernels.inlined import a\nfrom flgpr.kernels.loop import b\n")
         (folder / "inlined.py").write_text(inlined)
         (folder / "other.py").write_text(other)
-        folders.append(compiled._cache_folder(folder / "loop.py"))
+        folders.append(compiled.cache_folder(folder / "loop.py"))
     assert folders[0] == folders[1] != folders[2]
 
 
@@ -68,3 +71,80 @@ def test_without_a_place_to_keep_it_a_kernel_is_compiled_all_the_same(tmp_path, 
     assert compiled._BySource.from_function(twice, str(shutil.copy(__file__, tmp_path))) is None
     monkeypatch.setattr(compiled._implementation, "_locator_classes", [])
     assert compiled.njit(cache=True)(twice)(21) == 42
+
+
+DEMO = """
+import sys
+from flgpr import tasks
+from flgpr.io import sample_lane
+from flgpr.kernels import ahead
+ahead.compile_usual()
+loaded = [module for name, module in sys.modules.items() if name.startswith("flgpr.kernels.")]
+found = {id(one): one for module in loaded for one in vars(module).values() if hasattr(one, "nopython_signatures")}
+found |= {id(one.kernel): one.kernel for module in loaded for one in vars(module).values() if hasattr(one, "kernel")}
+before = {key: set(one.signatures) for key, one in found.items()}
+tasks.detect_run(sample_lane() / "run.zarr", "demo", sys.argv[1], report=False)
+more = {one.py_func.__name__ for key, one in found.items() if set(one.signatures) - before[key]}
+print(*sorted(more - {"row_size", "padded"}))
+"""
+
+
+def test_what_is_compiled_ahead_is_what_the_demo_calls(tmp_path):
+    command = [sys.executable, "-c", DEMO, str(tmp_path / "result")]
+    ran = subprocess.run(command, text=True, check=True, capture_output=True)
+    assert ran.stdout.split() == [], "the demo compiled more: add it to flgpr.kernels.ahead.usual"
+
+
+def test_who_compiles_ahead_ends_with_the_process_that_asked_for_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    monkeypatch.setattr(ahead, "cache_folder", lambda _: tmp_path / "done")
+    monkeypatch.setattr(ahead.config, "NUMBA_NUM_THREADS", 2)
+    started = []
+
+    def start(*given, **more):
+        started.append(subprocess.Popen(*given, **more))
+        return started[-1]
+
+    monkeypatch.setattr(ahead, "Popen", start)
+    with contextlib.suppress(KeyboardInterrupt), ahead.compiled_beside():
+        assert started[0].poll() is None
+        raise KeyboardInterrupt
+    assert started[0].returncode is not None
+    with subprocess.Popen(started[0].args, stdin=subprocess.PIPE) as other:  # as if the process had been killed
+        other.stdin.close()
+        assert other.wait(timeout=300) == 0
+    assert not list(tmp_path.rglob("*.nbc")), "it ended before it had compiled anything"
+    (tmp_path / "done").mkdir()
+    with ahead.compiled_beside():
+        assert len(started) == 1, "all is compiled"
+    monkeypatch.setattr(ahead, "cache_folder", lambda _: tmp_path / "file" / "done")
+    (tmp_path / "file").touch()
+    with ahead.compiled_beside():
+        assert len(started) == 1, "nothing can be kept"
+
+
+def test_folders_that_nobody_used_for_long_are_removed_when_another_is_made(tmp_path):
+    mine, old, recent = (tmp_path / f"{name}-{'0a' * 10}" for name in ("mine", "old", "recent"))
+    foreign = tmp_path / "kernels_0123456789abcdef0123"
+    for folder in (old, recent, foreign):
+        folder.mkdir()
+        (folder / "code.nbc").touch()
+        os.utime(folder, 2 * (time.time() - (30 if folder is recent else 90) * 86400,))
+    compiled._use.__wrapped__(mine)
+    assert sorted(tmp_path.iterdir()) == sorted([recent, foreign])
+    compiled._use.__wrapped__(recent)
+    assert time.time() - recent.stat().st_mtime < 86400, "it is in use"
+
+
+def test_two_processes_never_write_one_file_of_code(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled, "cache_folder", lambda _: tmp_path / "kernels")
+    source = tmp_path / "twice.py"
+    source.write_text("def twice(x):\n    return 2 * x\n")
+    spec = importlib.util.spec_from_file_location("flgpr.kernels.twice", source)
+    spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
+    for process, value in (("one", 3), ("other", 3.5)):
+        monkeypatch.setattr(compiled, "_PROCESS", process)
+        kernel = compiled.njit(cache=True)(module.twice)
+        assert kernel(value) == 2 * value
+        (tmp_path / "kernels" / kernel._cache._cache_file._index_name).unlink()  # neither saw the other's entry
+    assert len(list((tmp_path / "kernels").glob("*.nbc"))) == 2

@@ -63,7 +63,7 @@ def live(
         )  # fmt: skip
         run = tasks.LiveRun(options, (lambda _: None) if quiet else _print)
         with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:
-            with _stopped_by_signals(run):
+            with tasks.compiled_beside(), _stopped_by_signals(run):
                 report = run.run()
             if not quiet:
                 _tell(report, output)

@@ -12,12 +12,12 @@ from scipy import fft
 from scipy.sparse import csr_array
 
 from flgpr.imaging.plan import Layout, Plan, make_plan
-from flgpr.imaging.threads import share
 from flgpr.kernels import profiles, transform
 from flgpr.kernels.direct import adjoint_direct, adjoint_precise, forward_direct, forward_precise
 from flgpr.kernels.geometry import antenna_paths
 from flgpr.kernels.layout import BLOCK, CHANNELS, KEPT_BYTES, SPREAD_PAIRS, aligned, row_size
 from flgpr.kernels.profiles import Geometry, polynomial_degree
+from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 

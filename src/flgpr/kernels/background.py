@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from flgpr.kernels.compiled import njit
 from flgpr.kernels.filters import sorted_order
+from flgpr.kernels.threads import shared
 
 _SHIFT = 20  # float32 bits below the 12 that sort magnitudes into coarse bins
 
@@ -36,13 +36,13 @@ def _clipped(pixel: Any, limit: float, near: float) -> Any:
     return value
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def gain_and_limit(images, keep, clip, gain, limit, begin, end):  # type: ignore[no-untyped-def]
     """Scan gain r_k and clipping limit μ + ``clip``·σ of every channel of ``images`` (channel, pixel).
 
     The gain is the root mean square of the ``keep`` smallest magnitudes: bits of such floats order as they do.
     """
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         magnitude = np.empty(images.shape[1], np.float32)
         for i in range(magnitude.size):
             magnitude[i] = _magnitude(images[c, i])
@@ -71,13 +71,13 @@ def gain_and_limit(images, keep, clip, gain, limit):  # type: ignore[no-untyped-
         limit[c] = mean + clip * np.sqrt(spread / magnitude.size)
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def add_clipped(images, limit, own, shared, own_total, shared_total, begin, end):  # type: ignore[no-untyped-def]
     """Add ``images`` (channel, pixel), clipped in magnitude, times ``own`` and times ``shared``, to two totals.
 
     The totals may hold the first pixels alone.
     """
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         near = _near(limit[c])
         for i in range(own_total.shape[1]):
             value = _clipped(images[c, i], limit[c], near)
@@ -85,14 +85,14 @@ def add_clipped(images, limit, own, shared, own_total, shared_total):  # type: i
             shared_total[c, i] += shared[c] * value
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def blend_clipped(images, limit, scale, weight, means, out, signature):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def blend_clipped(images, limit, scale, weight, means, out, signature, begin, end):  # type: ignore[no-untyped-def]
     """Move ``means`` (channel, pixel) by ``weight`` towards ``images``, clipped in magnitude, times ``scale``.
 
     The means may hold the first pixels alone; they go to ``out``, which may be the same, and with less precision to
     ``signature``.
     """
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         near = _near(limit[c])
         for i in range(means.shape[1]):
             mean = means[c, i]
@@ -101,23 +101,23 @@ def blend_clipped(images, limit, scale, weight, means, out, signature):  # type:
             signature[c, i] = mean
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def residual(images, gain, signature, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def residual(images, gain, signature, out, begin, end):  # type: ignore[no-untyped-def]
     """Magnitude of ``images/gain - signature`` (channel, pixel), of as many pixels as ``out`` holds."""
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         scale = np.float32(1 / gain[c])
         for i in range(out.shape[1]):
             out[c, i] = _magnitude(images[c, i] * scale - signature[c, i])
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def mean_of_nodes(sums, rows, columns, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def mean_of_nodes(sums, rows, columns, out, begin, end):  # type: ignore[no-untyped-def]
     """Mean of the nodes of a coarse lattice inside a window about every pixel of ``out`` (channel, y, x).
 
     ``sums`` (channel, row, column) are their sums from the first on, a zero before them; ``rows`` (2, y) and
     ``columns`` (2, x) the first of them inside the window and the one after the last.
     """
-    for c in prange(out.shape[0]):
+    for c in range(begin, end):
         line = np.empty(sums.shape[2])
         for y in range(out.shape[1]):
             for k in range(line.size):
@@ -128,10 +128,10 @@ def mean_of_nodes(sums, rows, columns, out):  # type: ignore[no-untyped-def]
                 out[c, y, x] = (line[last] - line[first]) / (height * (last - first))
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def root_mean_square(level, ratio, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def root_mean_square(level, ratio, out, begin, end):  # type: ignore[no-untyped-def]
     """Root mean square over the first axis of ``level`` (polarization, subband, pixel) times ``ratio``."""
-    for b in prange(out.shape[0]):
+    for b in range(begin, end):
         for i in range(out.shape[1]):
             total = 0.0
             for p in range(level.shape[0]):
@@ -139,23 +139,23 @@ def root_mean_square(level, ratio, out):  # type: ignore[no-untyped-def]
             out[b, i] = np.sqrt(total / level.shape[0])
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def subtract_and_divide(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def subtract_and_divide(images, gain, signature, background, out, begin, end):  # type: ignore[no-untyped-def]
     """``(images/gain - signature)/background`` (channel, pixel), of as many pixels as ``out`` holds.
 
     One ``gain`` per channel; backgrounds serve every channel in turn where they are fewer.
     """
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         scale, level = np.float32(1 / gain[c]), background[c % background.shape[0]]
         for i in range(out.shape[1]):
             value = images[c, i] * scale - signature[c, i]
             out[c, i] = complex(value.real / level[i], value.imag / level[i])
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def magnitude_over_background(images, gain, signature, background, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def magnitude_over_background(images, gain, signature, background, out, begin, end):  # type: ignore[no-untyped-def]
     """Modulus of :func:`subtract_and_divide`."""
-    for c in prange(images.shape[0]):
+    for c in range(begin, end):
         scale = np.float32(1 / gain[c])
         for i in range(out.shape[1]):
             out[c, i] = _magnitude(images[c, i] * scale - signature[c, i]) / background[c, i]

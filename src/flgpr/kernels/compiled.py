@@ -6,17 +6,25 @@ environment or clone would compile everything again. Here the folder is named by
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
 import re
+import shutil
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import llvmlite.binding
 import numba
 from numba.core import caching, config
 from numba.misc.appdirs import AppDirs
+
+_UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
+_PROCESS = uuid4().hex[:12]
 
 
 @cache
@@ -36,7 +44,7 @@ def _modules(source: Path) -> set[Path]:
 
 
 @cache
-def _cache_folder(source: Path) -> Path:
+def cache_folder(source: Path) -> Path:
     """Where a module's code is kept. The processor makes part of the name: homes may be shared by unlike machines."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
     told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
@@ -46,6 +54,18 @@ def _cache_folder(source: Path) -> Path:
     return Path(home) / f"{source.stem}-{told.hexdigest()[:20]}"
 
 
+@cache
+def _use(folder: Path) -> None:
+    """Note by its time that a folder is in use; before a new one is made, remove those that have not been for long."""
+    with contextlib.suppress(OSError):  # read only, or another process was quicker
+        if folder.exists():
+            os.utime(folder)
+            return
+        for other in folder.parent.glob("*-" + 20 * "[0-9a-f]"):
+            if time.time() - other.stat().st_mtime > _UNUSED_DAYS * 86400:
+                shutil.rmtree(other, ignore_errors=True)
+
+
 _UserWide: Any = getattr(caching, "UserWideCacheLocator", None) or caching._UserWideCacheLocator
 
 
@@ -53,7 +73,7 @@ class _BySource(_UserWide):  # type: ignore[misc]
     """Tells numba the folder, for this package's functions alone."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
-        self._folder, self._lineno = _cache_folder(Path(py_file)), py_func.__code__.co_firstlineno
+        self._folder, self._lineno = cache_folder(Path(py_file)), py_func.__code__.co_firstlineno
 
     def get_cache_path(self) -> str:
         return str(self._folder)
@@ -63,8 +83,10 @@ class _BySource(_UserWide):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Any:
-        inside = py_func.__module__.startswith("flgpr.") and Path(py_file).exists()
-        return super().from_function(py_func, py_file) if inside else None
+        if not (py_func.__module__.startswith("flgpr.") and Path(py_file).exists()):
+            return None
+        _use(cache_folder(Path(py_file)))
+        return super().from_function(py_func, py_file)
 
 
 _implementation = getattr(caching, "CacheImpl", None) or caching._CacheImpl
@@ -72,12 +94,17 @@ _implementation._locator_classes = [_BySource, *_implementation._locator_classes
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile as ``numba.njit`` does; without ``cache`` where no place for it can be written."""
+    """Compile as ``numba.njit`` does, not for calls from C; without ``cache`` where no place for it can be written."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         try:
-            return numba.njit(**options)(function)
+            kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
         except RuntimeError:  # neither the user's folder, nor the source's
-            return numba.njit(**options | {"cache": False})(function)
+            return numba.njit(no_cfunc_wrapper=True, **options | {"cache": False})(function)
+        if options.get("cache"):
+            # numba only numbers the files: of two processes, one could leave its code where the other's index points.
+            file = kernel._cache._cache_file
+            file._data_name_pattern = file._data_name_pattern.replace("{number", f"{_PROCESS}-{{number")
+        return kernel
 
     return compiled

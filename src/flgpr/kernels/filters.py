@@ -8,16 +8,18 @@ that the few of them inside the window can be looked at and the median is exact.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import int64, prange, types, uint64
+from numba import int64, types, uint64
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import share, shared
 
 _FAN = 16  # bins of a level of the histograms, of three, that make up one of the level above; lanes of a vector
 _MOST = 0xFFFF  # pixels that 16 bits count
@@ -172,7 +174,9 @@ def _median_rows(
     shared = (2 * half_x + 1) % step == 0 and (2 * half_y + 1) * step <= _MOST
     width, wide = _bin_width(bins.size), step if shared else 1
     span, count = (2 * half_x + 1) // wide, (nx - 1 + half_x) // wide + 1
-    group, groups, fan = ((np.arange(nx) + half_x) // wide).astype(np.uint64), uint64(count), uint64(_FAN)
+    group, groups, fan = np.empty(nx, np.uint64), uint64(count), uint64(_FAN)
+    for x in range(nx):
+        group[x] = (x + half_x) // wide
     coarse, middle = np.zeros(count * _FAN, np.uint16), np.zeros(count * _FAN**2, np.uint16)
     fine = np.zeros(count * _FAN**3, np.uint16)
     for y in range(first, last):
@@ -224,53 +228,52 @@ def _ranked(order: Any, image: Any) -> Any:
     return (rows, columns), values, bins.reshape(ny, nx)
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def median_of_ranks(orders, images, half_y, half_x, step, parts, most, out):  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True)
+def median_of_ranks(orders, images, half_y, half_x, step, parts, most, out, begin, end):  # type: ignore[no-untyped-def]
     """Median of ``images`` (image, y, x) in windows of half-widths ``half_y``, ``half_x``, at every ``step``-th pixel.
 
     ``orders`` (image, pixel) ranks the pixels of every image; its rows are dealt to ``parts`` sets of histograms.
     ``most`` is of a type that counts the pixels of a window.
     """
-    count, ny = images.shape[0], images.shape[1]
-    for task in prange(count * parts):
+    ny = images.shape[1]
+    for task in range(begin, end):
         i, part = task // parts, task % parts
         places, values, bins = _ranked(orders[i], images[i])
         first, last = part * ny // parts, (part + 1) * ny // parts
         _median_rows(places, values, bins, half_y, half_x, step, first, last, most, out[i])
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def _sort(images, orders):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def _sort(images, orders, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``orders`` with the order of every image of ``images`` (image, pixel)."""
-    for i in prange(images.shape[0]):
+    for i in range(begin, end):
         order = sorted_order(images[i])
         for k in range(order.size):  # as a whole it would take seconds more to compile
             orders[i, k] = order[k]
 
 
-def _counter(size: tuple[int, int]) -> Any:
-    return np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
+def _medians(orders: NDArray[np.int32], images: NDArray[Any], size: tuple[int, int], step: int) -> NDArray[Any]:
+    count, ny, nx = images.shape
+    out = np.empty((count, -(-ny // step), -(-nx // step)), images.dtype)
+    parts = max(1, min(8 // max(count, 1), ny))
+    most = np.uint16(0) if size[0] * size[1] <= _MOST else np.uint32(0)
+    share(count * parts, partial(median_of_ranks, orders, images, size[0] // 2, size[1] // 2, step, parts, most, out))
+    return out
 
 
 def median_stack(images: NDArray[np.float32], size: tuple[int, int], step: int = 1) -> NDArray[np.float32]:
     """Exact median of finite images (image, y, x) in a window as :func:`median_filter`, at every ``step``-th pixel."""
     stack = np.ascontiguousarray(images, dtype=np.float32)
-    count, ny, nx = stack.shape
-    out = np.empty((count, -(-ny // step), -(-nx // step)), np.float32)
-    parts = max(1, min(8 // max(count, 1), ny))
-    orders = np.empty((count, ny * nx), np.int32)
+    orders = np.empty((len(stack), stack.shape[1] * stack.shape[2]), np.int32)
     _sort(stack.reshape(orders.shape), orders)
-    median_of_ranks(orders, stack, size[0] // 2, size[1] // 2, step, parts, _counter(size), out)
-    return out
+    return _medians(orders, stack, size, step)
 
 
 def median_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
     """Exact median of an image (y, x), finite, in a window of ``size`` (y, x) odd pixels that shrinks at the border."""
     plain = np.ascontiguousarray(image, dtype=np.float64)[None]
     order = np.argsort(plain.ravel(), kind="stable").astype(np.int32)[None]
-    out = np.empty_like(plain)
-    median_of_ranks(order, plain, size[0] // 2, size[1] // 2, 1, min(8, plain.shape[1]), _counter(size), out)
-    return out[0]
+    return _medians(order, plain, size, 1)[0]
 
 
 def mean_filter(image: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import float32, prange
+from numba import float32
 
 from flgpr.kernels.compiled import njit
 from flgpr.kernels.geometry import cos_sin
+from flgpr.kernels.threads import shared
 
 
 # Neither is compiled by fast mathematics: then the sums differed between a process that compiles and one that loads.
@@ -28,8 +29,8 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
                 imaginary[c, k] += value.real * sine[k] + value.imag * cosine[k]
 
 
-@njit(parallel=True, nogil=True, error_model="numpy", cache=True)
-def focus(signal, wavenumber, path, kernel, out):  # type: ignore[no-untyped-def]
+@shared(error_model="numpy", cache=True)
+def focus(signal, wavenumber, path, kernel, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
 
     ``signal`` (polarization, pair, tone) complex64; ``wavenumber`` f/c (tone,), 1/m; ``path`` (point, pair), m;
@@ -38,7 +39,7 @@ def focus(signal, wavenumber, path, kernel, out):  # type: ignore[no-untyped-def
     """
     channels, pairs, tones = signal.shape
     ranges = kernel.shape[2]
-    for n in prange(path.shape[0]):
+    for n in range(begin, end):
         beam = np.zeros((2, channels, tones), np.float32)
         _steer(signal, wavenumber, path[n], beam[0], beam[1])
         total = np.zeros((2, channels, ranges), np.float32)

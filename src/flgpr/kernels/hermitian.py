@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import shared
 
 _SWEEPS = 12  # six reach machine precision; quadratic convergence
 
@@ -53,10 +53,10 @@ def _solve(a: Any, v: Any) -> None:
         _rotate(a, v, 1, 2)
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def eigen_3x3(matrices, values, vectors):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def eigen_3x3(matrices, values, vectors, begin, end):  # type: ignore[no-untyped-def]
     """Decompose ``matrices`` (n, 3, 3); column i of ``vectors[n]`` belongs to ``values[n, i]``, in no order."""
-    for n in prange(matrices.shape[0]):
+    for n in range(begin, end):
         a = matrices[n].copy()
         v = np.zeros((3, 3), np.complex128)
         for i in range(3):

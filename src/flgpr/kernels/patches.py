@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
-from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import shared
 
 INNER, OUTER = 1, 2
 PEAK, MEAN, OUTER_MEAN, OUTER_STD = range(4)
 
 
-@njit(parallel=True, nogil=True, cache=True)
-def region_statistics(images, row, column, offset, regions, out):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def region_statistics(images, row, column, offset, regions, out, begin, end):  # type: ignore[no-untyped-def]
     """Statistics of patches of ``images`` (channel, y, x) about fractional pixels ``row``, ``column`` (patch).
 
     ``offset`` (pixel,) is where a patch's pixels lie along either axis, in image pixels. ``regions`` (set, pixel,
@@ -22,7 +21,7 @@ def region_statistics(images, row, column, offset, regions, out):  # type: ignor
     """
     channels, ny, nx = images.shape
     size, sets = offset.size, regions.shape[0]
-    for p in prange(row.size):
+    for p in range(begin, end):
         whole = np.ones(sets, np.bool_)
         sums = np.zeros((channels, sets, 5))  # inner sum, outer sum and squares about the first value, that value, peak
         count = np.zeros((sets, 2), np.int64)

@@ -5,6 +5,7 @@ from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
 from flgpr.design.array import Question
 from flgpr.execution.survey import How
 from flgpr.io.explain import explain_file
+from flgpr.kernels.ahead import compiled_beside
 from flgpr.live.detector import LiveSettings
 from flgpr.live.feeding import feed
 from flgpr.live.intake import COUNTS
@@ -79,6 +80,7 @@ __all__ = [
     "check_steps",
     "compare_alarms",
     "compare_sealed",
+    "compiled_beside",
     "demo",
     "design_report",
     "detect_long",

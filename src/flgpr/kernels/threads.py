@@ -9,8 +9,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial, wraps
+from typing import Any
 
 from numba import config, get_num_threads
+
+from flgpr.kernels.compiled import njit
 
 TASKS_PER_THREAD = 6
 
@@ -21,7 +25,7 @@ if hasattr(os, "register_at_fork"):
 
 def _pool() -> ThreadPoolExecutor:
     if not _pools:
-        _pools.append(ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr-imaging"))
+        _pools.append(ThreadPoolExecutor(max(1, config.NUMBA_NUM_THREADS - 1), thread_name_prefix="flgpr"))
     return _pools[0]
 
 
@@ -45,3 +49,22 @@ def share(count: int, run: Callable[[int, int], None], step: int | None = None) 
         for helper in helpers:
             if not helper.cancel():
                 helper.result()
+
+
+def shared(**options: Any) -> Callable[[Callable[..., None]], Any]:
+    """Compile a kernel and let threads share what it fills: the rows ``begin`` to ``end`` of the argument before these.
+
+    numba's parallel loops would do it, too, but take two to five times as long to compile.
+    """
+
+    def compiled(function: Callable[..., None]) -> Any:
+        kernel = njit(nogil=True, **options)(function)
+
+        @wraps(function)
+        def call(*arguments: Any) -> None:
+            share(len(arguments[-1]), partial(kernel, *arguments))
+
+        call.kernel = kernel  # type: ignore[attr-defined]
+        return call
+
+    return compiled

@@ -1,7 +1,7 @@
 import numba
 import pytest
 
-from flgpr.imaging.threads import share
+from flgpr.kernels.threads import share
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 1000])

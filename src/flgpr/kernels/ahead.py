@@ -1,0 +1,123 @@
+"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``.
+
+A first detection on a machine waits for the compiler longer than for anything else. Two processes share that work
+by the code that either keeps on disk.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from numba import config, typeof
+from numpy.typing import NDArray
+
+from flgpr.kernels.background import (
+    add_clipped,
+    gain_and_limit,
+    magnitude_over_background,
+    mean_of_nodes,
+    residual,
+    root_mean_square,
+    subtract_and_divide,
+)
+from flgpr.kernels.compiled import cache_folder
+from flgpr.kernels.filters import _sort, median_of_ranks
+from flgpr.kernels.focus import focus
+from flgpr.kernels.hermitian import eigen_3x3
+from flgpr.kernels.patches import region_statistics
+from flgpr.kernels.profiles import Geometry, adjoint, forward, locate
+from flgpr.kernels.sampling import _sample
+from flgpr.kernels.transform import Spectrum, compress, expand
+
+
+def _array(kind: type, dimensions: int) -> NDArray[Any]:
+    return np.empty((0,) * dimensions, kind)
+
+
+_i, _f, _d = (partial(_array, kind) for kind in (np.int64, np.float32, np.float64))
+_c, _z = (partial(_array, kind) for kind in (np.complex64, np.complex128))
+
+
+def usual() -> list[tuple[Any, tuple[Any, ...]]]:
+    """List the kernels that the packaged recipes need, in the order of their use, with arguments of the types used."""
+    spectrum = Spectrum(0, 0, _i(1), _i(1), _f(1), _f(1), _c(1))
+    geometry = Geometry(_i(1), _i(1), _d(2), _d(2), 0, _d(1), 0.0, 0.0, 0, 0, _f(2), _f(1))
+    tones, read, part = (_c(3), _f(2), spectrum), (_f(1), 0, geometry, _c(2)), (0, 0)
+    rows: Any = {length: (0,) * length for length in (4, 5, 8, 9, 16)}  # taps, powers and channels
+    cleaned = (_c(2), _d(1), _c(2), _f(2))
+    return [
+        (eigen_3x3, (_z(3), _d(2), _z(3), *part)),
+        (compress, (*tones, _f(1), rows[4], rows[16], rows[16], *part)),
+        (adjoint, (*read, rows[4], rows[8], rows[16], *part)),
+        (_sample, (_f(3), _d(1), _d(1), _f(2))),
+        (locate, (geometry, *part)),
+        (gain_and_limit, (_c(2), 0, 0.0, _d(1), _d(1), *part)),
+        (residual, (*cleaned, *part)),
+        (_sort, (_f(2), _array(np.int32, 2), *part)),
+        (median_of_ranks, (_array(np.int32, 2), _f(3), 0, 0, 0, 0, np.uint16(0), _f(3), *part)),
+        (mean_of_nodes, (_d(3), _i(2), _i(2), _f(3), *part)),
+        (root_mean_square, (_f(3), _d(2), _f(2), *part)),
+        (magnitude_over_background, (*cleaned, _f(2), *part)),
+        (compress, (*tones, _f(1), rows[5], rows[4], rows[4], *part)),
+        (adjoint, (*read, rows[5], rows[9], rows[4], *part)),
+        (forward, (*read, rows[5], rows[9], rows[4], *part)),
+        (expand, (_f(1), _f(2), spectrum, _c(3), rows[5], rows[4], rows[4], *part)),
+        (_sample, (_c(3), _d(1), _d(1), _c(2))),
+        (subtract_and_divide, (*cleaned, _c(2), *part)),
+        (region_statistics, (_f(3), _d(1), _d(1), _d(1), _array(np.int8, 3), _d(4), *part)),
+        (focus, (_c(3), _d(1), _d(2), _f(3), _f(3), *part)),
+        (add_clipped, (_c(2), _d(1), _d(1), _d(1), _z(2), _z(2), *part)),
+    ]
+
+
+def compile_usual() -> None:
+    """Compile them, the last first: the process that waits for them begins with the first."""
+    for kernel, arguments in reversed(usual()):
+        getattr(kernel, "kernel", kernel).compile(tuple(map(typeof, arguments)))
+
+
+@contextmanager
+def compiled_beside() -> Iterator[None]:
+    """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
+    done = cache_folder(Path(__file__))
+    if done.exists() or config.NUMBA_NUM_THREADS < 2 or not _writable(done.parent):
+        yield
+        return
+    command = [sys.executable, "-P", "-m", "flgpr.kernels.ahead"]  # -P: modules in the working folder are not meant
+    with Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL) as other:  # noqa: S603 - nothing from outside
+        try:
+            yield
+        finally:
+            other.kill()
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def _end_with_input() -> None:
+    """End when the other side of the pipe is closed, which the death of the process there does as well."""
+    while os.read(0, 4096):
+        pass
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    if stat.S_ISFIFO(os.fstat(0).st_mode):
+        Thread(target=_end_with_input, daemon=True).start()
+    compile_usual()
+    cache_folder(Path(__file__)).mkdir(exist_ok=True)  # the note that all is done
