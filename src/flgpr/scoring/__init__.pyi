@@ -26,21 +26,20 @@ from flgpr.scoring.curve import (
     with_area,
 )
 from flgpr.scoring.examples import example_roc
-from flgpr.scoring.figures import decision_figure, figure_bytes, patch_figure, roc_figure
+from flgpr.scoring.figures import figure_bytes, patch_figure, roc_figure
 from flgpr.scoring.intervals import clopper_pearson, poisson_interval
 from flgpr.scoring.lane_roc import accumulated_area, far_area, roc, roc_of
 from flgpr.scoring.lane_score import Rules, Score, score
-from flgpr.scoring.lane_splits import HEADLINE, Split, cross_site, paper_splits, splits
+from flgpr.scoring.lane_splits import Split, splits
 from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered, require_truth
 from flgpr.scoring.matching import Match, match, select_targets
 from flgpr.scoring.planning import SamplePlan, area_needed, emplacement_plan, mines_needed, sample_size
 from flgpr.scoring.refraction import Refraction, refraction_shift
-from flgpr.scoring.survey import SurveyShare, jitter, offset_within, survey_share
+from flgpr.scoring.survey import SurveyShare, jitter, survey_share
 
 __all__ = [
     "CONVENTIONS",
     "CURVE_COLUMNS",
-    "HEADLINE",
     "PASSPHRASE_RULE",
     "Agreement",
     "BlindScore",
@@ -69,9 +68,7 @@ __all__ = [
     "clopper_pearson",
     "compare",
     "content_hash",
-    "cross_site",
     "decision_curves",
-    "decision_figure",
     "decision_table",
     "emplacement_plan",
     "example_roc",
@@ -83,11 +80,9 @@ __all__ = [
     "mcnemar_test",
     "mines_needed",
     "offset_boxes",
-    "offset_within",
     "open_truth",
     "operating_row",
     "paired_interval",
-    "paper_splits",
     "patch_figure",
     "pd_at",
     "pd_mean",

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import special
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,6 @@ def survey_share(sigma: float, halo: float = 1.0) -> SurveyShare:
         raise ValueError(f"halo must be positive, got {halo}")
     lost = math.exp(-(halo**2) / (2 * sigma**2)) if sigma > 0 else 0.0
     return SurveyShare(float(sigma), float(halo), sigma / halo, sigma * math.sqrt(-2 * math.log(0.05)), lost)
-
-
-def offset_within(offset: float, sigma: float, halo: float) -> float:
-    """Probability that an alarm counts as within the halo of a target that it misses by an offset (Rice); all in m."""
-    if sigma == 0:
-        return float(offset <= halo)
-    return float(special.chndtr((halo / sigma) ** 2, 2, (offset / sigma) ** 2))
 
 
 def jitter(truth: pd.DataFrame, sigma: float, seed: int | np.random.Generator = 0) -> pd.DataFrame:
