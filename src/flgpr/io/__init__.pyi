@@ -18,9 +18,13 @@ from flgpr.io.explain import propose_mapping as propose_mapping
 from flgpr.io.extras import MissingExtraError as MissingExtraError
 from flgpr.io.files import canonical_json as canonical_json
 from flgpr.io.files import check_free_folder as check_free_folder
+from flgpr.io.files import inside as inside
 from flgpr.io.files import laid_over as laid_over
+from flgpr.io.files import read_limited as read_limited
 from flgpr.io.files import replace_folder as replace_folder
+from flgpr.io.files import seal as seal
 from flgpr.io.files import sha256 as sha256
+from flgpr.io.files import unseal as unseal
 from flgpr.io.files import write_whole as write_whole
 from flgpr.io.fullwave import FullwaveLane as FullwaveLane
 from flgpr.io.fullwave import import_fullwave as import_fullwave
@@ -58,10 +62,6 @@ from flgpr.io.scan_file import parse_description as parse_description
 from flgpr.io.scan_file import read_description as read_description
 from flgpr.io.scan_file import scan_of as scan_of
 from flgpr.io.scan_file import write_description as write_description
-from flgpr.io.sealed import inside as inside
-from flgpr.io.sealed import read_limited as read_limited
-from flgpr.io.sealed import seal as seal
-from flgpr.io.sealed import unseal as unseal
 from flgpr.io.tables import lane_text as lane_text
 from flgpr.io.tables import read_lane as read_lane
 from flgpr.io.tables import read_table as read_table
