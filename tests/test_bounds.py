@@ -17,10 +17,10 @@ from flgpr.model import Sensor, load_sensor, sensor_presets
 from flgpr.model.bounds import LARGEST, Entries, Largest
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
-from flgpr.simulate.effort import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 from flgpr.simulate.scene import sites
 from flgpr.simulate.signature import load_body, packaged_bodies
 from flgpr.simulate.signature.body import Body
+from flgpr.simulate.simulator import MOST_MEMORY, check_effort, drawing_effort, simulation_effort
 
 SETTINGS = [find_stage(kind, name).Settings for kind, names in PACKAGED.items() for name in names]
 EXTREME = [0, -1, 1e9, 10**9, 1e300, math.inf, -math.inf, math.nan, 10**400]
@@ -195,7 +195,7 @@ def test_the_command_refuses_before_it_works(tmp_path, entries, words, option):
 
 
 def test_force_goes_beyond(tmp_path, monkeypatch):
-    monkeypatch.setattr("flgpr.simulate.effort.MOST_HOURS", 0.0)
+    monkeypatch.setattr("flgpr.simulate.simulator.MOST_HOURS", 0.0)
     (tmp_path / "scene.toml").write_text("length = 5.0\n[track]\npositions = [-5.0]")
     command = ["simulate", str(tmp_path / "scene.toml"), "--preview", str(tmp_path / "x.png"), "--quiet"]
     refused = CliRunner().invoke(app, command)

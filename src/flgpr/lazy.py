@@ -1,7 +1,8 @@
 """Faces of packages that load what is behind them when it is asked for.
 
-A package's ``__init__.pyi`` tells its face: type checkers read it, and so does :func:`face`, so that every name stands
-in one place. Importing a package costs nothing then, and a command pays only for what it uses.
+A package's ``__init__.pyi`` tells its face: type checkers read it, for which it says ``x as x``, and so does
+:func:`face`, so that every name stands in one place. Importing a package costs nothing then, and a command pays only
+for what it uses.
 """
 
 from __future__ import annotations

@@ -64,7 +64,8 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
             pages[one["paper"]] = Path(one["page"]).relative_to(folder)
             rows = {name: verdict_rows(folder / name) for name in PAPERS if name in pages}
             write_whole(folder / "verdicts.csv", verdicts_csv(rows))
-            write_whole(folder / "index.html", overview_html(pages, rows, quick))
+            html = study_html("overview.html", papers=PAPERS, pages=pages, found=rows, quick=quick)
+            write_whole(folder / "index.html", html)
     return folder / "index.html"
 
 
@@ -114,11 +115,3 @@ def verdicts_csv(found: Mapping[str, list[tuple[str, str, str]]]) -> str:
     rows = [("paper", "claim", "ours", "verdict")]
     rows += [(name, *row) for name, verdicts in found.items() for row in verdicts]
     return "".join(",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows)
-
-
-def overview_html(pages: Mapping[str, Path], found: Mapping[str, list[tuple[str, str, str]]], quick: bool) -> str:
-    """Write the overview: how many statements of each paper agree, disagree or stay open, and then each of them.
-
-    A paper without a page (relative to the overview) is still to be run.
-    """
-    return study_html("overview.html", papers=PAPERS, pages=pages, found=found, quick=quick)

@@ -113,7 +113,7 @@ def judge_in_world(paper: str, number: int, folder: str) -> dict[str, Any]:
     world, before = [*worlds(), *smooth_worlds()][number], time.process_time()
     work, found, failed = Path(folder) / "work" / f"{paper}-{number}", [], ""
     try:
-        found = import_module(f"flgpr_papers.{paper}.world").findings_in(world, work)
+        found = import_module(f"flgpr_papers.{paper}.study").findings_in(world, work)
     except ValueError as error:
         failed = str(error)
     path, spent = path_of(Path(folder), paper, world), time.process_time() - before
@@ -187,10 +187,7 @@ def _named(region: dict[str, Any]) -> str:
 
 
 def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
-    """Judge a region by the mean over its worlds: their number, the least part with its interval, and the verdict.
-
-    Intervals are Student's and hold in all regions and parts together.
-    """
+    """Judge the mean over a region's worlds by Student's interval: their number, the least part, the verdict."""
     values = np.array([numbers(one) for one in found], dtype=np.float64)
     values = values[np.isfinite(values).all(axis=1)] if values.size else values
     count = len(values)

@@ -11,7 +11,7 @@ from damage import in_forks
 from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
 from flgpr.model import Sensor
 from flgpr.simulate import Scene
-from flgpr.tasks.fullwave import import_gprmax_results, write_gprmax_decks
+from flgpr.tasks.simulation import import_gprmax_results, write_gprmax_decks
 from io_gprmax import dipole_field
 from robust import digests
 

@@ -11,7 +11,7 @@ import pytest
 from flgpr.io import GprmaxRun
 from flgpr.model import Sensor
 from flgpr.simulate import Scene
-from flgpr.tasks.fullwave import write_gprmax_decks
+from flgpr.tasks.simulation import write_gprmax_decks
 from io_gprmax import dipole_field
 
 PYTHON = os.environ.get("FLGPR_GPRMAX_PYTHON") or (sys.executable if importlib.util.find_spec("gprMax") else None)

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from bag import EPOCH, MAPPING, drive
 from flgpr.cli import app
 from flgpr.io.arrays import open_arrays
-from flgpr.io.cdr import message_decoder
 from flgpr.io.explain import explain_file
 from flgpr.io.mapped import import_mapped
+from flgpr.io.recording import message_decoder
 
 pytest.importorskip("mcap_ros2")
 

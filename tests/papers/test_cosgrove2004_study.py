@@ -17,11 +17,18 @@ from flgpr_papers.cosgrove2004.detect import (
     learn,
     score_looks,
 )
-from flgpr_papers.cosgrove2004.examples import point_response, signature_cuts
 from flgpr_papers.cosgrove2004.findings import case_curve, contrast_table, findings, interval, pd_table
-from flgpr_papers.cosgrove2004.images import _direction, _scene, lane_looks, study_sensor, tone_weight
+from flgpr_papers.cosgrove2004.images import (
+    _direction,
+    _scene,
+    lane_looks,
+    point_response,
+    signature_cuts,
+    study_sensor,
+    tone_weight,
+)
 from flgpr_papers.cosgrove2004.recipe import study_recipe
-from flgpr_papers.kit.lanes import changed
+from flgpr_papers.kit.worlds import changed
 from reference.cosgrove2004 import equations_7_to_12
 
 

@@ -19,7 +19,7 @@ from flgpr_papers.flsar2004 import findings as fi
 from flgpr_papers.flsar2004 import study as flsar2004
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, lane_images, load_settings
 from flgpr_papers.kit.findings import OPEN, VERDICTS, difference_of_shares, read_findings
-from flgpr_papers.kit.lanes import turned
+from flgpr_papers.kit.worlds import turned
 
 
 @pytest.fixture(scope="module")

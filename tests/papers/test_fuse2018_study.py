@@ -16,6 +16,7 @@ from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
+    follow,
     frame_match,
     lane_match,
     mine_changes,
@@ -27,12 +28,10 @@ from flgpr_papers.fuse2018.findings import (
     strongest_boxes,
 )
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import Frames, band_sensor, lane_scene, local, masks_stage, trained
+from flgpr_papers.fuse2018.lanes import Frames, band_sensor, fuse_recipe, lane_scene, local, masks_stage, trained
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, stage_forms, suppressed_alone
-from flgpr_papers.fuse2018.recipe import fuse_recipe
-from flgpr_papers.fuse2018.tracking import follow
 from flgpr_papers.kit.findings import OPEN, VERDICTS, clustered
 
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)

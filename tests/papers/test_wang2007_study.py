@@ -16,8 +16,7 @@ from flgpr.imaging import ScanImager
 from flgpr.io import open_run, write_bundle
 from flgpr.model import Lane
 from flgpr.scoring import pd_mean, roc_of
-from flgpr.scoring.bootstrap import make_design, make_scores
-from flgpr.scoring.redrawn import Draw, Rescorer
+from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
 from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import all_of

@@ -147,7 +147,7 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         raise ValueError(f"lane of {world.name} must hold a mine")
 
-    monkeypatch.setattr("flgpr_papers.cosgrove2004.world.findings_in", too_small)
+    monkeypatch.setattr("flgpr_papers.cosgrove2004.study.findings_in", too_small)
     w.judge_in_world("cosgrove2004", 5, str(tmp_path))
     record = json.loads(w.path_of(tmp_path, "cosgrove2004", worlds()[5]).read_text())
     assert record["failed"] == f"lane of {worlds()[5].name} must hold a mine"
@@ -158,7 +158,7 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
 def test_a_cluster_does_what_is_left(made, monkeypatch):
     distributed = pytest.importorskip("distributed")
     for paper in flgpr_papers.PAPERS:
-        monkeypatch.setattr(f"flgpr_papers.{paper}.world.findings_in", lambda world, _: [larger(world.permittivity)])
+        monkeypatch.setattr(f"flgpr_papers.{paper}.study.findings_in", lambda world, _: [larger(world.permittivity)])
     left = [w.path_of(made, *one) for one in w.studies()[:3]]
     for path in left:
         path.unlink()

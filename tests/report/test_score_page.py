@@ -11,9 +11,6 @@ from flgpr.model import Lane
 from flgpr.report import write_score_report
 from flgpr.scoring import (
     clopper_pearson,
-    decision_curves,
-    decision_figure,
-    decision_table,
     figure_bytes,
     patch_figure,
     pd_mean,
@@ -178,5 +175,4 @@ def test_figures_refuse_what_cannot_be_drawn_together():
         patch_figure([], [])
     with pytest.raises(ValueError, match="two dimensions"):
         patch_figure([np.ones(3)], ["a"])
-    seen = alarms.assign(ahead=12.0)
-    assert figure_bytes(decision_figure(decision_table(decision_curves(seen, truth, LANE))), "svg")[:5] == b"<?xml"
+    assert figure_bytes(roc_figure({"a": roc(alarms, truth, LANE)}), "svg")[:5] == b"<?xml"

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flgpr.scoring import HEADLINE, cross_site, paper_splits, splits
+from flgpr.scoring import splits
 
 looks = st.lists(
     st.tuples(st.sampled_from(["", "m1", "m2", "m3"]), st.sampled_from("ab"), st.sampled_from(["wet", "dry"])),
@@ -45,7 +45,6 @@ def test_every_example_is_tested_once_and_no_mine_straddles(rows, by):
 
 
 def test_the_headline_is_grouped_by_target():
-    assert HEADLINE == "target"
     examples = example_table([("m1", "a", "wet"), ("m1", "b", "wet"), ("m2", "a", "wet"), ("", "a", "wet")])
     assert {one.scheme for one in splits(examples)} == {"leave-one-target-out"}
     assert not any(one.straddles for one in splits(examples))
@@ -62,27 +61,6 @@ def test_mines_and_stretches_of_clutter_go_to_folds_together():
         assert not stretches & set(examples["clutter"].iloc[one.train])
 
 
-def test_the_papers_splits_carry_their_names_and_tell_that_they_straddle():
-    rows = [("m1", "a", "wet"), ("m1", "b", "wet"), ("m2", "a", "dry"), ("", "a", "wet"), ("", "b", "dry")]
-    examples = example_table(rows).assign(depth=[0.05, 0.05, 0.1, np.nan, np.nan])
-    single = paper_splits(examples, "flsar2004")
-    assert [one.straddles for one in single] == [True, True, False, False, False]
-    lanes = paper_splits(examples, "wang2007")
-    assert [(one.scheme, one.held_out, one.straddles) for one in lanes] == [
-        ("wang2007", "a", True),
-        ("wang2007", "b", True),
-    ]
-    (deep,) = paper_splits(examples, "cosgrove2004", depth=0.05)
-    assert set(examples["target"].iloc[deep.train]) == {"m1", ""}
-    assert set(examples["target"].iloc[deep.test]) == {"m2", ""}
-
-
-def test_sites_are_crossed():
-    examples = example_table([("m1", "a", "wet"), ("m2", "b", "dry"), ("m1", "c", "dry")])
-    one = cross_site(examples, "wet", "dry")
-    assert (one.train.tolist(), one.test.tolist(), one.straddles) == ([0], [1, 2], True)
-
-
 GOOD = example_table([("m1", "a", "wet"), ("m2", "b", "dry"), ("", "b", "dry")])
 
 
@@ -96,11 +74,6 @@ GOOD = example_table([("m1", "a", "wet"), ("m2", "b", "dry"), ("", "b", "dry")])
         (lambda: splits(GOOD, "lane", folds=2), "folds must be left out"),
         (lambda: splits(GOOD, folds=9), "folds must lie between"),
         (lambda: splits(GOOD.iloc[:1]), "at least two groups"),
-        (lambda: cross_site(GOOD, "wet", "icy"), "site must be one of"),
-        (lambda: cross_site(GOOD, "wet", "wet"), "must differ"),
-        (lambda: paper_splits(GOOD, "fuse2018"), "paper must be one of"),
-        (lambda: paper_splits(GOOD, "cosgrove2004"), "depth must be given"),
-        (lambda: paper_splits(GOOD.drop(columns="lane"), "wang2007"), "must have the column lane"),
     ],
 )
 def test_divisions_that_cannot_be_are_named(call, message):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from flgpr.model import Antenna, Sensor, load_sensor, sensor_presets
-from flgpr.simulate.antennas import AntennaErrors, random_response, resonance, slow_change
-from flgpr.simulate.impair import Impairments
+from flgpr.simulate.impair import AntennaErrors, Impairments, random_response, resonance, slow_change
 
 PLAIN = np.ones((4, 18, 256), np.complex64)
 

@@ -7,8 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.box import choose_cell, lattice_of, solve_box
-from flgpr.simulate.signature.dipoles import Lattice, Waves, scattering_amplitudes
+from flgpr.simulate.signature.dipoles import Lattice, Waves, choose_cell, lattice_of, scattering_amplitudes, solve_box
 from reference.mie import sphere_amplitudes, unit_vectors
 
 SINE = np.sin(np.radians(67))

@@ -5,8 +5,7 @@ import pytest
 
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Scene, make_decks
-from flgpr.simulate.debye import fit_relaxation
-from flgpr.simulate.gprmax_grid import Grid, rectangles
+from flgpr.simulate.gprmax_grid import Grid, fit_relaxation, rectangles
 from flgpr.simulate.soil import mironov
 
 SENSOR = Sensor(

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from flgpr.simulate import Scene, Simulator, tables
-from flgpr.simulate.grass import GrassLayer, albedo, optical_depth, through_grass
-from flgpr.simulate.layers import View
+from flgpr.simulate.layers import GrassLayer, View, albedo, optical_depth, through_grass
 from flgpr.simulate.simulator import array_state
 from simulate.conftest import BARE, STILL
 

@@ -8,8 +8,7 @@ from threadpoolctl import threadpool_limits
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.signature import revolution
 from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.revolution import ModalSolver, make_grid
-from flgpr.simulate.signature.solve import solve_round, spectral_path, with_surface
+from flgpr.simulate.signature.revolution import ModalSolver, make_grid, solve_round, spectral_path, with_surface
 from reference.mie import sphere_amplitudes
 
 SINE = np.sin(np.radians(67))

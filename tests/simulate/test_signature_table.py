@@ -13,9 +13,9 @@ from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import build, load_body, packaged_bodies, packaged_table
 from flgpr.simulate.signature import table as nodes
 from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.box import solve_box
 from flgpr.simulate.signature.build import build_table, cells_for
-from flgpr.simulate.signature.solve import solve_round
+from flgpr.simulate.signature.dipoles import solve_box
+from flgpr.simulate.signature.revolution import solve_round
 from flgpr.simulate.signature.table import SignatureTable, find_table, load_table, save_table
 from flgpr.simulate.targets import node_weights
 

@@ -8,8 +8,7 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.chain.recipe import recipe_text
 from flgpr.model import Lane
 from flgpr.results.result import add_files, read_result, write_result
-from flgpr.results.score import score_detections
-from flgpr.results.view_score import VIEW_SCORE, view_score
+from flgpr.results.score import VIEW_SCORE, score_detections, view_score
 
 POLARIZATIONS, SUBBANDS = ["HH", "VV"], ["0.4-1.1", "1.1-1.7"]
 

@@ -1,60 +1,32 @@
-from flgpr.calibrate.clock import (
-    ClockFit,
-    brightest_points,
-    estimate_clock,
-    remove_range_bias,
-    sharpness,
-    synthetic_aperture,
-    with_track,
-)
-from flgpr.calibrate.health import channel_health, disturbed_tones, health_summary
-from flgpr.calibrate.joint import BiasFit, estimate_joint, estimate_range_bias
-from flgpr.calibrate.motion import remove_in_scan_motion, vehicle_velocity
-from flgpr.calibrate.polarimetry import (
-    DIHEDRAL,
-    DIHEDRAL_45,
-    TRIHEDRAL,
-    Distortion,
-    estimate_distortion,
-    remove_distortion,
-    scattering_matrices,
-)
-from flgpr.calibrate.pose import LeverFit, estimate_lever_arm
-from flgpr.calibrate.profiles import fields_over_bias, subtract_mean_scan
-from flgpr.calibrate.reflector import PairFit, apply_pairs, estimate_pairs
-from flgpr.calibrate.vna import divide_by_through, remove_delay, subtract_standard
-
-__all__ = [
-    "DIHEDRAL",
-    "DIHEDRAL_45",
-    "TRIHEDRAL",
-    "BiasFit",
-    "ClockFit",
-    "Distortion",
-    "LeverFit",
-    "PairFit",
-    "apply_pairs",
-    "brightest_points",
-    "channel_health",
-    "disturbed_tones",
-    "divide_by_through",
-    "estimate_clock",
-    "estimate_distortion",
-    "estimate_joint",
-    "estimate_lever_arm",
-    "estimate_pairs",
-    "estimate_range_bias",
-    "fields_over_bias",
-    "health_summary",
-    "remove_delay",
-    "remove_distortion",
-    "remove_in_scan_motion",
-    "remove_range_bias",
-    "scattering_matrices",
-    "sharpness",
-    "subtract_mean_scan",
-    "subtract_standard",
-    "synthetic_aperture",
-    "vehicle_velocity",
-    "with_track",
-]
+from flgpr.calibrate.clock import ClockFit as ClockFit
+from flgpr.calibrate.clock import brightest_points as brightest_points
+from flgpr.calibrate.clock import estimate_clock as estimate_clock
+from flgpr.calibrate.clock import remove_range_bias as remove_range_bias
+from flgpr.calibrate.clock import sharpness as sharpness
+from flgpr.calibrate.clock import with_track as with_track
+from flgpr.calibrate.health import channel_health as channel_health
+from flgpr.calibrate.health import disturbed_tones as disturbed_tones
+from flgpr.calibrate.health import health_summary as health_summary
+from flgpr.calibrate.joint import BiasFit as BiasFit
+from flgpr.calibrate.joint import estimate_joint as estimate_joint
+from flgpr.calibrate.joint import estimate_range_bias as estimate_range_bias
+from flgpr.calibrate.pose import LeverFit as LeverFit
+from flgpr.calibrate.pose import estimate_lever_arm as estimate_lever_arm
+from flgpr.calibrate.pose import remove_in_scan_motion as remove_in_scan_motion
+from flgpr.calibrate.pose import vehicle_velocity as vehicle_velocity
+from flgpr.calibrate.profiles import fields_over_bias as fields_over_bias
+from flgpr.calibrate.profiles import subtract_mean_scan as subtract_mean_scan
+from flgpr.calibrate.reflector import DIHEDRAL as DIHEDRAL
+from flgpr.calibrate.reflector import DIHEDRAL_45 as DIHEDRAL_45
+from flgpr.calibrate.reflector import TRIHEDRAL as TRIHEDRAL
+from flgpr.calibrate.reflector import Distortion as Distortion
+from flgpr.calibrate.reflector import PairFit as PairFit
+from flgpr.calibrate.reflector import apply_pairs as apply_pairs
+from flgpr.calibrate.reflector import estimate_distortion as estimate_distortion
+from flgpr.calibrate.reflector import estimate_pairs as estimate_pairs
+from flgpr.calibrate.reflector import remove_distortion as remove_distortion
+from flgpr.calibrate.reflector import scattering_matrices as scattering_matrices
+from flgpr.calibrate.vna import divide_by_through as divide_by_through
+from flgpr.calibrate.vna import remove_delay as remove_delay
+from flgpr.calibrate.vna import subtract_standard as subtract_standard
+from flgpr.model.aperture import synthetic_aperture as synthetic_aperture

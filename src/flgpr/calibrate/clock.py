@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.model import as_aperture, check_run, complete_scans, way_weights
+from flgpr.model.aperture import synthetic_aperture
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at
@@ -48,21 +48,6 @@ def remove_range_bias(run: xr.Dataset, bias: float) -> xr.Dataset:
     """Make all one-way ranges of a run shorter by ``bias`` (m), by how much they are measured too long."""
     signal = lengthen(run["signal"].values, run["frequency"].values, -2.0 * bias)
     return run.assign(signal=(run["signal"].dims, signal))
-
-
-def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
-    """Take all complete scans of a run as one aperture: field (polarization, scan·pair, frequency) and antennas, m.
-
-    The antennas' places (scan·pair, 3), transmitting and receiving, are in the lane frame. Each scan is weighted by the
-    way it stands for (half the distance to its neighbours; the mean is one), so that a vehicle that stands still for a
-    while is not counted for every scan. A run without a complete scan is a ValueError.
-    """
-    check_run(run)
-    scans = np.flatnonzero(complete_scans(run))
-    if not scans.size:
-        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
-    pose = run["pose"].values[scans]
-    return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
 
 
 def sharpness(image: ArrayLike) -> float:

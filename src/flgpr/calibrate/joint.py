@@ -11,9 +11,10 @@ import xarray as xr
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
-from flgpr.calibrate.clock import Operator, synthetic_aperture, track_trials, with_track
+from flgpr.calibrate.clock import Operator, track_trials, with_track
 from flgpr.calibrate.profiles import fields_over_bias, lattice, resolution
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, check_run
+from flgpr.model.aperture import synthetic_aperture
 from flgpr.model.arrays import FloatArray
 from flgpr.model.phase import lengthen
 from flgpr.model.track import poses_at

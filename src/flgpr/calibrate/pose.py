@@ -1,4 +1,4 @@
-"""Lever arm and latency of a positioning antenna, from a second track of the same drive."""
+"""Lever arm and latency of a positioning antenna, and a vehicle that drives while its array is switched."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.model import check_run
+from flgpr.model.arrays import FloatArray
 from flgpr.model.frames import attitude_matrix, heading_matrix
+from flgpr.model.phase import lengthen
 from flgpr.model.track import check_track, poses_at
 
 
@@ -68,3 +72,60 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
     lever, *_ = np.linalg.lstsq(turns, apart.ravel(), rcond=None)
     rest = apart.ravel() - turns @ lever
     return LeverFit(lever, latency, float(np.sqrt(np.mean(rest**2) * 3)))
+
+
+def vehicle_velocity(run: xr.Dataset) -> FloatArray:
+    """Velocity (scan, 3) in the vehicle frame, m/s, from a run's poses and times, which must be there and increase."""
+    pose, time = run["pose"].values, run["time"].values
+    if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+        raise ValueError("run must have two scans or more with increasing times to tell a velocity")
+    lane = np.gradient(pose[:, :3], time, axis=0)
+    turn = np.stack([heading_matrix(p[3]) @ attitude_matrix(p[4], p[5]) for p in pose])
+    return np.asarray(np.einsum("sij,si->sj", turn, lane), dtype=np.float64)
+
+
+def remove_in_scan_motion(
+    run: xr.Dataset, focus: ArrayLike, pair_time: ArrayLike, tone_time: ArrayLike, velocity: ArrayLike | None = None
+) -> xr.Dataset:
+    """Bring all tones and pairs of a scan to the scan's time, as if the vehicle had stood still in it.
+
+    A sample taken at ``pair_time + tone_time`` after the pose was measured with the antennas displaced by velocity
+    times that. Its phase is turned by the difference of the path to the focus: exact there, and elsewhere off by the
+    displacement times the difference of the directions.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run. A shape below that does not fit it, or a value that is not finite, is a ValueError.
+    focus : (3,) array_like
+        The place that stays exact, in the vehicle frame, m; on the ground in the middle of the images.
+    pair_time, tone_time : (pair,), (frequency,) array_like
+        When each pair is measured after the time of the pose, and each tone sent after that, s.
+    velocity : (scan, 3) array_like, optional
+        Velocity in the vehicle frame, m/s. Default: from poses and times.
+    """
+    check_run(run)
+    speed = vehicle_velocity(run) if velocity is None else np.asarray(velocity, dtype=np.float64)
+    when = [np.asarray(t, dtype=np.float64) for t in (pair_time, tone_time)]
+    place = np.asarray(focus, dtype=np.float64)
+    sizes = run.sizes
+    for name, value, shape in (
+        ("velocity", speed, (sizes["scan"], 3)),
+        ("pair_time", when[0], (sizes["pair"],)),
+        ("tone_time", when[1], (sizes["frequency"],)),
+        ("focus", place, (3,)),
+    ):
+        if value.shape != shape or not np.isfinite(value).all():
+            raise ValueError(f"{name} must be finite with the shape {shape}, got {value.shape}")
+    time = when[0][:, None] + when[1]
+    frequency = run["frequency"].values
+    signal = np.empty(run["signal"].shape, run["signal"].dtype)
+    for scan in range(sizes["scan"]):
+        moved = time[..., None] * speed[scan]
+        longer = np.zeros(time.shape)
+        for name in ("tx_position", "rx_position"):
+            antenna = run[name].values[:, None]
+            longer += np.linalg.norm(antenna + moved - place, axis=-1) - np.linalg.norm(antenna - place, axis=-1)
+        one = run["signal"][scan].values
+        signal[scan] = lengthen(one[..., None], frequency[:, None], -longer)[..., 0]
+    return run.assign(signal=(run["signal"].dims, signal))

@@ -12,10 +12,7 @@ T = TypeVar("T")
 
 
 class Bars:
-    """Progress bars on a terminal, one per piece of work; they appear on the error stream.
-
-    Use as a context manager and call it like any :class:`flgpr.chain.progress.Track`.
-    """
+    """Progress bars on the error stream, one per piece of work; a context manager that is called like any ``Track``."""
 
     def __init__(self) -> None:
         self._progress = Progress(

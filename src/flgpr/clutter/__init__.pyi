@@ -1,85 +1,45 @@
-from flgpr.clutter.background import gain_background, remove_background, scan_gain, self_signature
-from flgpr.clutter.coherence import (
-    Coherence,
-    FrameStack,
-    accuracy_needed,
-    averaged_frames,
-    coherent_loss_db,
-    iterate_frames,
-    measured_coherence,
-)
-from flgpr.clutter.iteration import TABLE_II, Iterated, averaged, equal_cost, iterate_suppression
-from flgpr.clutter.masks import (
-    ROADSIDE,
-    Intersection,
-    ThresholdCalibration,
-    Thresholds,
-    above,
-    extended_mask,
-    fundamental_mask,
-    intersect,
-    mixed_mask,
-    roadside_mask,
-    subregions,
-)
-from flgpr.clutter.standing import standing_field, subtract_standing
-from flgpr.clutter.streaming import Background, BackgroundEstimator, CausalBackground, shared_gain, shared_level
-from flgpr.clutter.suppression import Suppression, suppress_by_model
-from flgpr.clutter.traces import (
-    band_pass,
-    dewow,
-    gate,
-    remove_standing,
-    shift_time,
-    subtract_run,
-    time_gain,
-)
-from flgpr.clutter.whitening import ClutterWhitener, whitening_matrix
-
-__all__ = [
-    "ROADSIDE",
-    "TABLE_II",
-    "Background",
-    "BackgroundEstimator",
-    "CausalBackground",
-    "ClutterWhitener",
-    "Coherence",
-    "FrameStack",
-    "Intersection",
-    "Iterated",
-    "Suppression",
-    "ThresholdCalibration",
-    "Thresholds",
-    "above",
-    "accuracy_needed",
-    "averaged",
-    "averaged_frames",
-    "band_pass",
-    "coherent_loss_db",
-    "dewow",
-    "equal_cost",
-    "extended_mask",
-    "fundamental_mask",
-    "gain_background",
-    "gate",
-    "intersect",
-    "iterate_frames",
-    "iterate_suppression",
-    "measured_coherence",
-    "mixed_mask",
-    "remove_background",
-    "remove_standing",
-    "roadside_mask",
-    "scan_gain",
-    "self_signature",
-    "shared_gain",
-    "shared_level",
-    "shift_time",
-    "standing_field",
-    "subregions",
-    "subtract_run",
-    "subtract_standing",
-    "suppress_by_model",
-    "time_gain",
-    "whitening_matrix",
-]
+from flgpr.clutter.background import gain_background as gain_background
+from flgpr.clutter.background import remove_background as remove_background
+from flgpr.clutter.background import scan_gain as scan_gain
+from flgpr.clutter.background import self_signature as self_signature
+from flgpr.clutter.coherence import Coherence as Coherence
+from flgpr.clutter.coherence import FrameStack as FrameStack
+from flgpr.clutter.coherence import accuracy_needed as accuracy_needed
+from flgpr.clutter.coherence import averaged_frames as averaged_frames
+from flgpr.clutter.coherence import coherent_loss_db as coherent_loss_db
+from flgpr.clutter.coherence import iterate_frames as iterate_frames
+from flgpr.clutter.coherence import measured_coherence as measured_coherence
+from flgpr.clutter.iteration import TABLE_II as TABLE_II
+from flgpr.clutter.iteration import Iterated as Iterated
+from flgpr.clutter.iteration import averaged as averaged
+from flgpr.clutter.iteration import equal_cost as equal_cost
+from flgpr.clutter.iteration import iterate_suppression as iterate_suppression
+from flgpr.clutter.masks import ROADSIDE as ROADSIDE
+from flgpr.clutter.masks import Intersection as Intersection
+from flgpr.clutter.masks import ThresholdCalibration as ThresholdCalibration
+from flgpr.clutter.masks import Thresholds as Thresholds
+from flgpr.clutter.masks import above as above
+from flgpr.clutter.masks import extended_mask as extended_mask
+from flgpr.clutter.masks import fundamental_mask as fundamental_mask
+from flgpr.clutter.masks import intersect as intersect
+from flgpr.clutter.masks import mixed_mask as mixed_mask
+from flgpr.clutter.masks import roadside_mask as roadside_mask
+from flgpr.clutter.masks import subregions as subregions
+from flgpr.clutter.standing import standing_field as standing_field
+from flgpr.clutter.standing import subtract_standing as subtract_standing
+from flgpr.clutter.streaming import Background as Background
+from flgpr.clutter.streaming import BackgroundEstimator as BackgroundEstimator
+from flgpr.clutter.streaming import CausalBackground as CausalBackground
+from flgpr.clutter.streaming import shared_gain as shared_gain
+from flgpr.clutter.streaming import shared_level as shared_level
+from flgpr.clutter.suppression import Suppression as Suppression
+from flgpr.clutter.suppression import suppress_by_model as suppress_by_model
+from flgpr.clutter.traces import band_pass as band_pass
+from flgpr.clutter.traces import dewow as dewow
+from flgpr.clutter.traces import gate as gate
+from flgpr.clutter.traces import remove_standing as remove_standing
+from flgpr.clutter.traces import shift_time as shift_time
+from flgpr.clutter.traces import subtract_run as subtract_run
+from flgpr.clutter.traces import time_gain as time_gain
+from flgpr.clutter.whitening import ClutterWhitener as ClutterWhitener
+from flgpr.clutter.whitening import whitening_matrix as whitening_matrix

@@ -1,35 +1,20 @@
-from flgpr.detect.chip_detector import ChipDetector
-from flgpr.detect.deflection import DeflectionDetector, deflection_form
-from flgpr.detect.fisher import FisherDiscriminant
-from flgpr.detect.linear_quadratic import LinearQuadraticForm
-from flgpr.detect.neyman_pearson import NeymanPearsonDetector, neyman_pearson_form
-from flgpr.detect.normalizer import HistogramNormalizer
-from flgpr.detect.one_class import OneClassRelevanceVectorMachine
-from flgpr.detect.one_class_mixture import GaussianMixtureNovelty
-from flgpr.detect.polarimetric_whitening import PolarimetricWhiteningFilter, magnitude_form
-from flgpr.detect.rvm import RelevanceVectorClassifier, leave_one_out
-from flgpr.detect.search import Fold, SearchStep, forward_search, make_fold, single_features
-from flgpr.detect.weights import hit_weights
-
-__all__ = [
-    "ChipDetector",
-    "DeflectionDetector",
-    "FisherDiscriminant",
-    "Fold",
-    "GaussianMixtureNovelty",
-    "HistogramNormalizer",
-    "LinearQuadraticForm",
-    "NeymanPearsonDetector",
-    "OneClassRelevanceVectorMachine",
-    "PolarimetricWhiteningFilter",
-    "RelevanceVectorClassifier",
-    "SearchStep",
-    "deflection_form",
-    "forward_search",
-    "hit_weights",
-    "leave_one_out",
-    "magnitude_form",
-    "make_fold",
-    "neyman_pearson_form",
-    "single_features",
-]
+from flgpr.detect.deflection import DeflectionDetector as DeflectionDetector
+from flgpr.detect.deflection import NeymanPearsonDetector as NeymanPearsonDetector
+from flgpr.detect.deflection import PolarimetricWhiteningFilter as PolarimetricWhiteningFilter
+from flgpr.detect.deflection import deflection_form as deflection_form
+from flgpr.detect.deflection import magnitude_form as magnitude_form
+from flgpr.detect.deflection import neyman_pearson_form as neyman_pearson_form
+from flgpr.detect.fisher import FisherDiscriminant as FisherDiscriminant
+from flgpr.detect.fisher import HistogramNormalizer as HistogramNormalizer
+from flgpr.detect.fisher import hit_weights as hit_weights
+from flgpr.detect.linear_quadratic import ChipDetector as ChipDetector
+from flgpr.detect.linear_quadratic import LinearQuadraticForm as LinearQuadraticForm
+from flgpr.detect.one_class import GaussianMixtureNovelty as GaussianMixtureNovelty
+from flgpr.detect.one_class import OneClassRelevanceVectorMachine as OneClassRelevanceVectorMachine
+from flgpr.detect.rvm import RelevanceVectorClassifier as RelevanceVectorClassifier
+from flgpr.detect.rvm import leave_one_out as leave_one_out
+from flgpr.detect.search import Fold as Fold
+from flgpr.detect.search import SearchStep as SearchStep
+from flgpr.detect.search import forward_search as forward_search
+from flgpr.detect.search import make_fold as make_fold
+from flgpr.detect.search import single_features as single_features

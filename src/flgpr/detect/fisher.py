@@ -1,4 +1,4 @@
-"""Fisher's linear discriminant (Wang et al. 2007, Eq. 20 and 21)."""
+"""Fisher's discriminant as Wang et al. 2007 train it (Sec. II-E): features normalised, hits duplicated."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, ClassifierMixin
+from scipy.special import ndtr, ndtri
+from sklearn.base import BaseEstimator, ClassifierMixin, OneToOneFeatureMixin, TransformerMixin
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
@@ -98,3 +99,114 @@ def _solve(scatter: FloatArray, difference: FloatArray, rcond: float) -> FloatAr
         inverse = np.linalg.pinv(scatter[np.ix_(use, use)] / np.outer(scale, scale), rcond=rcond, hermitian=True)
         direction[use] = inverse @ (difference[use] / scale) / scale
     return direction
+
+
+def hit_weights(
+    target: ArrayLike, distance: ArrayLike, w0: float, beta: ArrayLike = 1.0, label_radius: float = 1.0
+) -> NDArray[np.int64]:
+    """How often each alarm enters the training set: W = max(1, round(W0·β·w)) for hits, 1 for false alarms.
+
+    ``w`` shares a target's weight among its alarms in proportion to ``exp(-d²/r²)``; halves are rounded up.
+
+    Parameters
+    ----------
+    target : (alarm,) array_like of int
+        Number of the target that each alarm hits, -1 for a false alarm.
+    distance : (alarm,) array_like
+        Distance d to that target, m; not read for false alarms.
+    w0 : float
+        W0, number of false alarms per target.
+    beta : float or (alarm,) array_like
+        β: 1 for hits on mines, 0.5 for hits on simulants.
+    label_radius : float
+        r, r_label, the radius within which alarms were labelled hits, m.
+
+    Examples
+    --------
+    A false alarm, two hits of one mine, and one of another:
+
+    >>> from flgpr.detect import hit_weights
+    >>> hit_weights([-1, 0, 0, 1], [9.0, 0.0, 0.5, 1.0], w0=10)
+    array([ 1,  6,  4, 10])
+    """
+    hit_of = np.asarray(target, dtype=np.int64)
+    away = np.asarray(distance, dtype=np.float64)
+    if hit_of.ndim != 1 or away.shape != hit_of.shape:
+        raise ValueError(f"target and distance must have one entry per alarm, got {hit_of.shape} and {away.shape}")
+    factor = np.broadcast_to(np.asarray(beta, dtype=np.float64), hit_of.shape)
+    if not (np.isfinite(w0) and w0 >= 0 and label_radius > 0 and (factor >= 0).all()):
+        raise ValueError(f"w0, beta must not be negative, label_radius positive, got {w0}, {factor}, {label_radius}")
+    weights = np.ones(hit_of.size, np.int64)
+    hit = hit_of >= 0
+    if not hit.any():
+        return weights
+    if not (np.isfinite(away[hit]).all() and (away[hit] >= 0).all()):
+        raise ValueError("distance must be finite and not negative for every hit")
+    _, group = np.unique(hit_of[hit], return_inverse=True)
+    near = np.exp(-((away[hit] / label_radius) ** 2))
+    share = near / np.bincount(group, near)[group]
+    weights[hit] = np.maximum(1, np.floor(w0 * factor[hit] * share + 0.5).astype(np.int64))
+    return weights
+
+
+class HistogramNormalizer(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Give every feature the distribution of a standard normal variable cut off at -1 and +1.
+
+    With the N training values sorted, duplicates counted as often as they occur, the k-th goes to
+    ``b_k = Φ⁻¹(Φ(-1) + (k-1)/(N-1)·(Φ(1) - Φ(-1)))``, so that b_1 = -1 and b_N = +1; equal values share the mean of
+    their b. (The paper's pseudo-code takes the density at the old value instead of the new one and lacks a factor 2.)
+    Between training values the map is linear; beyond them it goes on along the line through the two end pairs.
+    ``knots_`` holds per feature the values a (rising) and the b they go to, (2, n).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flgpr.detect import HistogramNormalizer
+    >>> training = np.array([[1.0], [2.0], [4.0], [100.0]])
+    >>> HistogramNormalizer().fit(training).transform(training).round(2).ravel()  # ranks alone count
+    array([-1.  , -0.29,  0.29,  1.  ])
+    """
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: Any = None,  # noqa: ARG002
+        sample_weight: ArrayLike | None = None,
+    ) -> HistogramNormalizer:
+        """Learn the map from values (sample, feature); whole-numbered weights say how often each counts."""
+        values: FloatArray = validate_data(self, X, dtype=np.float64)
+        weight = _check_sample_weight(sample_weight, values, dtype=np.float64, ensure_non_negative=True)
+        if (weight != np.rint(weight)).any():
+            raise ValueError("sample_weight must hold whole numbers: how often each sample counts")
+        if not weight.any():
+            raise ValueError("sample_weight must not be zero for all samples")
+        self.knots_ = [_knots(column, weight) for column in values.T]
+        return self
+
+    def transform(self, X: ArrayLike) -> FloatArray:
+        """Apply the map; training values come to lie in [-1, 1]."""
+        check_is_fitted(self)
+        values: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        columns = [_follow(column, knots) for column, knots in zip(values.T, self.knots_, strict=True)]
+        return np.stack(columns, axis=1)
+
+
+def _knots(values: FloatArray, weight: FloatArray) -> FloatArray:
+    a, group = np.unique(values[weight > 0], return_inverse=True)
+    count = np.bincount(group, weight[weight > 0]).astype(np.int64)
+    total = int(count.sum())
+    level = np.arange(total) / max(total - 1, 1) if total > 1 else np.array([0.5])
+    b = ndtri(ndtr(-1.0) + level * (ndtr(1.0) - ndtr(-1.0)))
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    return np.stack([a, np.add.reduceat(b, start) / count])
+
+
+def _follow(values: FloatArray, knots: FloatArray) -> FloatArray:
+    a, b = knots
+    if a.size == 1:
+        return np.full(values.shape, b[0])
+    result = np.interp(values, a, b)
+    for outside, i, j in ((values < a[0], 0, 1), (values > a[-1], -1, -2)):
+        gap = a[i] - a[j]
+        result[outside] = b[i] + (values[outside] - a[i]) * ((b[i] - b[j]) / gap)
+    return result

@@ -1,14 +1,26 @@
-"""The linear-quadratic form that every detector of Cosgrove et al. 2004 is."""
+"""The linear-quadratic form that every detector of Cosgrove et al. 2004 is, on samples and on chips of images."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import validate_data
 
 from flgpr.kernels.correlate import correlate_bank
+
+
+def check_samples(estimator: BaseEstimator, X: Any, reset: bool) -> NDArray[Any]:
+    """Check samples that may be complex, and give them in double precision; a fit resets ``n_features_in_``."""
+    if not np.iscomplexobj(np.asarray(X)):
+        return np.asarray(validate_data(estimator, X, reset=reset, dtype=np.float64))
+    values = np.asarray(X, dtype=np.complex128)
+    real = validate_data(estimator, values.real, reset=reset, dtype=np.float64)
+    imaginary = validate_data(estimator, values.imag, reset=False, dtype=np.float64)
+    return np.asarray(real + 1j * imaginary)
 
 
 @dataclass(frozen=True)
@@ -106,3 +118,41 @@ def _touched(broken: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bo
     touched = np.zeros(broken.shape, dtype=bool)
     touched[v // 2 : v // 2 + count.shape[0], u // 2 : u // 2 + count.shape[1]] = count > 0
     return touched
+
+
+@dataclass(frozen=True)
+class ChipDetector:
+    """Linear-quadratic forms on raw image chips, whitening included; the score is the largest of their values."""
+
+    forms: tuple[LinearQuadraticForm, ...]
+    channels: tuple[str, ...]  #: names of the image channels in the order of the features, such as ("HH", "VV")
+    shape: tuple[int, int]  #: pixels of a chip down-track and cross-track; (28, 1) is the paper's range cut
+    spacing: tuple[float, float]  #: pixel spacing down-track and cross-track, m
+    notes: dict[str, Any] = field(default_factory=dict)  #: how it was trained
+
+    def __post_init__(self) -> None:
+        if not self.forms:
+            raise ValueError("forms must hold at least one form, got none")
+        features = len(self.channels) * self.shape[0] * self.shape[1]
+        if any(form.linear.size != features for form in self.forms):
+            sizes = [form.linear.size for form in self.forms]
+            raise ValueError(f"forms must have {features} features for these channels and chips, got {sizes}")
+        if not all(step > 0 for step in self.spacing):
+            raise ValueError(f"spacing must be positive, got {self.spacing}")
+
+    def likelihood(
+        self, image: NDArray[Any], channels: tuple[str, ...] | None = None, spacing: tuple[float, float] | None = None
+    ) -> NDArray[np.float32]:
+        """Score the chip around every pixel of an image (channel, y, x) (Cosgrove et al. 2004, Sec. IV-B).
+
+        The image's channels and pixel spacing (down-track and cross-track, m) are compared with the detector's when
+        given; others are a ValueError. A chip one pixel wide fits any cross-track spacing. Scores (y, x) are NaN where
+        the chip leaves the image or touches a pixel that is not finite.
+        """
+        if channels is not None and tuple(channels) != self.channels:
+            raise ValueError(f"channels must be {self.channels}, got {tuple(channels)}")
+        axes = [axis for axis in (0, 1) if self.shape[axis] > 1]
+        if spacing is not None and not all(np.isclose(spacing[k], self.spacing[k], rtol=1e-3) for k in axes):
+            raise ValueError(f"spacing must be {self.spacing} m, got {spacing}")
+        maps = [form.likelihood(image, self.shape) for form in self.forms]
+        return maps[0] if len(maps) == 1 else np.asarray(np.max(maps, axis=0))

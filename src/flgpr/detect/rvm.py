@@ -13,8 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from flgpr.detect.kernel_functions import Kernel, evaluate_kernel, resolve_gamma
-from flgpr.detect.rvm_fit import ALGORITHMS, Algorithm, SparseFit, fit_sparse
+from flgpr.detect.rvm_fit import ALGORITHMS, Algorithm, Kernel, SparseFit, evaluate_kernel, fit_sparse, resolve_gamma
 
 FloatArray = NDArray[np.float64]
 PRIORS = ("ard", "laplacian")

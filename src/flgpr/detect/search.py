@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flgpr.detect.fisher import class_moments
-from flgpr.detect.normalizer import HistogramNormalizer
+from flgpr.detect.fisher import HistogramNormalizer, class_moments
 
 FloatArray = NDArray[np.float64]
 Scorer = Callable[[FloatArray], float]

@@ -1,42 +1,24 @@
-from flgpr.features.alarm_features import FEATURES, POLARIMETRIC, FeatureSettings, FeatureSums
-from flgpr.features.contrast import ContrastSums, local_contrast
-from flgpr.features.cuts import clean_pixels, clutter_cuts, cuts_at, quiet_pixels, range_cuts, stack_channels
-from flgpr.features.patch import PatchShape
-from flgpr.features.polarimetry import cameron, entropy_alpha
-from flgpr.features.registration import Registration, register_fiducials
-from flgpr.features.templates import (
-    align_phases,
-    clutter_tiles,
-    cut_regions,
-    max_correlation,
-    mean_template,
-    principal_templates,
-    template_features,
-)
-
-__all__ = [
-    "FEATURES",
-    "POLARIMETRIC",
-    "ContrastSums",
-    "FeatureSettings",
-    "FeatureSums",
-    "PatchShape",
-    "Registration",
-    "align_phases",
-    "cameron",
-    "clean_pixels",
-    "clutter_cuts",
-    "clutter_tiles",
-    "cut_regions",
-    "cuts_at",
-    "entropy_alpha",
-    "local_contrast",
-    "max_correlation",
-    "mean_template",
-    "principal_templates",
-    "quiet_pixels",
-    "range_cuts",
-    "register_fiducials",
-    "stack_channels",
-    "template_features",
-]
+from flgpr.features.alarm_features import FEATURES as FEATURES
+from flgpr.features.alarm_features import POLARIMETRIC as POLARIMETRIC
+from flgpr.features.alarm_features import FeatureSettings as FeatureSettings
+from flgpr.features.alarm_features import FeatureSums as FeatureSums
+from flgpr.features.contrast import ContrastSums as ContrastSums
+from flgpr.features.contrast import local_contrast as local_contrast
+from flgpr.features.cuts import clean_pixels as clean_pixels
+from flgpr.features.cuts import clutter_cuts as clutter_cuts
+from flgpr.features.cuts import cuts_at as cuts_at
+from flgpr.features.cuts import quiet_pixels as quiet_pixels
+from flgpr.features.cuts import range_cuts as range_cuts
+from flgpr.features.cuts import stack_channels as stack_channels
+from flgpr.features.patch import PatchShape as PatchShape
+from flgpr.features.polarimetry import cameron as cameron
+from flgpr.features.polarimetry import entropy_alpha as entropy_alpha
+from flgpr.features.registration import Registration as Registration
+from flgpr.features.registration import register_fiducials as register_fiducials
+from flgpr.features.templates import align_phases as align_phases
+from flgpr.features.templates import clutter_tiles as clutter_tiles
+from flgpr.features.templates import cut_regions as cut_regions
+from flgpr.features.templates import max_correlation as max_correlation
+from flgpr.features.templates import mean_template as mean_template
+from flgpr.features.templates import principal_templates as principal_templates
+from flgpr.features.templates import template_features as template_features

@@ -1,133 +1,79 @@
-from flgpr.io.anchor import Anchor, fit_anchor, own_anchor, read_anchor
-from flgpr.io.arrays import ArrayFile, ArrayInfo, open_arrays
-from flgpr.io.backdrop import map_backdrop
-from flgpr.io.bundle import Bundle, BundleError, write_bundle
-from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.declared import MAX_MEMORY
-from flgpr.io.explain import Explanation, explain_file, propose_mapping
-from flgpr.io.extras import MissingExtraError
-from flgpr.io.files import canonical_json, check_free_folder, laid_over, replace_folder, sha256, write_whole
-from flgpr.io.fullwave import FullwaveLane, import_fullwave
-from flgpr.io.georeferenced import (
-    georeference,
-    write_earth_csv,
-    write_earth_geojson,
-    write_geopackage,
-    write_geotiff,
-    write_gpx,
-    write_kml,
-)
-from flgpr.io.gpr_files import GprSection, read_gpr
-from flgpr.io.gpr_import import gpr_run
-from flgpr.io.gprmax import GprmaxOutput, GprmaxRun, read_gprmax
-from flgpr.io.mapped import Imported, import_mapped, impulse_to_frequency
-from flgpr.io.run_store import RunStoreError, RunWriter, open_run, read_manifest, save_run
-from flgpr.io.sample import sample_lane
-from flgpr.io.scan_file import (
-    RunDescription,
-    Scan,
-    ScanFileError,
-    as_run,
-    decode_frame,
-    describe_for_live,
-    encode_frame,
-    encode_scan,
-    parse_description,
-    read_description,
-    scan_of,
-    write_description,
-)
-from flgpr.io.sealed import inside, read_limited, seal, unseal
-from flgpr.io.tables import lane_text, read_lane, read_table, write_geojson, write_table
-from flgpr.io.tracks import read_nmea, read_survey, read_track
-from flgpr.io.verdicts import (
-    MOST_VERDICT_BYTES,
-    VERDICTS,
-    check_verdicts,
-    parse_verdicts,
-    read_verdicts,
-    verdict_bytes,
-    verdict_key,
-)
-
-__all__ = [
-    "MAX_MEMORY",
-    "MOST_VERDICT_BYTES",
-    "VERDICTS",
-    "Anchor",
-    "ArrayFile",
-    "ArrayInfo",
-    "Bundle",
-    "BundleError",
-    "Explanation",
-    "FullwaveLane",
-    "GprSection",
-    "GprmaxOutput",
-    "GprmaxRun",
-    "Imported",
-    "MissingExtraError",
-    "RunDescription",
-    "RunStoreError",
-    "RunWriter",
-    "Scan",
-    "ScanFileError",
-    "as_run",
-    "canonical_json",
-    "check_free_folder",
-    "check_verdicts",
-    "decode_frame",
-    "describe_for_live",
-    "encode_frame",
-    "encode_scan",
-    "explain_file",
-    "fit_anchor",
-    "georeference",
-    "gpr_run",
-    "import_fullwave",
-    "import_mapped",
-    "impulse_to_frequency",
-    "inside",
-    "laid_over",
-    "lane_text",
-    "map_backdrop",
-    "open_arrays",
-    "open_run",
-    "own_anchor",
-    "parse_description",
-    "parse_verdicts",
-    "propose_mapping",
-    "read_anchor",
-    "read_cphd",
-    "read_description",
-    "read_gpr",
-    "read_gprmax",
-    "read_lane",
-    "read_limited",
-    "read_manifest",
-    "read_nmea",
-    "read_survey",
-    "read_table",
-    "read_track",
-    "read_verdicts",
-    "replace_folder",
-    "sample_lane",
-    "save_run",
-    "scan_of",
-    "seal",
-    "sha256",
-    "unseal",
-    "verdict_bytes",
-    "verdict_key",
-    "write_bundle",
-    "write_cphd",
-    "write_description",
-    "write_earth_csv",
-    "write_earth_geojson",
-    "write_geojson",
-    "write_geopackage",
-    "write_geotiff",
-    "write_gpx",
-    "write_kml",
-    "write_table",
-    "write_whole",
-]
+from flgpr.io.anchor import Anchor as Anchor
+from flgpr.io.anchor import fit_anchor as fit_anchor
+from flgpr.io.anchor import own_anchor as own_anchor
+from flgpr.io.anchor import read_anchor as read_anchor
+from flgpr.io.arrays import ArrayFile as ArrayFile
+from flgpr.io.arrays import ArrayInfo as ArrayInfo
+from flgpr.io.arrays import open_arrays as open_arrays
+from flgpr.io.backdrop import map_backdrop as map_backdrop
+from flgpr.io.bundle import Bundle as Bundle
+from flgpr.io.bundle import BundleError as BundleError
+from flgpr.io.bundle import write_bundle as write_bundle
+from flgpr.io.cphd import read_cphd as read_cphd
+from flgpr.io.cphd import write_cphd as write_cphd
+from flgpr.io.declared import MAX_MEMORY as MAX_MEMORY
+from flgpr.io.explain import Explanation as Explanation
+from flgpr.io.explain import explain_file as explain_file
+from flgpr.io.explain import propose_mapping as propose_mapping
+from flgpr.io.extras import MissingExtraError as MissingExtraError
+from flgpr.io.files import canonical_json as canonical_json
+from flgpr.io.files import check_free_folder as check_free_folder
+from flgpr.io.files import inside as inside
+from flgpr.io.files import laid_over as laid_over
+from flgpr.io.files import read_limited as read_limited
+from flgpr.io.files import replace_folder as replace_folder
+from flgpr.io.files import seal as seal
+from flgpr.io.files import sha256 as sha256
+from flgpr.io.files import unseal as unseal
+from flgpr.io.files import write_whole as write_whole
+from flgpr.io.fullwave import FullwaveLane as FullwaveLane
+from flgpr.io.fullwave import import_fullwave as import_fullwave
+from flgpr.io.georeferenced import georeference as georeference
+from flgpr.io.georeferenced import write_earth_csv as write_earth_csv
+from flgpr.io.georeferenced import write_earth_geojson as write_earth_geojson
+from flgpr.io.georeferenced import write_geopackage as write_geopackage
+from flgpr.io.georeferenced import write_geotiff as write_geotiff
+from flgpr.io.georeferenced import write_gpx as write_gpx
+from flgpr.io.georeferenced import write_kml as write_kml
+from flgpr.io.gpr_files import GprSection as GprSection
+from flgpr.io.gpr_files import read_gpr as read_gpr
+from flgpr.io.gpr_import import gpr_run as gpr_run
+from flgpr.io.gprmax import GprmaxOutput as GprmaxOutput
+from flgpr.io.gprmax import GprmaxRun as GprmaxRun
+from flgpr.io.gprmax import read_gprmax as read_gprmax
+from flgpr.io.mapped import Imported as Imported
+from flgpr.io.mapped import import_mapped as import_mapped
+from flgpr.io.mapped import impulse_to_frequency as impulse_to_frequency
+from flgpr.io.run_store import RunStoreError as RunStoreError
+from flgpr.io.run_store import RunWriter as RunWriter
+from flgpr.io.run_store import open_run as open_run
+from flgpr.io.run_store import read_manifest as read_manifest
+from flgpr.io.run_store import save_run as save_run
+from flgpr.io.sample import sample_lane as sample_lane
+from flgpr.io.scan_file import RunDescription as RunDescription
+from flgpr.io.scan_file import Scan as Scan
+from flgpr.io.scan_file import ScanFileError as ScanFileError
+from flgpr.io.scan_file import as_run as as_run
+from flgpr.io.scan_file import decode_frame as decode_frame
+from flgpr.io.scan_file import describe_for_live as describe_for_live
+from flgpr.io.scan_file import encode_frame as encode_frame
+from flgpr.io.scan_file import encode_scan as encode_scan
+from flgpr.io.scan_file import parse_description as parse_description
+from flgpr.io.scan_file import read_description as read_description
+from flgpr.io.scan_file import scan_of as scan_of
+from flgpr.io.scan_file import write_description as write_description
+from flgpr.io.tables import lane_text as lane_text
+from flgpr.io.tables import read_lane as read_lane
+from flgpr.io.tables import read_table as read_table
+from flgpr.io.tables import write_geojson as write_geojson
+from flgpr.io.tables import write_table as write_table
+from flgpr.io.tracks import read_nmea as read_nmea
+from flgpr.io.tracks import read_survey as read_survey
+from flgpr.io.tracks import read_track as read_track
+from flgpr.io.verdicts import MOST_VERDICT_BYTES as MOST_VERDICT_BYTES
+from flgpr.io.verdicts import VERDICTS as VERDICTS
+from flgpr.io.verdicts import check_verdicts as check_verdicts
+from flgpr.io.verdicts import parse_verdicts as parse_verdicts
+from flgpr.io.verdicts import read_verdicts as read_verdicts
+from flgpr.io.verdicts import verdict_bytes as verdict_bytes
+from flgpr.io.verdicts import verdict_key as verdict_key

@@ -23,7 +23,7 @@ from flgpr.io.extras import MissingExtraError, optional
 from flgpr.io.files import check_expansion, existing
 from flgpr.io.motive import is_motive, read_motive
 from flgpr.io.recording import Recording
-from flgpr.io.textarrays import read_text_table
+from flgpr.io.tables import read_text_table
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""

@@ -41,11 +41,7 @@ class Layout(NamedTuple):
 def check_declared(
     files: Mapping[str, Mapping[str, Any]], read: Callable[[str], bytes | None], max_memory: int = MAX_MEMORY
 ) -> dict[str, Layout]:
-    """Check what a store declares against what was committed and the memory there is; give the arrays' layouts.
-
-    ``files`` are the commit manifest's; ``read`` gives the verified content of a key. Errors name array, rule and
-    value.
-    """
+    """Check what a store declares against the committed ``files`` and the memory there is; give the arrays' layouts."""
     _description(files, read, "zarr.json", "group")
     layouts: dict[str, Layout] = {}
     sizes = {"axis": 3, "component": 6}

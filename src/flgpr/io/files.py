@@ -1,4 +1,4 @@
-"""Writing files so that they are whole or absent, and the digests that prove it."""
+"""Writing files so that they are whole or absent, the digests that prove it, and JSON that carries its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 _MOST_EXPANSION, _SMALL = 200, 64 * 2**20
@@ -125,3 +125,53 @@ def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, A
         nested = isinstance(entry, dict) and isinstance(tables.get(name), dict)
         both[name] = laid_over(tables[name], entry) if nested else entry
     return {**tables, **both}
+
+
+MOST_BYTES = 256 * 2**20
+"""Largest sealed file that is read."""
+
+
+def seal(content: Mapping[str, Any]) -> bytes:
+    """Write a JSON object with its own SHA-256 as last entry; NaN, infinity or an entry ``sha256`` is a ValueError."""
+    if "sha256" in content:
+        raise ValueError("content must not hold the entry sha256, which is added")
+    whole = {**content, "sha256": sha256(canonical_json(content))}
+    return json.dumps(whole, indent=1, allow_nan=False).encode() + b"\n"
+
+
+def unseal(data: bytes) -> dict[str, Any]:
+    """Read what :func:`seal` wrote, with ``sha256``; a byte that differs is a ValueError."""
+    try:
+        whole = json.loads(data)
+        content = {name: value for name, value in whole.items() if name != "sha256"}
+        same = seal(content) == data
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise ValueError(f"it cannot be read ({error})") from None
+    if not same:
+        raise ValueError("it differs from what was written")
+    return dict(whole)
+
+
+def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Read a file of at most so many bytes; a larger one is a ValueError."""
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(min(size, most) + 1)  # a buffer of this size is made at once
+    if len(data) > most:
+        raise ValueError(f"{path}: it must hold at most {most / 2**20:g} MiB, got more")
+    return data
+
+
+def inside(root: Path, name: str) -> Path:
+    """Find a file of a folder by a relative name with forward slashes; one that leads out of it is a ValueError."""
+    pure = PurePosixPath(name)
+    if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:
+        raise ValueError(f"{root}: names must be relative and stay inside, got {name!r}")
+    path = root / pure
+    try:
+        real = path.resolve()
+    except (OSError, RuntimeError):
+        raise ValueError(f"{root}: {name} is a symbolic link that leads nowhere") from None
+    if not real.is_relative_to(root.resolve()):
+        raise ValueError(f"{root}: {name} leads out of the folder, to {real}")
+    return path

@@ -145,7 +145,7 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
 
 
-def write_outline(lane: Lane, path: str | Path, anchor: Anchor, layer: str = "lane") -> None:
+def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
     """Write the outline of a lane as a GeoPackage of one polygon, WGS 84; whole or absent (geopandas, pyogrio)."""
     geopandas = optional("geopandas", "gis")
     optional("pyogrio", "gis")
@@ -153,7 +153,7 @@ def write_outline(lane: Lane, path: str | Path, anchor: Anchor, layer: str = "la
     told = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
     frame = geopandas.GeoDataFrame(told, geometry=[polygon], crs="EPSG:4326")
     with partial_of(Path(path)) as partial:
-        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+        frame.to_file(partial, layer="lane", driver="GPKG", engine="pyogrio")
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
@@ -162,19 +162,17 @@ def corners(lane: Lane) -> NDArray[np.float64]:
     return np.array([[x[i], y[k], 0.0] for i, k in ((0, 0), (1, 0), (1, 1), (0, 1))])
 
 
-def write_geotiff(
-    view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
-) -> float:
+def write_geotiff(view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str) -> float:
     """Write a run-view (..., y, x) as GeoTIFF: one band of magnitudes per polarization and sub-band.
 
     The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled; what is given back is the
-    largest misfit of that, m, for a map is not quite a turned lane. ``processing_id`` is kept as a tag, ``crs`` is a
-    projected reference system, by default the UTM zone. The file is whole or absent. It needs rasterio
-    (MissingExtraError), and a view of at least two pixels both ways.
+    largest misfit of that, m, for a map is not quite a turned lane. It is in the UTM zone;
+    ``processing_id`` is kept as a tag. The file is whole or absent. It needs rasterio (MissingExtraError), and a view
+    of at least two pixels both ways.
     """
     rasterio = optional("rasterio", "gis")
     x, y = _axis(view, "x"), _axis(view, "y")
-    crs = crs or anchor.utm()
+    crs = anchor.utm()
     bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
     transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
     names = ["run-view"] * len(bands)

@@ -41,11 +41,7 @@ class OtherRunError(JournalError):
 
 
 class Journal:
-    """The journal in a folder, held by one process at a time.
-
-    ``about`` says in JSON values what is being written: a later process must bring the same, or not resume and empty
-    it.
-    """
+    """The journal in a folder, held by one process; a later one must bring the same ``about``, or empty it."""
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
         self.path = folder / JOURNAL

@@ -23,9 +23,8 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
-from flgpr.io.files import canonical_json, replace_folder, sha256, sync_file, write_whole
+from flgpr.io.files import canonical_json, inside, read_limited, replace_folder, sha256, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
-from flgpr.io.sealed import inside, read_limited
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 
 FORMAT, VERSION = "flgpr-run", 1

@@ -18,7 +18,7 @@ from flgpr.io.extras import optional
 from flgpr.io.files import existing, faults_of
 from flgpr.io.mapping import factor
 from flgpr.io.motive import is_motive
-from flgpr.io.textarrays import read_text_table
+from flgpr.io.tables import read_text_table
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 
 _DAY = 86400.0

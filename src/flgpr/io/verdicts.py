@@ -6,8 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flgpr.io.files import existing
-from flgpr.io.sealed import read_limited
+from flgpr.io.files import existing, read_limited
 
 VERDICTS = ("mine", "unsure", "clutter")
 VERDICTS_FORMAT, VERDICTS_VERSION = "flgpr-notes", 1

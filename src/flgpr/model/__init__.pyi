@@ -1,72 +1,38 @@
-from flgpr.model.aperture import antennas_in_lane, aperture_pose, aperture_run, as_aperture, way_weights
-from flgpr.model.constants import AXES, POLARIZATIONS, POSE_COMPONENTS, SPEED_OF_LIGHT
-from flgpr.model.frames import (
-    Grid,
-    attitude_matrix,
-    ground_points,
-    heading_matrix,
-    lane_to_scan,
-    scan_to_lane,
-    vehicle_to_lane,
-    vehicle_to_scan,
-)
-from flgpr.model.lane import Lane, as_lane
-from flgpr.model.run import (
-    check_frequency,
-    check_run,
-    check_shared_poses,
-    complete_scans,
-    make_run,
-)
-from flgpr.model.sensor import Antenna, Sensor, SystemErrors, Tones, load_sensor, sensor_presets
-from flgpr.model.tables import (
-    ALARM_COLUMNS,
-    OBJECT_COLUMNS,
-    TRUTH_COLUMNS,
-    Column,
-    check_alarms,
-    check_objects,
-    check_truth,
-    empty_table,
-)
-
-__all__ = [
-    "ALARM_COLUMNS",
-    "AXES",
-    "OBJECT_COLUMNS",
-    "POLARIZATIONS",
-    "POSE_COMPONENTS",
-    "SPEED_OF_LIGHT",
-    "TRUTH_COLUMNS",
-    "Antenna",
-    "Column",
-    "Grid",
-    "Lane",
-    "Sensor",
-    "SystemErrors",
-    "Tones",
-    "antennas_in_lane",
-    "aperture_pose",
-    "aperture_run",
-    "as_aperture",
-    "as_lane",
-    "attitude_matrix",
-    "check_alarms",
-    "check_frequency",
-    "check_objects",
-    "check_run",
-    "check_shared_poses",
-    "check_truth",
-    "complete_scans",
-    "empty_table",
-    "ground_points",
-    "heading_matrix",
-    "lane_to_scan",
-    "load_sensor",
-    "make_run",
-    "scan_to_lane",
-    "sensor_presets",
-    "vehicle_to_lane",
-    "vehicle_to_scan",
-    "way_weights",
-]
+from flgpr.model.aperture import antennas_in_lane as antennas_in_lane
+from flgpr.model.aperture import aperture_pose as aperture_pose
+from flgpr.model.aperture import aperture_run as aperture_run
+from flgpr.model.aperture import as_aperture as as_aperture
+from flgpr.model.aperture import way_weights as way_weights
+from flgpr.model.constants import AXES as AXES
+from flgpr.model.constants import POLARIZATIONS as POLARIZATIONS
+from flgpr.model.constants import POSE_COMPONENTS as POSE_COMPONENTS
+from flgpr.model.constants import SPEED_OF_LIGHT as SPEED_OF_LIGHT
+from flgpr.model.frames import Grid as Grid
+from flgpr.model.frames import attitude_matrix as attitude_matrix
+from flgpr.model.frames import ground_points as ground_points
+from flgpr.model.frames import heading_matrix as heading_matrix
+from flgpr.model.frames import lane_to_scan as lane_to_scan
+from flgpr.model.frames import scan_to_lane as scan_to_lane
+from flgpr.model.frames import vehicle_to_lane as vehicle_to_lane
+from flgpr.model.frames import vehicle_to_scan as vehicle_to_scan
+from flgpr.model.lane import Lane as Lane
+from flgpr.model.lane import as_lane as as_lane
+from flgpr.model.run import check_frequency as check_frequency
+from flgpr.model.run import check_run as check_run
+from flgpr.model.run import check_shared_poses as check_shared_poses
+from flgpr.model.run import complete_scans as complete_scans
+from flgpr.model.run import make_run as make_run
+from flgpr.model.sensor import Antenna as Antenna
+from flgpr.model.sensor import Sensor as Sensor
+from flgpr.model.sensor import SystemErrors as SystemErrors
+from flgpr.model.sensor import Tones as Tones
+from flgpr.model.sensor import load_sensor as load_sensor
+from flgpr.model.sensor import sensor_presets as sensor_presets
+from flgpr.model.tables import ALARM_COLUMNS as ALARM_COLUMNS
+from flgpr.model.tables import OBJECT_COLUMNS as OBJECT_COLUMNS
+from flgpr.model.tables import TRUTH_COLUMNS as TRUTH_COLUMNS
+from flgpr.model.tables import Column as Column
+from flgpr.model.tables import check_alarms as check_alarms
+from flgpr.model.tables import check_objects as check_objects
+from flgpr.model.tables import check_truth as check_truth
+from flgpr.model.tables import empty_table as empty_table

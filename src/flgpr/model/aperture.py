@@ -56,6 +56,21 @@ def aperture_pose(run: xr.Dataset) -> FloatArray:
     return np.array([*np.average(pose[:, :3], axis=0, weights=weights), heading, 0.0, 0.0])
 
 
+def synthetic_aperture(run: xr.Dataset) -> tuple[NDArray[Any], FloatArray, FloatArray]:
+    """Take all complete scans of a run as one aperture: field (polarization, scan·pair, frequency) and antennas, m.
+
+    The antennas' places (scan·pair, 3), transmitting and receiving, are in the lane frame. Each scan is weighted by the
+    way it stands for (half the distance to its neighbours; the mean is one), so that a vehicle that stands still for a
+    while is not counted for every scan. A run without a complete scan is a ValueError.
+    """
+    check_run(run)
+    scans = np.flatnonzero(complete_scans(run))
+    if not scans.size:
+        raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
+    pose = run["pose"].values[scans]
+    return as_aperture(run.isel(scan=scans), way_weights(pose[:, :3]))
+
+
 def aperture_run(run: xr.Dataset) -> xr.Dataset:
     """Take a run as a single scan, of an array that is all places at which its antennas were in complete scans.
 
@@ -64,11 +79,11 @@ def aperture_run(run: xr.Dataset) -> xr.Dataset:
     without a complete scan, is a ValueError.
     """
     check_run(run)
-    scans, pose = np.flatnonzero(complete_scans(run)), aperture_pose(run)
-    size = run["signal"].dtype.itemsize * run["signal"].size * scans.size // run.sizes["scan"]
+    scans, pose = complete_scans(run), aperture_pose(run)
+    size = run["signal"].dtype.itemsize * run["signal"].size * int(scans.sum()) // run.sizes["scan"]
     if size > _LARGEST:
         raise ValueError(f"run must have at most {_LARGEST / 1e9:g} GB to be one aperture, got {size / 1e9:.3g} GB")
-    field, tx, rx = as_aperture(run.isel(scan=scans), way_weights(run["pose"].values[scans, :3]))
+    field, tx, rx = synthetic_aperture(run)
     tx, rx = (lane_to_scan(ends, pose) - [0.0, 0.0, pose[2]] for ends in (tx, rx))
     time = [run["time"].values[scans].mean()]
     return make_run(

@@ -1,18 +1,10 @@
-from flgpr.report.design_page import design_report
-from flgpr.report.figures import geometry_figure
-from flgpr.report.kit import figure_png, render
-from flgpr.report.score_page import report_html, score_files, write_score_report
-from flgpr.report.trial_pages import blind_html, comparison_html, sheet_html
-
-__all__ = [
-    "blind_html",
-    "comparison_html",
-    "design_report",
-    "figure_png",
-    "geometry_figure",
-    "render",
-    "report_html",
-    "score_files",
-    "sheet_html",
-    "write_score_report",
-]
+from flgpr.report.design_page import design_report as design_report
+from flgpr.report.figures import geometry_figure as geometry_figure
+from flgpr.report.kit import figure_png as figure_png
+from flgpr.report.kit import render as render
+from flgpr.report.score_page import report_html as report_html
+from flgpr.report.score_page import score_files as score_files
+from flgpr.report.score_page import write_score_report as write_score_report
+from flgpr.report.trial_pages import blind_html as blind_html
+from flgpr.report.trial_pages import comparison_html as comparison_html
+from flgpr.report.trial_pages import sheet_html as sheet_html

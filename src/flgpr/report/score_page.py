@@ -19,7 +19,7 @@ from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, figure_bytes, patch_figure, roc_figure, score
 
 if TYPE_CHECKING:
-    from flgpr.scoring.checks import LaneLike
+    from flgpr.scoring.matching import LaneLike
 
 _MOST = 500  # so many rows of alarms and of a curve are shown
 _FORMATS = ("png", "pdf")

@@ -1,10 +1,12 @@
-"""Scoring a result against truth, the only place of a result's making that sees it, and the file of a score."""
+"""Scoring a result against truth, the only place of a result's making that sees it, and the files of a score."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
+from flgpr.io import canonical_json, sha256
 from flgpr.results.result import Result
 from flgpr.results.view_files import plain_json
-from flgpr.scoring import BlindScore, Rules, Score, SideBySide, refraction_shift, score
+from flgpr.scoring import BlindScore, Rules, Score, SideBySide, operating_row, pd_mean, refraction_shift, roc_of, score
 
 ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
 COMPARISON_FORMAT = "flgpr-comparison"
+_SHARED = ("far", "n_false", "far_low", "far_high")  # alike for all subsets of the targets (rules 5 and 6)
+_OWN = ("pd", "n_detected", "pd_low", "pd_high", "chance")
+_MOST_DEPTHS = 6
+VIEW_SCORE = "view/score.json"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
@@ -68,3 +75,119 @@ def _roc_json(rules: Mapping[str, Any], notes: Mapping[str, Any], detections: Ma
     head = {"format": ROC_FORMAT, "version": ROC_VERSION, "flgpr": flgpr.__version__}
     content = plain_json({**head, "rules": rules, "notes": notes, "detections": detections})
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+SCORE_FORMAT, SCORE_VERSION = "flgpr-view-score", 1
+
+
+def view_score(result: Result, scored: Sequence[Score], objects: pd.DataFrame | None = None) -> bytes:
+    """Make ``view/score.json``, which names the result it belongs to and its own digest."""
+    truth = scored[0].matched.truth
+    classes = depth_classes(truth)
+    content = plain_json(
+        {
+            "result_sha256": result.manifest["identity"],
+            "halo": scored[0].rules.halo,
+            "truth": _columns(truth),
+            "objects": None if objects is None else _columns(objects),
+            "kinds": sorted({str(kind) for kind in truth["kind"]}),
+            "depths": [label for label, _ in classes],
+            "target_depth": depth_labels(truth, classes),
+            "detections": {one.name: _scored(one, classes) for one in scored},
+        }
+    )
+    body = canonical_json(content)
+    head = {"format": SCORE_FORMAT, "version": SCORE_VERSION, "sha256": sha256(body)}
+    return canonical_json(head)[:-1] + b',"content":' + body + b"}\n"
+
+
+def read_scored_truth(result: Result, folder: Path | None = None) -> tuple[pd.DataFrame, pd.DataFrame | None] | None:
+    """Read truth and objects that a result, or a score's ``folder``, was scored with; None where it was not scored.
+
+    A file that is altered or another result's is a ValueError.
+    """
+    path = (result.folder if folder is None else folder) / VIEW_SCORE
+    if not path.is_file():
+        return None
+    try:
+        stored = json.loads(path.read_bytes())
+        content = stored["content"]
+        if sha256(canonical_json(content)) != stored["sha256"]:
+            raise ValueError("it differs from what was written")
+        if content["result_sha256"] != result.manifest["identity"]:
+            raise ValueError("it belongs to another result")
+        objects = content["objects"]
+        return pd.DataFrame(content["truth"]), None if objects is None else pd.DataFrame(objects)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: {error}; run flgpr score again") from None
+
+
+def depth_classes(truth: pd.DataFrame) -> list[tuple[str, tuple[float, float]]]:
+    """Divide targets by depth (least and largest, m): each depth for itself while they are few, else four quarters."""
+    depths = np.unique(truth["depth"].dropna().to_numpy(dtype=np.float64).round(4))
+    if len(depths) <= _MOST_DEPTHS:
+        return [(f"{_centimetres(depth)} cm", (depth - 5e-5, depth + 5e-5)) for depth in depths]
+    edges = np.quantile(depths, [0.25, 0.5, 0.75, 1.0], method="lower")
+    lows = [float(depths[0]), *(float(depths[depths > edge][0]) for edge in edges[:-1])]
+    return [
+        (f"{_centimetres(low)} to {_centimetres(high)} cm", (low - 5e-5, float(high) + 5e-5))
+        for low, high in zip(lows, edges, strict=True)
+    ]
+
+
+def depth_labels(truth: pd.DataFrame, classes: list[tuple[str, tuple[float, float]]]) -> list[str | None]:
+    """Name each target's depth class; None where the depth is unknown."""
+    return [
+        next((label for label, (low, high) in classes if low <= depth <= high), None)
+        for depth in truth["depth"].to_numpy(dtype=np.float64)
+    ]
+
+
+def _centimetres(depth: float) -> str:
+    return f"{100 * depth:.3g}"
+
+
+def _scored(one: Score, classes: list[tuple[str, tuple[float, float]]]) -> Mapping[str, Any]:
+    truth = one.matched.truth
+    kinds: list[str | None] = [None, *sorted({str(kind) for kind in truth["kind"]})]
+    depths: list[str | None] = [None, *(label for label, _ in classes)]
+    of_target = np.array([label or "" for label in depth_labels(truth, classes)], dtype=object)
+    curves = []
+    for kind, depth in product(kinds, depths):
+        chosen = np.ones(len(truth), dtype=bool)
+        if kind is not None:
+            chosen &= (truth["kind"].astype(str) == kind).to_numpy()
+        if depth is not None:
+            chosen &= of_target == depth
+        if chosen.any() or not len(truth):
+            curves.append({"kind": kind, "depth": depth, **_curve(one, chosen)})
+    return {
+        "label": one.labels["label"].tolist(),
+        "target": one.labels["target"].tolist(),
+        "distance": one.labels["distance"].tolist(),
+        "outcomes": _columns(one.outcomes),
+        "shared": _shared(one),
+        "curves": curves,
+    }
+
+
+def _shared(one: Score) -> dict[str, Any]:
+    attrs = {"area": float(one.curve.iloc[-1]["area"]), "level": one.curve.attrs["level"]}
+    point: dict[str, Any] = {"row": int(operating_row(one.curve, one.far)), "few_halos": one.few_halos}
+    point |= {"far_asked": one.rules.far, "far_allowed": one.far}
+    return {**attrs, "point": point, "threshold": one.curve["threshold"].tolist(), **_rounded(one.curve, _SHARED)}
+
+
+def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+    subset = chosen if len(chosen) else None
+    curve = one.chance.beside(roc_of(one.matched, subset, area=one.rules.area, level=one.rules.level), subset)
+    mean = pd_mean(curve) if len(chosen) else None
+    return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
+
+
+def _rounded(curve: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[float]]:
+    return {name: [float(f"{value:.5g}") for value in curve[name]] for name in names}
+
+
+def _columns(table: pd.DataFrame) -> dict[str, list[Any]]:
+    return {str(name): table[name].tolist() for name in table.columns}

@@ -36,10 +36,7 @@ def write_view(
     recipe: Recipe,
     border: float | None = None,
 ) -> None:
-    """Write the viewer's files to ``folder/view``, the main detection first; all run-views must share one grid.
-
-    ``border`` is the confidence from which a detector that has learnt decides for a mine.
-    """
+    """Write the viewer's files to ``folder/view``, main one first; ``border`` is where a learnt detector decides."""
     home = folder / "view"
     (home / "layers").mkdir(parents=True)
     (home / "evidence").mkdir()
@@ -86,10 +83,7 @@ def _stages(recipe: Recipe) -> dict[str, str]:
 
 
 def pyramid(level: NDArray[np.float16]) -> Iterable[NDArray[np.float16]]:
-    """Yield a run-view at every level, each with half the rows of the one before, until one tile holds it.
-
-    Two rows become their maximum, so that a bright spot stays visible from afar; cross-track keeps its pixels.
-    """
+    """Yield a run-view at every level down to one tile, each with half the rows before: two become their maximum."""
     yield level
     while len(level) > TILE_ROWS:
         if len(level) % 2:

@@ -1,118 +1,72 @@
-from flgpr.scoring.analysts import Agreement, agreement
-from flgpr.scoring.area import union_area
-from flgpr.scoring.assignment import assign, label_alarms
-from flgpr.scoring.blind import PASSPHRASE_RULE, BlindScore, Registration, open_truth, score_blind, seal_truth
-from flgpr.scoring.bootstrap import band, pd_mean_interval
-from flgpr.scoring.boxes import box_peaks, box_roc, offset_boxes, peak_roc
-from flgpr.scoring.breakdown import decision_curves, decision_table, pd_table
-from flgpr.scoring.chance_level import Chance, chance, random_pd
-from flgpr.scoring.checks import as_lanes
-from flgpr.scoring.comparison import (
-    Comparison,
-    SideBySide,
-    compare,
-    mcnemar_test,
-    paired_interval,
-    side_by_side,
-    sign_flip_test,
-)
-from flgpr.scoring.curve import (
-    CONVENTIONS,
-    CURVE_COLUMNS,
-    Convention,
-    operating_row,
-    pd_at,
-    pd_mean,
-    with_area,
-)
-from flgpr.scoring.examples import example_roc
-from flgpr.scoring.figures import decision_figure, figure_bytes, patch_figure, roc_figure
-from flgpr.scoring.intervals import clopper_pearson, poisson_interval
-from flgpr.scoring.lane_roc import accumulated_area, far_area, roc, roc_of
-from flgpr.scoring.lane_score import Rules, Score, score
-from flgpr.scoring.lane_splits import HEADLINE, Split, cross_site, paper_splits, splits
-from flgpr.scoring.ledger import alarm_hash, content_hash, read_register, register, require_registered, require_truth
-from flgpr.scoring.matching import Match, match, select_targets
-from flgpr.scoring.planning import SamplePlan, area_needed, emplacement_plan, mines_needed, sample_size
-from flgpr.scoring.refraction import Refraction, refraction_shift
-from flgpr.scoring.survey import SurveyShare, jitter, offset_within, survey_share
-
-__all__ = [
-    "CONVENTIONS",
-    "CURVE_COLUMNS",
-    "HEADLINE",
-    "PASSPHRASE_RULE",
-    "Agreement",
-    "BlindScore",
-    "Chance",
-    "Comparison",
-    "Convention",
-    "Match",
-    "Refraction",
-    "Registration",
-    "Rules",
-    "SamplePlan",
-    "Score",
-    "SideBySide",
-    "Split",
-    "SurveyShare",
-    "accumulated_area",
-    "agreement",
-    "alarm_hash",
-    "area_needed",
-    "as_lanes",
-    "assign",
-    "band",
-    "box_peaks",
-    "box_roc",
-    "chance",
-    "clopper_pearson",
-    "compare",
-    "content_hash",
-    "cross_site",
-    "decision_curves",
-    "decision_figure",
-    "decision_table",
-    "emplacement_plan",
-    "example_roc",
-    "far_area",
-    "figure_bytes",
-    "jitter",
-    "label_alarms",
-    "match",
-    "mcnemar_test",
-    "mines_needed",
-    "offset_boxes",
-    "offset_within",
-    "open_truth",
-    "operating_row",
-    "paired_interval",
-    "paper_splits",
-    "patch_figure",
-    "pd_at",
-    "pd_mean",
-    "pd_mean_interval",
-    "pd_table",
-    "peak_roc",
-    "poisson_interval",
-    "random_pd",
-    "read_register",
-    "refraction_shift",
-    "register",
-    "require_registered",
-    "require_truth",
-    "roc",
-    "roc_figure",
-    "roc_of",
-    "sample_size",
-    "score",
-    "score_blind",
-    "seal_truth",
-    "select_targets",
-    "side_by_side",
-    "sign_flip_test",
-    "splits",
-    "survey_share",
-    "union_area",
-    "with_area",
-]
+from flgpr.scoring.area import union_area as union_area
+from flgpr.scoring.blind import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.scoring.blind import BlindScore as BlindScore
+from flgpr.scoring.blind import Registration as Registration
+from flgpr.scoring.blind import open_truth as open_truth
+from flgpr.scoring.blind import score_blind as score_blind
+from flgpr.scoring.blind import seal_truth as seal_truth
+from flgpr.scoring.bootstrap import band as band
+from flgpr.scoring.bootstrap import pd_mean_interval as pd_mean_interval
+from flgpr.scoring.boxes import box_peaks as box_peaks
+from flgpr.scoring.boxes import box_roc as box_roc
+from flgpr.scoring.boxes import example_roc as example_roc
+from flgpr.scoring.boxes import offset_boxes as offset_boxes
+from flgpr.scoring.boxes import peak_roc as peak_roc
+from flgpr.scoring.breakdown import decision_curves as decision_curves
+from flgpr.scoring.breakdown import decision_table as decision_table
+from flgpr.scoring.breakdown import pd_table as pd_table
+from flgpr.scoring.chance_level import Chance as Chance
+from flgpr.scoring.chance_level import chance as chance
+from flgpr.scoring.chance_level import random_pd as random_pd
+from flgpr.scoring.comparison import Agreement as Agreement
+from flgpr.scoring.comparison import Comparison as Comparison
+from flgpr.scoring.comparison import SideBySide as SideBySide
+from flgpr.scoring.comparison import agreement as agreement
+from flgpr.scoring.comparison import compare as compare
+from flgpr.scoring.comparison import mcnemar_test as mcnemar_test
+from flgpr.scoring.comparison import paired_interval as paired_interval
+from flgpr.scoring.comparison import side_by_side as side_by_side
+from flgpr.scoring.comparison import sign_flip_test as sign_flip_test
+from flgpr.scoring.curve import CONVENTIONS as CONVENTIONS
+from flgpr.scoring.curve import CURVE_COLUMNS as CURVE_COLUMNS
+from flgpr.scoring.curve import Convention as Convention
+from flgpr.scoring.curve import clopper_pearson as clopper_pearson
+from flgpr.scoring.curve import operating_row as operating_row
+from flgpr.scoring.curve import pd_at as pd_at
+from flgpr.scoring.curve import pd_mean as pd_mean
+from flgpr.scoring.curve import poisson_interval as poisson_interval
+from flgpr.scoring.curve import with_area as with_area
+from flgpr.scoring.figures import figure_bytes as figure_bytes
+from flgpr.scoring.figures import patch_figure as patch_figure
+from flgpr.scoring.figures import roc_figure as roc_figure
+from flgpr.scoring.lane_roc import accumulated_area as accumulated_area
+from flgpr.scoring.lane_roc import assign as assign
+from flgpr.scoring.lane_roc import far_area as far_area
+from flgpr.scoring.lane_roc import label_alarms as label_alarms
+from flgpr.scoring.lane_roc import roc as roc
+from flgpr.scoring.lane_roc import roc_of as roc_of
+from flgpr.scoring.lane_score import Rules as Rules
+from flgpr.scoring.lane_score import Score as Score
+from flgpr.scoring.lane_score import score as score
+from flgpr.scoring.lane_splits import Split as Split
+from flgpr.scoring.lane_splits import splits as splits
+from flgpr.scoring.ledger import alarm_hash as alarm_hash
+from flgpr.scoring.ledger import content_hash as content_hash
+from flgpr.scoring.ledger import read_register as read_register
+from flgpr.scoring.ledger import register as register
+from flgpr.scoring.ledger import require_registered as require_registered
+from flgpr.scoring.ledger import require_truth as require_truth
+from flgpr.scoring.matching import Match as Match
+from flgpr.scoring.matching import as_lanes as as_lanes
+from flgpr.scoring.matching import match as match
+from flgpr.scoring.matching import select_targets as select_targets
+from flgpr.scoring.places import Refraction as Refraction
+from flgpr.scoring.places import SurveyShare as SurveyShare
+from flgpr.scoring.places import jitter as jitter
+from flgpr.scoring.places import refraction_shift as refraction_shift
+from flgpr.scoring.places import survey_share as survey_share
+from flgpr.scoring.planning import SamplePlan as SamplePlan
+from flgpr.scoring.planning import area_needed as area_needed
+from flgpr.scoring.planning import emplacement_plan as emplacement_plan
+from flgpr.scoring.planning import mines_needed as mines_needed
+from flgpr.scoring.planning import sample_size as sample_size

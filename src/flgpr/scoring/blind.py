@@ -18,11 +18,9 @@ import numpy as np
 import pandas as pd
 
 from flgpr.model import check_truth
-from flgpr.scoring.assignment import assign
 from flgpr.scoring.chance_level import Chance, chance
-from flgpr.scoring.checks import LaneLike, as_lanes
 from flgpr.scoring.curve import operating_row
-from flgpr.scoring.lane_roc import roc_of
+from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.ledger import (
     OPENED,
     alarm_hash,
@@ -32,7 +30,7 @@ from flgpr.scoring.ledger import (
     require_registered,
     require_truth,
 )
-from flgpr.scoring.matching import Match, match, one_of
+from flgpr.scoring.matching import LaneLike, Match, as_lanes, match, one_of
 
 FORMAT = "flgpr-sealed-truth-1"
 FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)

@@ -11,11 +11,9 @@ import pandas as pd
 
 from flgpr.model import check_alarms
 from flgpr.scoring.chance_level import Chance
-from flgpr.scoring.checks import LaneLike
-from flgpr.scoring.curve import operating_row, pd_mean
-from flgpr.scoring.intervals import clopper_pearson
+from flgpr.scoring.curve import clopper_pearson, operating_row, pd_mean
 from flgpr.scoring.lane_roc import AreaRule, roc, roc_of
-from flgpr.scoring.matching import Match, one_of
+from flgpr.scoring.matching import LaneLike, Match, one_of
 
 DEPTH_EDGES = (0.0, 0.025, 0.075, 0.125, 0.175)
 
@@ -80,10 +78,7 @@ def pd_table(
 
 
 def depth_classes(depth: pd.Series[Any], edges: Sequence[float] = DEPTH_EDGES) -> pd.Series[Any]:
-    """Sort depths (m) into classes named in the order of depth, only those that occur; missing where it is not known.
-
-    A depth on one of the rising ``edges`` belongs to the deeper class.
-    """
+    """Sort depths (m) into classes in the order of depth; one on an edge belongs to the deeper, unknown to none."""
     borders = np.asarray(edges, dtype=np.float64)
     if borders.ndim != 1 or len(borders) < 1 or (np.diff(borders) <= 0).any():
         raise ValueError(f"depth_edges must rise strictly, got {list(edges)}")

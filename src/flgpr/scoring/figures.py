@@ -80,19 +80,6 @@ def _new_figure(figsize: tuple[float, float], dpi: int) -> Figure:
     return Figure(figsize=figsize, dpi=dpi, layout="constrained")
 
 
-def decision_figure(table: pd.DataFrame) -> Figure:
-    """Draw Pd of :func:`flgpr.scoring.decision_table` against the distance at which the decision must stand."""
-    figure = _new_figure(figsize=(5.2, 3.2), dpi=150)
-    axes = figure.add_subplot()
-    axes.fill_between(table["distance"], table["pd_low"], table["pd_high"], color=COLOURS[0], alpha=0.18, linewidth=0)
-    axes.plot(table["distance"], table["pd"], "o-", color=COLOURS[0], label="Pd at the operating point")
-    axes.plot(table["distance"], table["pd_mean"], "s--", color=COLOURS[1], label="mean Pd")
-    axes.set(ylim=(-0.02, 1.02), xlabel="least distance of the scans that count (m)", ylabel="probability of detection")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
-    return figure
-
-
 def patch_figure(patches: Sequence[ArrayLike], labels: Sequence[str], columns: int = 6) -> Figure:
     """Draw image patches (y, x), forward upwards, side by side, each on its own grey scale; complex ones by modulus."""
     arrays = [np.asarray(patch) for patch in patches]

@@ -11,16 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.scoring.assignment import assign, label_alarms
 from flgpr.scoring.bootstrap import band, pd_mean_interval
 from flgpr.scoring.breakdown import DEPTH_EDGES, depth_classes, pd_table
 from flgpr.scoring.chance_level import SHIFTS, Chance, chance, random_pd
-from flgpr.scoring.checks import LaneLike
 from flgpr.scoring.curve import operating_row, pd_mean, pd_mean_by_chance
-from flgpr.scoring.lane_roc import roc_of
-from flgpr.scoring.matching import Match, match
-from flgpr.scoring.refraction import Refraction
-from flgpr.scoring.survey import SurveyShare, survey_share
+from flgpr.scoring.lane_roc import assign, label_alarms, roc_of
+from flgpr.scoring.matching import LaneLike, Match, match
+from flgpr.scoring.places import Refraction, SurveyShare, survey_share
 
 COUNTS = ("n_alarms", "n_targets", "n_known_targets", "area")
 _COUNTED = ("n_targets", "area")  # the same in all rows of a curve

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from flgpr.scoring.matching import one_of
 
-HEADLINE = "target"
-
 
 @dataclass(frozen=True)
 class Split:
     """One division of examples."""
 
-    scheme: str  #: how it was made; the papers' own schemes carry the paper's name
+    scheme: str  #: how it was made
     held_out: str  #: what is tested
     #: train, test: row numbers
     train: NDArray[np.int64]
@@ -76,82 +74,6 @@ def splits(
         name = str(examples[by].iloc[test[0]]) if by in ("lane", "site") else ", ".join(sorted(tested)) or str(value)
         result.append(Split(f"leave-one-{by}-out", name, train, test, bool(tested & set(mine[train]))))
     return result
-
-
-def cross_site(examples: pd.DataFrame, train_site: str, test_site: str) -> Split:
-    """Train on one site, test on another.
-
-    Parameters
-    ----------
-    examples : DataFrame
-        As for :func:`splits`, with the column ``site``.
-    train_site, test_site : str
-        Their names.
-
-    Returns
-    -------
-    Split
-        The division.
-
-    Raises
-    ------
-    ValueError
-        If a site is not in the table.
-    """
-    site = _named(examples, "site")
-    for name in (train_site, test_site):
-        if name not in set(site):
-            raise ValueError(f"site must be one of {', '.join(sorted(set(site)))}, got {name!r}")
-    if train_site == test_site:
-        raise ValueError(f"train_site and test_site must differ, got {train_site!r} twice")
-    train, test = np.flatnonzero(site == train_site), np.flatnonzero(site == test_site)
-    mine = _mines(examples)
-    return Split("cross-site", test_site, train, test, bool((set(mine[train]) & set(mine[test])) - {""}))
-
-
-def paper_splits(
-    examples: pd.DataFrame, paper: Literal["cosgrove2004", "flsar2004", "wang2007"], **choices: Any
-) -> list[Split]:
-    """Divide examples as a paper did, straddling or not; ``scheme`` carries the paper's name.
-
-    Parameters
-    ----------
-    examples : DataFrame
-        As for :func:`splits`.
-    paper : {"cosgrove2004", "flsar2004", "wang2007"}
-        cosgrove2004: train on the mines of one depth, test on those of all others; clutter is dealt evenly. flsar2004:
-        leave one example out. wang2007: leave one lane out, whatever else shows the same mine. fuse2018 trains nothing.
-    **choices
-        ``depth``: the training depth for cosgrove2004, m (column ``depth``).
-
-    Returns
-    -------
-    list of Split
-        The divisions.
-
-    Raises
-    ------
-    ValueError
-        If the paper is unknown or a column or choice is missing.
-    """
-    one_of("paper", paper, ("cosgrove2004", "flsar2004", "wang2007"))
-    mine, rows = _mines(examples), np.arange(len(examples))
-    if paper == "cosgrove2004":
-        if "depth" not in examples.columns or "depth" not in choices:
-            raise ValueError("examples must have the column depth, and depth must be given, for cosgrove2004")
-        clutter = mine == ""
-        learned = ~clutter & np.isclose(examples["depth"].to_numpy(dtype=float), float(choices["depth"]))
-        learned |= clutter & (np.cumsum(clutter) % 2 == 0)
-        sides = [(f"all but {choices['depth']:g} m", learned)]
-    elif paper == "flsar2004":
-        sides = [(str(row), rows != row) for row in rows]
-    else:
-        lane = _named(examples, "lane")
-        sides = [(str(name), lane != name) for name in np.unique(lane)]
-    return [
-        Split(paper, name, rows[learn], rows[~learn], bool((set(mine[learn]) & set(mine[~learn])) - {""}))
-        for name, learn in sides
-    ]
 
 
 def _named(examples: pd.DataFrame, column: str) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from flgpr.model import Lane
-from flgpr.scoring.checks import LaneLike, as_lanes
+from flgpr.scoring.matching import LaneLike, as_lanes
 
 _MOST = 100_000
 _TRIES = 2_000

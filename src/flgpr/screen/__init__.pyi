@@ -1,49 +1,23 @@
-from flgpr.screen.clusters import (
-    ClusterThresholds,
-    Ellipse,
-    energy_ratio,
-    find_clusters,
-    fit_ellipse,
-    fuse_clusters,
-    learn_thresholds,
-    prescreen_clusters,
-)
-from flgpr.screen.labels import label_alarms
-from flgpr.screen.maxima import counts, density_threshold, local_maxima, prescreen, view_threshold
-from flgpr.screen.views import (
-    MeanViewSums,
-    RangeViewSums,
-    RunViewSums,
-    look_weight,
-    run_view,
-    sample_scan,
-    seen_along,
-    select,
-    view_array,
-)
-
-__all__ = [
-    "ClusterThresholds",
-    "Ellipse",
-    "MeanViewSums",
-    "RangeViewSums",
-    "RunViewSums",
-    "counts",
-    "density_threshold",
-    "energy_ratio",
-    "find_clusters",
-    "fit_ellipse",
-    "fuse_clusters",
-    "label_alarms",
-    "learn_thresholds",
-    "local_maxima",
-    "look_weight",
-    "prescreen",
-    "prescreen_clusters",
-    "run_view",
-    "sample_scan",
-    "seen_along",
-    "select",
-    "view_array",
-    "view_threshold",
-]
+from flgpr.screen.clusters import ClusterThresholds as ClusterThresholds
+from flgpr.screen.clusters import Ellipse as Ellipse
+from flgpr.screen.clusters import energy_ratio as energy_ratio
+from flgpr.screen.clusters import find_clusters as find_clusters
+from flgpr.screen.clusters import fit_ellipse as fit_ellipse
+from flgpr.screen.clusters import fuse_clusters as fuse_clusters
+from flgpr.screen.clusters import learn_thresholds as learn_thresholds
+from flgpr.screen.clusters import prescreen_clusters as prescreen_clusters
+from flgpr.screen.maxima import counts as counts
+from flgpr.screen.maxima import density_threshold as density_threshold
+from flgpr.screen.maxima import label_alarms as label_alarms
+from flgpr.screen.maxima import local_maxima as local_maxima
+from flgpr.screen.maxima import prescreen as prescreen
+from flgpr.screen.maxima import view_threshold as view_threshold
+from flgpr.screen.views import MeanViewSums as MeanViewSums
+from flgpr.screen.views import RangeViewSums as RangeViewSums
+from flgpr.screen.views import RunViewSums as RunViewSums
+from flgpr.screen.views import look_weight as look_weight
+from flgpr.screen.views import run_view as run_view
+from flgpr.screen.views import sample_scan as sample_scan
+from flgpr.screen.views import seen_along as seen_along
+from flgpr.screen.views import select as select
+from flgpr.screen.views import view_array as view_array

@@ -1,23 +1,15 @@
-from flgpr.model import Sensor
-from flgpr.simulate.gprmax_deck import Decks, make_decks
-from flgpr.simulate.scene import Scene, load_scene, sites
-from flgpr.simulate.simulator import Simulator, finest_cell, simulate
-from flgpr.simulate.world import ALONE, BARE, EVEN, World, draw_world, told
-
-__all__ = [
-    "ALONE",
-    "BARE",
-    "EVEN",
-    "Decks",
-    "Scene",
-    "Sensor",
-    "Simulator",
-    "World",
-    "draw_world",
-    "finest_cell",
-    "load_scene",
-    "make_decks",
-    "simulate",
-    "sites",
-    "told",
-]
+from flgpr.model import Sensor as Sensor
+from flgpr.simulate.gprmax_deck import Decks as Decks
+from flgpr.simulate.gprmax_deck import make_decks as make_decks
+from flgpr.simulate.scene import Scene as Scene
+from flgpr.simulate.scene import load_scene as load_scene
+from flgpr.simulate.scene import sites as sites
+from flgpr.simulate.simulator import Simulator as Simulator
+from flgpr.simulate.simulator import finest_cell as finest_cell
+from flgpr.simulate.simulator import simulate as simulate
+from flgpr.simulate.world import ALONE as ALONE
+from flgpr.simulate.world import BARE as BARE
+from flgpr.simulate.world import EVEN as EVEN
+from flgpr.simulate.world import World as World
+from flgpr.simulate.world import draw_world as draw_world
+from flgpr.simulate.world import told as told

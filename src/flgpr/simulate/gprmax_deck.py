@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
-from flgpr.simulate.debye import RelaxingMedium, fit_relaxation
-from flgpr.simulate.gprmax_grid import Grid, GridPoint, rectangles
+from flgpr.simulate.gprmax_grid import Grid, GridPoint, RelaxingMedium, fit_relaxation, rectangles
 from flgpr.simulate.roughness import surface_heights
 from flgpr.simulate.scene import Scene, Target, Thing
 from flgpr.simulate.subsurface import strewn
-from flgpr.simulate.track import draw_track
-from flgpr.simulate.world import World, draw_world
+from flgpr.simulate.world import World, draw_track, draw_world
 
 FORMAT = "flgpr-gprmax-1"
 SCENE_FILE = "scene.txt"

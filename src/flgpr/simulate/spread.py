@@ -218,10 +218,7 @@ class Spreader:
         return self.per_metre * SPEED_OF_LIGHT / self.bins * self.count
 
     def _swept(self, points: FloatArray, array: ArrayState) -> NDArray[np.complex64]:
-        """Phase (pair, frequency) that the rate of the path leaves beyond a delay: ``κ²·Δf·ΔL/(K·c)`` cycles.
-
-        The rate is the mean over points by the power that arrives of them, (R_t·R_r)⁻².
-        """
+        """Phase (pair, frequency) that the mean rate of the path leaves beyond a delay: ``κ²·Δf·ΔL/(K·c)`` cycles."""
         points = points[:: max(1, len(points) // 500)]
         if not array.drift.any() or not len(points):
             return np.ones((1, 1), np.complex64)

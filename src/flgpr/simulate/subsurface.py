@@ -16,9 +16,8 @@ from flgpr.simulate import inclusions
 from flgpr.simulate.draw import stream
 from flgpr.simulate.echoes import Ground
 from flgpr.simulate.field import TILE, TILES_KEPT, cells_of, jittered, tiles_between
-from flgpr.simulate.grass import through_grass
 from flgpr.simulate.holes import Hole, cap_flash, wall_flash
-from flgpr.simulate.layers import Layer, PointEchoes, View
+from flgpr.simulate.layers import Layer, PointEchoes, View, through_grass
 from flgpr.simulate.scene import Scene
 from flgpr.simulate.tables import Roots, Stones
 

@@ -23,10 +23,7 @@ _TABLE_GAP, _TABLE_RADIUS, _TABLE_PERMITTIVITY = 0.015, 0.16, 2.9  # of the gene
 
 
 def add_target(echoes: Echoes, target: Target, ground: Ground, array: ArrayState) -> None:
-    """Add a target's echoes: by its signature in the ground, by rays above it and where no table reaches.
-
-    No table describes a profile of one's own, nor bands whose middle lies above the table's.
-    """
+    """Add a target's echoes: by its signature in the ground, by rays above it and where no table describes it."""
     if target.depth < 0:
         add_standing(echoes, target, ground, array)
     elif target.profile is None and float(ground.frequency.mean()) <= FREQUENCY[-1]:

@@ -1,135 +1,79 @@
-from flgpr.calibrate.joint import BiasFit
-from flgpr.chain.fitting import recipe_for
-from flgpr.chain.memory import parse_size
-from flgpr.chain.recipe import load_recipe, recipe_names, recipe_text
-from flgpr.design.array import Question
-from flgpr.execution.survey import How
-from flgpr.io.explain import explain_file
-from flgpr.kernels.ahead import compiled_beside
-from flgpr.live.detector import LiveSettings
-from flgpr.live.feeding import feed
-from flgpr.live.intake import COUNTS
-from flgpr.live.session import LiveOptions, LiveReport, LiveRun
-from flgpr.live.vehicle import Vehicle
-from flgpr.report import design_report
-from flgpr.results.result import SECTIONS, Result, read_result
-from flgpr.scoring import PASSPHRASE_RULE
-from flgpr.tasks.anchoring import anchor_from_points, check_request, tie_lane, write_anchor
-from flgpr.tasks.bench import bench_imaging, format_bench
-from flgpr.tasks.calibration import ClockSearch, calibrate_clock, calibrate_joint, calibrate_range_bias
-from flgpr.tasks.detection import detect_long, detect_run, detect_runs
-from flgpr.tasks.exchange import (
-    export_qgis,
-    export_result,
-    export_run,
-    export_table,
-    import_cphd,
-    import_gpr,
-    import_with_mapping,
-    map_bytes,
-    track_of,
-)
-from flgpr.tasks.fullwave import import_gprmax_models, import_gprmax_results
-from flgpr.tasks.information import run_info
-from flgpr.tasks.picture import GroundFit, Picture, View, find_permittivity, make_picture
-from flgpr.tasks.planning import plan_files, plan_lane, plan_mines, survey_plan
-from flgpr.tasks.preparing import check_steps, prepare_run, read_steps
-from flgpr.tasks.raw import RawRun
-from flgpr.tasks.registering import register_recipe
-from flgpr.tasks.results import demo, replay
-from flgpr.tasks.scoring import (
-    analyst_agreement,
-    compare_alarms,
-    compare_sealed,
-    outcome_table,
-    require_seal,
-    score_alarms,
-    score_home,
-    score_result,
-    score_sealed,
-    seal,
-)
-from flgpr.tasks.stores import import_fullwave_lane, list_bodies, make_signature, simulate_lane, write_gprmax_lane
-from flgpr.tasks.training import train_runs
-
-__all__ = [
-    "COUNTS",
-    "PASSPHRASE_RULE",
-    "SECTIONS",
-    "BiasFit",
-    "ClockSearch",
-    "GroundFit",
-    "How",
-    "LiveOptions",
-    "LiveReport",
-    "LiveRun",
-    "LiveSettings",
-    "Picture",
-    "Question",
-    "RawRun",
-    "Result",
-    "Vehicle",
-    "View",
-    "analyst_agreement",
-    "anchor_from_points",
-    "bench_imaging",
-    "calibrate_clock",
-    "calibrate_joint",
-    "calibrate_range_bias",
-    "check_request",
-    "check_steps",
-    "compare_alarms",
-    "compare_sealed",
-    "compiled_beside",
-    "demo",
-    "design_report",
-    "detect_long",
-    "detect_run",
-    "detect_runs",
-    "explain_file",
-    "export_qgis",
-    "export_result",
-    "export_run",
-    "export_table",
-    "feed",
-    "find_permittivity",
-    "format_bench",
-    "import_cphd",
-    "import_fullwave_lane",
-    "import_gpr",
-    "import_gprmax_models",
-    "import_gprmax_results",
-    "import_with_mapping",
-    "list_bodies",
-    "load_recipe",
-    "make_picture",
-    "make_signature",
-    "map_bytes",
-    "outcome_table",
-    "parse_size",
-    "plan_files",
-    "plan_lane",
-    "plan_mines",
-    "prepare_run",
-    "read_result",
-    "read_steps",
-    "recipe_for",
-    "recipe_names",
-    "recipe_text",
-    "register_recipe",
-    "replay",
-    "require_seal",
-    "run_info",
-    "score_alarms",
-    "score_home",
-    "score_result",
-    "score_sealed",
-    "seal",
-    "simulate_lane",
-    "survey_plan",
-    "tie_lane",
-    "track_of",
-    "train_runs",
-    "write_anchor",
-    "write_gprmax_lane",
-]
+from flgpr.calibrate.joint import BiasFit as BiasFit
+from flgpr.chain.fitting import recipe_for as recipe_for
+from flgpr.chain.memory import parse_size as parse_size
+from flgpr.chain.recipe import load_recipe as load_recipe
+from flgpr.chain.recipe import recipe_names as recipe_names
+from flgpr.chain.recipe import recipe_text as recipe_text
+from flgpr.design.array import Question as Question
+from flgpr.execution.survey import How as How
+from flgpr.io.explain import explain_file as explain_file
+from flgpr.kernels.ahead import compiled_beside as compiled_beside
+from flgpr.live.detector import LiveSettings as LiveSettings
+from flgpr.live.feeding import feed as feed
+from flgpr.live.intake import COUNTS as COUNTS
+from flgpr.live.session import LiveOptions as LiveOptions
+from flgpr.live.session import LiveReport as LiveReport
+from flgpr.live.session import LiveRun as LiveRun
+from flgpr.live.vehicle import Vehicle as Vehicle
+from flgpr.report import design_report as design_report
+from flgpr.results.result import SECTIONS as SECTIONS
+from flgpr.results.result import Result as Result
+from flgpr.results.result import read_result as read_result
+from flgpr.scoring import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.tasks.bench import bench_imaging as bench_imaging
+from flgpr.tasks.bench import format_bench as format_bench
+from flgpr.tasks.calibration import ClockSearch as ClockSearch
+from flgpr.tasks.calibration import calibrate_clock as calibrate_clock
+from flgpr.tasks.calibration import calibrate_joint as calibrate_joint
+from flgpr.tasks.calibration import calibrate_range_bias as calibrate_range_bias
+from flgpr.tasks.detection import detect_long as detect_long
+from flgpr.tasks.detection import detect_run as detect_run
+from flgpr.tasks.detection import detect_runs as detect_runs
+from flgpr.tasks.exchange import anchor_from_points as anchor_from_points
+from flgpr.tasks.exchange import check_request as check_request
+from flgpr.tasks.exchange import export_qgis as export_qgis
+from flgpr.tasks.exchange import export_result as export_result
+from flgpr.tasks.exchange import export_run as export_run
+from flgpr.tasks.exchange import export_table as export_table
+from flgpr.tasks.exchange import import_cphd as import_cphd
+from flgpr.tasks.exchange import import_gpr as import_gpr
+from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
+from flgpr.tasks.exchange import map_bytes as map_bytes
+from flgpr.tasks.exchange import tie_lane as tie_lane
+from flgpr.tasks.exchange import track_of as track_of
+from flgpr.tasks.exchange import write_anchor as write_anchor
+from flgpr.tasks.information import run_info as run_info
+from flgpr.tasks.picture import GroundFit as GroundFit
+from flgpr.tasks.picture import Picture as Picture
+from flgpr.tasks.picture import View as View
+from flgpr.tasks.picture import find_permittivity as find_permittivity
+from flgpr.tasks.picture import make_picture as make_picture
+from flgpr.tasks.planning import plan_files as plan_files
+from flgpr.tasks.planning import plan_lane as plan_lane
+from flgpr.tasks.planning import plan_mines as plan_mines
+from flgpr.tasks.planning import survey_plan as survey_plan
+from flgpr.tasks.preparing import check_steps as check_steps
+from flgpr.tasks.preparing import prepare_run as prepare_run
+from flgpr.tasks.preparing import read_steps as read_steps
+from flgpr.tasks.raw import RawRun as RawRun
+from flgpr.tasks.registering import register_recipe as register_recipe
+from flgpr.tasks.results import demo as demo
+from flgpr.tasks.results import replay as replay
+from flgpr.tasks.scoring import analyst_agreement as analyst_agreement
+from flgpr.tasks.scoring import compare_alarms as compare_alarms
+from flgpr.tasks.scoring import compare_sealed as compare_sealed
+from flgpr.tasks.scoring import outcome_table as outcome_table
+from flgpr.tasks.scoring import require_seal as require_seal
+from flgpr.tasks.scoring import score_alarms as score_alarms
+from flgpr.tasks.scoring import score_home as score_home
+from flgpr.tasks.scoring import score_result as score_result
+from flgpr.tasks.scoring import score_sealed as score_sealed
+from flgpr.tasks.scoring import seal as seal
+from flgpr.tasks.simulation import import_fullwave_lane as import_fullwave_lane
+from flgpr.tasks.simulation import import_gprmax_models as import_gprmax_models
+from flgpr.tasks.simulation import import_gprmax_results as import_gprmax_results
+from flgpr.tasks.simulation import list_bodies as list_bodies
+from flgpr.tasks.simulation import make_signature as make_signature
+from flgpr.tasks.simulation import simulate_lane as simulate_lane
+from flgpr.tasks.simulation import write_gprmax_lane as write_gprmax_lane
+from flgpr.tasks.training import train_runs as train_runs

@@ -23,7 +23,7 @@ from flgpr.calibrate import (
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
 from flgpr.io.files import check_new, existing
-from flgpr.io.textarrays import read_text_table
+from flgpr.io.tables import read_text_table
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 from flgpr.tasks.exchange import track_of

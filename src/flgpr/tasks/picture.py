@@ -302,7 +302,7 @@ def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
         return
     with partial_of(path) as partial:
         if path.suffix.lower() == ".png":
-            from flgpr.report.image_figure import image_figure
+            from flgpr.report.figures import image_figure
 
             image_figure(image, picture.peaks, pose).savefig(
                 partial, dpi=110, format="png", metadata={"Software": None}

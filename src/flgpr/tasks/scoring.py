@@ -21,8 +21,7 @@ from flgpr.io.tables import read_columns, read_lane
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
-from flgpr.results.score import blind_roc_json, comparison_json, score_detections
-from flgpr.results.view_score import VIEW_SCORE, view_score
+from flgpr.results.score import VIEW_SCORE, blind_roc_json, comparison_json, score_detections, view_score
 from flgpr.scoring import (
     Agreement,
     BlindScore,
@@ -39,7 +38,7 @@ from flgpr.scoring import (
     side_by_side,
 )
 from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth
-from flgpr.scoring.checks import LaneLike
+from flgpr.scoring.matching import LaneLike
 from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
 
 PathLike = str | Path

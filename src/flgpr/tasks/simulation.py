@@ -1,8 +1,12 @@
-"""Simulated lanes as files: what ``flgpr simulate`` does."""
+"""Simulated lanes as files: by our own physics, or as decks for a full-wave solver and its results."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import tomllib
+from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +16,27 @@ from matplotlib.patches import Circle, Rectangle
 
 from flgpr import __version__
 from flgpr.chain.progress import Track, silent
-from flgpr.io import RunWriter, canonical_json, lane_text, sha256, write_geojson, write_table, write_whole
-from flgpr.model import Sensor
-from flgpr.simulate import Scene, Simulator, World, draw_world
-from flgpr.simulate.effort import check_effort
+from flgpr.io import (
+    GprmaxRun,
+    RunWriter,
+    canonical_json,
+    import_fullwave,
+    lane_text,
+    save_run,
+    sha256,
+    write_geojson,
+    write_table,
+    write_whole,
+)
+from flgpr.io.files import check_new
+from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
+from flgpr.model import Sensor, load_sensor
+from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
+from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
+from flgpr.simulate.simulator import check_effort
 
+PathLike = str | Path
+_BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson", "lane.toml")
 _COLOUR = {"metal": "C3", "plastic": "C0", "simulant": "C2", "rock": "0.5", "post": "black", "bush": "C2"}
 
 
@@ -113,3 +133,201 @@ def _scatter_things(axes: Any, world: World) -> None:
         label = f"{kind} ({len(some)})"
         y, x = [t.y for t in some], [t.x for t in some]
         axes.plot(y, x, marks.get(kind, "o"), color=_COLOUR.get(kind, "C4"), ms=6, ls="none", label=label)
+
+
+def write_gprmax_decks(
+    scene: Scene,
+    sensor: Sensor,
+    seed: int,
+    folder: str | Path,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
+) -> Decks:
+    """Write a scene's gprMax decks (``make_decks``) into a new folder, with truth, objects and lane."""
+    folder = Path(folder)
+    check_new(folder)
+    decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        for name, text in decks.files.items():
+            (partial / name).write_text(text, encoding="utf-8")
+        (partial / "manifest.json").write_text(json.dumps(decks.manifest, indent=1), encoding="utf-8")
+        texts = tomllib.loads((resources.files("flgpr.tasks") / "gprmax.toml").read_text(encoding="utf-8"))
+        (partial / "run.sh").write_text(texts["script"], encoding="utf-8")
+        size, left_out = ("".join(f"- {one}\n" for one in some) for some in (decks.summary, decks.omissions))
+        words = f"{texts['readme']}Size:\n{size}\nNot written:\n{left_out}"
+        (partial / "README.txt").write_text(words, encoding="utf-8")
+        world = draw_world(scene, seed)
+        for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
+            write_table(table, partial / f"{name}.csv")
+            write_geojson(table, partial / f"{name}.geojson")
+        write_whole(partial / "lane.toml", lane_text(scene.lane))
+        partial.rename(folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return decks
+
+
+def import_gprmax_results(
+    folder: str | Path, output: str | Path, keep_direct: bool = False, track: Track = silent
+) -> list[Path]:
+    """Read the results of a folder of gprMax decks into a new run; truth, objects and lane are written beside it.
+
+    Every input file must have its result; ``keep_direct`` leaves the direct wave in the data. A stopped import goes on
+    with the scan it was at, unless a result has changed.
+    """
+    results, store = GprmaxRun(folder, keep_direct), Path(output)
+    manifest = results.manifest
+    attrs = {
+        "source": "gprMax, decks by flgpr",
+        "title": manifest["title"],
+        "direct_wave": "kept" if keep_direct else "taken off",
+        "fullwave": {name: manifest.get(name) for name in ("seed", "sensor", "grid", "soil", "surface", "omissions")},
+    }
+    parts = (results.frequency, manifest["polarization"], manifest["tx_position"], manifest["rx_position"], attrs)
+    written = [store]
+    with RunWriter.resumed(store, *parts, inputs={"results": results.digest(), "flgpr": __version__}) as writer:
+        done, total = len(writer), len(results)
+        label = f"reading results, {done} scans were there" if done else "reading results"
+        for scan in track(range(done, total), label, total - done):
+            writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
+        for name in _BESIDE:  # before the run, whose presence says that all is there
+            source = Path(folder) / name
+            if source.is_file():
+                target = store.with_name(f"{store.stem}-{name}")
+                write_whole(target, source.read_bytes())
+                written.append(target)
+    return written
+
+
+def import_gprmax_models(
+    paths: Sequence[str | Path],
+    output: str | Path,
+    band: tuple[float, float],
+    transmit: str,
+    ground: float,
+    horizontal: str = "x",
+    vertical: str = "z",
+    waveform: tuple[str, float] | None = None,
+) -> list[Path]:
+    """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
+    check_new(output)
+    known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
+    return [save_run(import_gprmax_files(paths, known), output, resume=True)]
+
+
+def simulate_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    errors: bool = True,
+    track: Track = silent,
+    resume: bool = True,
+    truth: PathLike | None = None,
+    force: bool = False,
+) -> list[Path]:
+    """Simulate a scene (TOML) seen by a sensor (preset or TOML) into a new run store, or draw it as PNG.
+
+    Without ``resume`` what a stopped call left is thrown away; ``truth`` is a CSV of it in place of that beside the
+    store. What would take too much memory or time is refused unless ``force`` is given.
+    """
+    world, array = load_scene(scene), load_sensor(sensor)
+    check_effort(world, None if output is None else array, force)
+    written = []
+    if preview is not None:
+        written.append(_write_preview(world, seed, preview, force))
+    if output is not None:
+        written += simulate_to_store(world, array, seed, output, errors, track, resume, truth, force=force)
+    return written
+
+
+def make_signature(
+    body: PathLike, output: PathLike | None = None, workers: int = 1, track: Track = silent
+) -> list[Path]:
+    """Compute the table of a body's scattering in the ground, which a scene's targets may name; a stopped call goes on.
+
+    It is written to the body's name with ``.npz`` unless told, which must not exist; ``OUTPUT.work`` keeps what is
+    done.
+    """
+    described = load_body(body)
+    path = Path(f"{described.name}.npz" if output is None else output)
+    check_new(path)
+    work = path.with_name(path.name + ".work")
+    pieces = PERMITTIVITY.size * FREQUENCY.size
+    bar = iter(track(range(pieces), f"signature of {described.name}", pieces))
+    shown = 0
+
+    def show(done: int, _: int) -> None:
+        nonlocal shown
+        while shown < done:
+            next(bar, None)
+            shown += 1
+
+    table = build_table(described, work, workers, show)
+    next(bar, None)
+    part = path.with_name(path.name + ".part")
+    save_table(table, part)
+    part.rename(path)
+    shutil.rmtree(work)
+    return [path]
+
+
+def list_bodies() -> list[str]:
+    """Tell the packaged bodies, a line each: name, size and source."""
+    bodies = [load_body(name) for name in packaged_bodies()]
+    return [
+        f"{body.name:18} {2 * body.radius * body.elongation * 100:5.1f} cm across, {body.height * 100:4.1f} cm high: "
+        f"{body.source}"
+        for body in bodies
+    ]
+
+
+def write_gprmax_lane(
+    scene: PathLike,
+    sensor: PathLike,
+    seed: int,
+    output: PathLike | None,
+    preview: PathLike | None = None,
+    cells_per_wavelength: float = 10.0,
+    max_cells: float = 3e8,
+    force: bool = False,
+) -> tuple[list[Path], list[str]]:
+    """Write a scene file as gprMax input files into a new folder, or draw it; give what was written, and words."""
+    world, array = load_scene(scene), load_sensor(sensor)
+    check_effort(world, None, force)
+    written, lines = [], []
+    if preview is not None:
+        written.append(_write_preview(world, seed, preview, force))
+    if output is not None:
+        decks = write_gprmax_decks(world, array, seed, output, cells_per_wavelength, max_cells)
+        lines = [*decks.summary, *(f"left out: {one}" for one in decks.omissions)]
+        written.append(Path(output))
+    return written, lines
+
+
+def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
+    preview_figure(scene, seed, force).savefig(path, dpi=100, format="png", metadata={"Software": None})
+    return Path(path)
+
+
+def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
+    """Import a full-wave archive (:func:`flgpr.io.import_fullwave`) into a new run store, and give what was written.
+
+    ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
+    """
+    store = Path(output)
+    check_new(store)
+    lane, written = import_fullwave(archive), [store]
+    store.parent.mkdir(parents=True, exist_ok=True)
+    for name, table in (("truth", lane.truth), ("objects", lane.objects)):
+        if table is not None:
+            path = store.with_name(f"{store.stem}-{name}.csv")
+            write_table(table, path)
+            write_geojson(table, path.with_suffix(".geojson"))
+            written.append(path)
+    save_run(lane.run, store, resume=True)
+    return written

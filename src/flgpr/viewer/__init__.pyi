@@ -1,3 +1,2 @@
-from flgpr.viewer.server import Viewer, serve
-
-__all__ = ["Viewer", "serve"]
+from flgpr.viewer.server import Viewer as Viewer
+from flgpr.viewer.server import serve as serve

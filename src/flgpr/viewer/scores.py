@@ -22,7 +22,29 @@ def score_file(path: Path) -> Path | None:
     return next((place for place in places if place.is_file()), None)
 
 
-class ScoreFiles:
+class IndexOnly:
+    """What the page shows of a source that has no pictures: its index, and nothing else unless told."""
+
+    index: dict[str, Any]
+
+    def index_bytes(self) -> bytes:
+        """Write the index as JSON."""
+        return canonical_json(self.index)
+
+    def score_bytes(self) -> bytes | None:
+        """Tell that there is no score."""
+        return None
+
+    def tile(self, layer: int, level: int, tile: int) -> bytes | None:  # noqa: ARG002
+        """Tell that there are no layers."""
+        return None
+
+    def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
+        """Tell that nothing explains alarms."""
+        return None
+
+
+class ScoreFiles(IndexOnly):
     """The score of an alarm list, open or blind, or a comparison of several: what was told, in the viewer's form."""
 
     def __init__(self, path: Path) -> None:
@@ -40,7 +62,7 @@ class ScoreFiles:
         self.title = f"{self.folder.name} (score)"
         nowhere: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}
         alarms: dict[str, list[Any]] = {"x": [], "y": [], "confidence": []}
-        self.index: dict[str, Any] = {
+        self.index = {
             "title": self.folder.name,
             "scored": True,
             "lane": {"x_min": 0.0, "x_max": 1.0, "y_min": 0.0, "y_max": 1.0},
@@ -56,21 +78,9 @@ class ScoreFiles:
             ],
         }
 
-    def index_bytes(self) -> bytes:
-        """Write the index as JSON."""
-        return canonical_json(self.index)
-
     def score_bytes(self) -> bytes:
         """Give the score as the page reads it."""
         return self._score
-
-    def tile(self, layer: int, level: int, tile: int) -> bytes | None:  # noqa: ARG002
-        """Tell that a score has no pictures."""
-        return None
-
-    def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
-        """Tell that a score has no alarms."""
-        return None
 
 
 def _score(detections: Mapping[str, Any], rules: Mapping[str, Any]) -> dict[str, Any]:

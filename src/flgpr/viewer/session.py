@@ -24,7 +24,7 @@ from flgpr.io import (
     verdict_bytes,
     write_whole,
 )
-from flgpr.viewer.scores import ScoreFiles, score_file
+from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
@@ -120,7 +120,7 @@ class ResultFiles:
             raise ViewError(f"view/{name} is missing") from None
 
 
-class RunFiles:
+class RunFiles(IndexOnly):
     """A run without a result: where the vehicle went, nothing more."""
 
     def __init__(self, path: str | Path) -> None:
@@ -131,7 +131,7 @@ class RunFiles:
         low, high = pose[:, :2].min(axis=0) - 5, pose[:, :2].max(axis=0) + 5
         frequency = run["frequency"].values
         self.title = f"{self.folder.name} (run)"
-        self.index: dict[str, Any] = {
+        self.index = {
             "format": VIEW_FORMAT,
             "version": VIEW_VERSION,
             "title": str(run.attrs.get("title", self.folder.stem)),
@@ -152,22 +152,6 @@ class RunFiles:
                 "frequency_hz": [float(frequency[0]), float(frequency[-1])],
             },
         }
-
-    def index_bytes(self) -> bytes:
-        """Write the index as JSON."""
-        return canonical_json(self.index)
-
-    def score_bytes(self) -> bytes | None:
-        """Tell that a run has no score."""
-        return None
-
-    def tile(self, layer: int, level: int, tile: int) -> bytes | None:  # noqa: ARG002
-        """Tell that a run has no layers."""
-        return None
-
-    def evidence(self, detection: int, alarm: int) -> bytes | None:  # noqa: ARG002
-        """Tell that a run has no alarms."""
-        return None
 
 
 class VerdictFile:

@@ -96,10 +96,7 @@ def chip_detector(
 def detectors(
     recipe: StudyRecipe, training: Training, signatures: ComplexArray | None = None, other: ComplexArray | None = None
 ) -> dict[str, ChipDetector]:
-    """Make every detector of the study for one lane.
-
-    By name: ``HH``, ``VV``, ``PWF``, ``rank 1`` ..., ``Neyman-Pearson`` and more.
-    """
+    """Make every detector of the study for one lane, by name: ``HH``, ``VV``, ``PWF``, ``rank 1`` and more."""
     length, whitener, white = recipe.cut.length, training.whitener, training.white
     ddof, rank = recipe.detector.ddof, recipe.detector.rank
     channels = len(recipe.cut.polarizations)
@@ -136,10 +133,7 @@ def _rewhitened(training: Training) -> ComplexArray:
 
 
 def calibrated(training: Training, signatures: ComplexArray) -> ComplexArray:
-    """Bring simulated signatures to the level of the training examples and whiten them.
-
-    The level is set once for all, so that their mean energy equals what the examples have over the clutter.
-    """
+    """Bring simulated signatures to the mean energy that the examples have over the clutter, and whiten them."""
     white = signatures @ training.whitener.matrix_.T
     wanted = float(np.mean(np.sum(np.abs(training.white) ** 2, axis=1))) - training.clutter_energy
     white *= np.sqrt(max(wanted, 1.0) / np.mean(np.sum(np.abs(white) ** 2, axis=1)))
@@ -207,10 +201,7 @@ def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:
-    """First six eigenvectors of Â as rows, as they look in the image (Cosgrove et al. 2004, Fig. 6).
-
-    The whitener's coordinates are no samples of a range cut, so the whitening is undone; each row has the norm one.
-    """
+    """First six eigenvectors of Â as rows of norm one, whitening undone (Cosgrove et al. 2004, Fig. 6)."""
     vectors = DeflectionDetector(6, recipe.detector.ddof).fit(training.white).forms_[0].vectors
     rows = np.linalg.solve(training.whitener.matrix_, vectors.T).T
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

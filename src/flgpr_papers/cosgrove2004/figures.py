@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from flgpr.scoring import pd_at
-from flgpr_papers.cosgrove2004.examples import PointResponse
 from flgpr_papers.cosgrove2004.findings import SOILS, Case, case_curve
-from flgpr_papers.cosgrove2004.images import study_sensor
+from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 
 _STYLE = {"HH": ("#c1440e", "--"), "VV": ("#1b5e9b", "-")}

@@ -75,10 +75,7 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
 
 
 def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
-    """Tabulate the HH level of the mines over that of the clutter, all seeds pooled.
-
-    Columns: site, depth (m), looks, contrast (median peak in boxes at mines over that in clutter boxes, dB).
-    """
+    """Tabulate by site and depth the median HH peak at the mines over that in clutter boxes, dB, all seeds pooled."""
     rows = []
     for site, lanes in cases.items():
         peaks = [case["peaks"]["HH"] for case in lanes]
@@ -93,10 +90,7 @@ def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
 
 
 def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd.DataFrame) -> list[Finding]:
-    """Judge every statement of the paper.
-
-    The paper's statements, then the questions it leaves open.
-    """
+    """Judge every statement of the paper, then the questions it leaves open."""
     rank, pfa = f"rank {recipe.detector.rank}", f"Pd at {recipe.score.pfa:g} per m²"
     pds = {key: group.sort_values("seed")["pd"].to_numpy() for key, group in table.groupby(["site", "detector"])}
     titles = {name: site.title for name, site in recipe.sites.items()}
@@ -135,7 +129,9 @@ def findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]], table: pd
     ratios = np.array([case["ratios"] for case in cases["sand"]])
     for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1])):
         text = f"Eigenvalue {j + 1} is {PAPER_RATIOS[j]} of the first (dry sand)"
-        found.append(_about(text, f"σ{j + 1}/σ1", ratios[:, j], 0.5 * PAPER_RATIOS[j], 2 * PAPER_RATIOS[j]))
+        low, high = 0.5 * PAPER_RATIOS[j], 2 * PAPER_RATIOS[j]
+        quantity = f"σ{j + 1}/σ1, to lie in {low:.3g} to {high:.3g}"
+        found.append(measured(text, "", quantity, interval(ratios[:, j]), (low, high)))
     return found + _open_questions(recipe, table, titles)
 
 
@@ -166,10 +162,6 @@ def _open_questions(recipe: StudyRecipe, table: pd.DataFrame, titles: Mapping[st
 def _above(statement: str, quantity: str, values: FloatArray, limit: float = 0.0) -> Finding:
     found = interval(values)
     return measured(statement, "", quantity, found, verdict=larger(*found[1:], limit), asks=("larger", limit, 0.0))
-
-
-def _about(statement: str, quantity: str, values: FloatArray, least: float, most: float) -> Finding:
-    return measured(statement, "", f"{quantity}, to lie in {least:.3g} to {most:.3g}", interval(values), (least, most))
 
 
 def _open(statement: str, quantity: str, values: FloatArray) -> Finding:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr_papers.cosgrove2004.examples import PointResponse
 from flgpr_papers.cosgrove2004.findings import PAPER_RATIOS, Case, contrast_table, interval
-from flgpr_papers.cosgrove2004.images import WORLDS
+from flgpr_papers.cosgrove2004.images import WORLDS, PointResponse
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import study_html

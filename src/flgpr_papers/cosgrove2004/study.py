@@ -16,22 +16,24 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.stages.forms import learnt_of
 from flgpr.io import write_whole
 from flgpr_papers.cosgrove2004 import figures
-from flgpr_papers.cosgrove2004.detect import (
-    detectors,
-    eigenvalue_ratios,
-    eigenvectors,
-    learn,
-    score_looks,
-    target_cut,
+from flgpr_papers.cosgrove2004.detect import detectors, eigenvalue_ratios, eigenvectors, learn, score_looks, target_cut
+from flgpr_papers.cosgrove2004.findings import Case, findings, interval, pd_table
+from flgpr_papers.cosgrove2004.images import (
+    WORLDS,
+    Look,
+    PointResponse,
+    lane_looks,
+    point_response,
+    signature_cuts,
+    signature_looks,
+    wide_image,
 )
-from flgpr_papers.cosgrove2004.examples import PointResponse, point_response, signature_cuts, wide_image
-from flgpr_papers.cosgrove2004.findings import Case, findings, pd_table
-from flgpr_papers.cosgrove2004.images import WORLDS, Look, lane_looks, signature_looks
 from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
 from flgpr_papers.kit.cache import kept, key_of
-from flgpr_papers.kit.findings import write_findings
+from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
+from flgpr_papers.kit.worlds import World
 
 ComplexArray = NDArray[np.complex128]
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
@@ -152,3 +154,25 @@ def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointRes
         drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
         drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
     return dict(sorted(drawn.items()))
+
+
+_SEEDS = 2
+_TRAINING, _TEST = {"0.10": 4}, {"0.01": 3, "0.05": 3, "0.15": 3}
+
+
+def findings_in(world: World, folder: Path) -> list[Finding]:
+    """Judge the paper's statements on one soil, and tell its Pd, by which soils can be compared."""
+    study = study_recipe()
+    site = study.sites["sand"].model_copy(
+        update={"title": "this soil", "scene": world.site(folder), "training": _TRAINING, "test": _TEST}
+    )
+    study = study.model_copy(update={"sites": {"sand": site}})
+    first = 1 + _SEEDS * (world.number + 100)
+    cases = [run_seed(study, seed, 1.0)["roadside"]["sand"] for seed in range(first, first + _SEEDS)]
+    table = pd_table(study, {"sand": cases})
+    found = [one for one in findings(study, {"sand": cases}, table) if one.verdict != OPEN]
+    pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
+    return [
+        *found,
+        measured("Pd of the deflection detector", "", f"at {study.score.pfa:g} per m²", interval(pds.to_numpy())),
+    ]

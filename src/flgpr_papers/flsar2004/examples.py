@@ -178,10 +178,7 @@ def learn_screen(settings: Settings, site: Site, kinds: tuple[str, ...] = ("meta
 def screened_regions(
     site: Site, screen: ClusterScreen, polarizations: Sequence[str], rule: Rule = "and-or"
 ) -> pd.DataFrame:
-    """Regions that pass all prescreeners in all ranges of one of the polarizations (par. 44), inside the lane.
-
-    ``rule`` "and" asks it of all images (par. 18).
-    """
+    """Regions in the lane that pass in all ranges of a polarization (par. 44), by "and" in all images (par. 18)."""
     table = screen.settings.model_copy(update={"polarizations": tuple(polarizations), "rule": rule})
     regions = ClusterScreen(table, screen.setup, screen.learnt).alarms(site.view)
     inside = np.zeros(len(regions), np.bool_)
@@ -349,10 +346,7 @@ def held_out(
 def retrained(
     table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, draws: int, seed: int = 0
 ) -> FloatArray:
-    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
-
-    Looks at one mine are drawn together, and all copies of an example are held out together.
-    """
+    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn."""
     rng, found = np.random.default_rng(seed), []
     y = (table["kind"] != "clutter").to_numpy()
     mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]

@@ -22,8 +22,8 @@ from flgpr.simulate.scene import Surface, TargetDraw, Thing
 from flgpr.simulate.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
-from flgpr_papers.kit.lanes import turned
 from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
 FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,13 @@ from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
 from flgpr_papers.flsar2004 import figures
 from flgpr_papers.flsar2004.examples import join
-from flgpr_papers.flsar2004.experiment import PARTS, Material, Results, prepare
+from flgpr_papers.flsar2004.experiment import JUDGED, PARTS, Material, Results, prepare
 from flgpr_papers.flsar2004.lanes import drive, load_settings
 from flgpr_papers.flsar2004.page import page_html
 from flgpr_papers.kit.cache import kept, key_of
-from flgpr_papers.kit.findings import finding_of, write_findings
+from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
+from flgpr_papers.kit.worlds import World
 
 PAGE = "flsar2004.html"
 
@@ -73,3 +74,22 @@ def _from_json(record: dict[str, Any]) -> Results:
     }
     areas = {name: (low[0], low[1], low[2]) for name, low in record["areas"].items()}
     return Results(curves, areas, [finding_of(one) for one in record["findings"]], record["notes"])
+
+
+SITES = {"arid": "low", "temperate": "mironov"}  # the paper's two sites are the two losses of a world
+
+
+def findings_in(world: World, folder: Path) -> list[Finding]:
+    """Judge the paper's statements at two sites of a world that differ in their loss."""
+    settings = load_settings(quick=True)
+    scenes = {name: replace(world, loss=loss).site(folder) for name, loss in SITES.items()}
+    own = {"sites": tuple(SITES), "scenes": scenes, "seed": settings.seed + 100 * (world.number + 1)}
+    settings = settings.model_copy(update=own)
+    material = prepare(settings, [join(settings, drive(settings, site, folder)) for site in settings.sites])
+    found: list[Finding] = []
+    for part in JUDGED.values():
+        try:
+            found += part(material).findings
+        except ValueError:  # a fold of so few mines may hold none; the map tells how many worlds each statement has
+            continue
+    return found

@@ -16,9 +16,9 @@ from flgpr.clutter import TABLE_II
 from flgpr.scoring import random_pd
 from flgpr_papers.fuse2018.findings import CONVENTIONS, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
+from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS
-from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.kit.findings import clustered
 

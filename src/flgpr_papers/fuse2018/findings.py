@@ -18,10 +18,8 @@ from flgpr.model import Lane
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
-from flgpr_papers.fuse2018.lanes import local
-from flgpr_papers.fuse2018.recipe import FuseRecipe
+from flgpr_papers.fuse2018.lanes import FuseRecipe, local
 from flgpr_papers.fuse2018.results import LaneResult
-from flgpr_papers.fuse2018.tracking import follow
 from flgpr_papers.kit.findings import OPEN, Finding, Interval, alike, clustered, judge, larger
 
 CONVENTIONS = {"frames": "area accumulated over all frames (Sec. 4)", "lane": "lane area, every place once"}
@@ -39,10 +37,7 @@ def peaks_kept(low: float, high: float) -> str:
 
 
 def strongest_boxes(lanes: Sequence[LaneResult]) -> pd.DataFrame:
-    """Take the strongest clutter box left and right of every frame, as the paper marks two in its figure.
-
-    One row per frame and side; power under every stage and variant; ``cluster`` is the object.
-    """
+    """Take the strongest clutter box left and right of every frame, a row each; ``cluster`` is the object."""
     parts = []
     for lane in lanes:
         if lane.boxes.empty:
@@ -143,10 +138,7 @@ def compared(lane: LaneResult, first: str, second: str, recipe: FuseRecipe, conv
 
 
 def all_findings(lanes: Sequence[LaneResult], loose: LaneResult, recipe: FuseRecipe) -> list[Finding]:
-    """Judge everything.
-
-    The paper's first, then our own questions.
-    """
+    """Judge everything, the paper's statements first, then our own questions."""
     boxes = strongest_boxes(lanes)
     return [*paper_findings(lanes, recipe), *_own_findings(lanes, loose, boxes, recipe)]
 
@@ -331,3 +323,35 @@ def _own_findings(
             )
         )  # fmt: skip
     return found
+
+
+def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:
+    """Join the alarms of frames into tracks that stand still in the lane frame.
+
+    Frame by frame each alarm, strongest first, continues the nearest track within the gate that has none of this frame
+    yet, or begins one; a track stands at the mean of its alarms, weighed by magnitude. Its confidence is the
+    ``hits``-th largest of its magnitudes: at a threshold are declared the tracks of which so many frames exceed it.
+
+    ``alarms`` has frame, x, y (m, lane frame) and magnitude; ``gate`` is in m. The table has x, y, confidence and
+    frames; tracks of fewer frames than ``hits`` are left out.
+    """
+    tracks: list[list[NDArray[np.float64]]] = []
+    for _, frame in alarms.sort_values("magnitude", ascending=False, kind="stable").groupby("frame", sort=True):
+        old = np.array([_place(track) for track in tracks]).reshape(-1, 2)
+        free = np.ones(len(old), dtype=bool)
+        for one in frame[["x", "y", "magnitude"]].to_numpy(dtype=np.float64):
+            away = np.where(free, np.hypot(*(old - one[:2]).T), np.inf)
+            if away.size and away.min() <= gate:
+                nearest = int(away.argmin())
+                tracks[nearest].append(one)
+                free[nearest] = False
+            else:
+                tracks.append([one])
+    kept = [track for track in tracks if len(track) >= hits]
+    rows = [(*_place(track), np.sort([m for *_, m in track])[-hits], len(track)) for track in kept]
+    return pd.DataFrame(rows, columns=["x", "y", "confidence", "frames"])
+
+
+def _place(track: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    points = np.array(track)
+    return np.asarray(np.average(points[:, :2], axis=0, weights=points[:, 2]))

@@ -16,13 +16,12 @@ from flgpr.io import write_whole
 from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
+from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration
-from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.page import draw, study_html
-from flgpr_papers.kit.points import HEADER, point_rows
+from flgpr_papers.kit.page import HEADER, draw, point_rows, study_html
 
 Row = tuple[Any, ...]
 

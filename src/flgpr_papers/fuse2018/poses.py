@@ -11,8 +11,7 @@ from flgpr.clutter import accuracy_needed, coherent_loss_db, measured_coherence
 from flgpr.imaging import ImagingOperator
 from flgpr.model import Grid, vehicle_to_lane
 from flgpr.simulate import Scene, Simulator
-from flgpr_papers.fuse2018.lanes import band_sensor
-from flgpr_papers.fuse2018.recipe import FuseRecipe
+from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 
 ERRORS = (0.0, 0.0015, 0.003, 0.005, 0.01)
 _PLACES = ((-6.0, 7.0), (0.0, 9.0), (5.0, 12.0))

@@ -26,8 +26,7 @@ from flgpr.clutter import (
 )
 from flgpr.model import Grid, ground_points, lane_to_scan, scan_to_lane
 from flgpr.screen import MeanViewSums, prescreen
-from flgpr_papers.fuse2018.lanes import Frames, local, trained
-from flgpr_papers.fuse2018.recipe import FuseRecipe
+from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local, trained
 
 BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex64]
@@ -245,10 +244,7 @@ def _targets(frames: Frames, cleaned: Cleaned, recipe: FuseRecipe) -> list[tuple
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
-    """Image the paper's iterations 0 to 7 and the combinations of Table II on some pixels.
-
-    "iteration 0" and so on, "#0" and so on.
-    """
+    """Image iterations ("iteration 0" ...) and the combinations of Table II ("#0" ...) on some pixels."""
     course, points = cleaned.course, cleaned.stage.points[chosen]
     stack = cleaned.aperture.stack_on(points)
     kept = [stack.adjoint(data)[0, 0] for data in course.data]

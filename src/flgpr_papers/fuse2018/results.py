@@ -16,7 +16,7 @@ from flgpr.chain.recipe import recipe_text
 from flgpr.clutter import fundamental_mask
 from flgpr.clutter.masks import above, extended_mask
 from flgpr.io import write_whole
-from flgpr_papers.fuse2018.lanes import Frames, local
+from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.process import (
     VARIANTS,
     Calibration,
@@ -26,7 +26,6 @@ from flgpr_papers.fuse2018.process import (
     roadside_objects,
     stage_images,
 )
-from flgpr_papers.fuse2018.recipe import FuseRecipe
 from flgpr_papers.kit.cache import Arrays, kept, key_of, read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
@@ -96,10 +95,7 @@ def read_records(path: Path, frames: Frames) -> LaneResult:
 
 
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
-    """Gather what the figures show of one aperture, in its scan frame.
-
-    Magnitudes, masks, axes, places of mines and of the two named boxes.
-    """
+    """Gather what the figures show of one aperture, in its scan frame: magnitudes, masks, axes, places."""
     one, stage = cleaned.aperture, cleaned.stage
     limits, region, grid = stage.limits, stage.region, stage.grid
     arrays: Arrays = {

@@ -9,13 +9,12 @@ import numpy as np
 
 from flgpr.chain.progress import Track, silent
 from flgpr.io import write_whole
-from flgpr_papers.fuse2018.findings import all_findings
+from flgpr_papers.fuse2018.findings import all_findings, paper_findings
 from flgpr_papers.fuse2018.fullwave import fullwave_study
-from flgpr_papers.fuse2018.lanes import Frames, masks_stage, simulate_lane
+from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, fuse_recipe, masks_stage, simulate_lane
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration, Cleaned, calibrate, process_lane
-from flgpr_papers.fuse2018.recipe import FuseRecipe, fuse_recipe
 from flgpr_papers.fuse2018.results import (
     LaneResult,
     example_arrays,
@@ -25,7 +24,8 @@ from flgpr_papers.fuse2018.results import (
     write_records,
 )
 from flgpr_papers.kit.cache import read_arrays, write_arrays
-from flgpr_papers.kit.findings import write_findings
+from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.worlds import World
 
 PAGE = "fuse2018.html"
 LANES = ("A", "B")
@@ -99,3 +99,21 @@ def loosened(frames: Frames, recipe: FuseRecipe) -> Frames:
     shift[:, :3] = np.random.default_rng(1).normal(0, more, (len(shift), 3))
     runs = {band: one.assign(pose=one["pose"] + shift) for band, one in {"l": run, **others}.items()}
     return replace(frames, stage=masks_stage(runs, recipe))
+
+
+def findings_in(world: World, folder: Path) -> list[Finding]:
+    """Judge the paper's statements on lane A, by thresholds of the calibration lane of the same world."""
+    recipe = fuse_recipe(quick=True)
+    seeds = {name: 1000 * (world.number + 1) + k for k, name in enumerate(("calibration", "A"))}
+    there = {"site": world.site(folder), "seeds": seeds, **world.roadside_density}
+    recipe = recipe.model_copy(
+        update={
+            "lanes": recipe.lanes.model_copy(update=there),
+            "radar": recipe.radar.model_copy(update={"scatterers": 25.0}),  # per m²
+        }
+    )
+    calibration = calibrate(simulate_lane(folder, recipe, "calibration", silent), recipe, silent)
+    frames, path = simulate_lane(folder, recipe, "A", silent), folder / "A.json"
+    records = process_lane(frames, calibration, recipe, silent, ("original", "iteration"))
+    write_records(path, frames, records)
+    return paper_findings([read_records(path, frames)], recipe)

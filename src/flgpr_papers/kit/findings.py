@@ -42,13 +42,7 @@ _Z = 1.959964
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of a paper beside ours.
-
-    Raises
-    ------
-    ValueError
-        If it agrees or disagrees and has no interval.
-    """
+    """One statement of a paper beside ours; a ValueError if it agrees or disagrees and has no interval."""
 
     #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours) and ours with its
     #: interval
@@ -129,10 +123,7 @@ def less_figure(ours: Interval, figure: float, error: float) -> Interval:
 
 
 def share_error(share: float, count: int) -> float:
-    """Bound the standard error of a mean of ``count`` numbers from 0 to 1, such as PD_mean over mines.
-
-    Of a share of 0 or 1 it is that of half a count more or less.
-    """
+    """Bound the standard error of a mean of ``count`` numbers from 0 to 1, such as PD_mean over mines."""
     p = min(max(share, 0.5 / count), 1 - 0.5 / count)
     return math.sqrt(p * (1 - p) / count)
 
@@ -188,10 +179,7 @@ def in_words(value: float, low: float, high: float) -> str:
 def parts_larger(
     claim: str, paper: str, parts: Mapping[str, Interval], limit: float = 0.0, note: str = "", group: str = ""
 ) -> Finding:
-    """Make the finding of a claim that several numbers lie above a limit; its number is the least of them.
-
-    The parts' intervals are to hold all together, see :func:`together`.
-    """
+    """Make the finding of a claim that several numbers lie above a limit; its number is the least of them."""
     least = min(parts.values(), key=lambda one: one[1])
     ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in parts.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in parts.values()])

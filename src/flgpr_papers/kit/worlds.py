@@ -1,9 +1,10 @@
-"""Worlds in which the statements of the papers are asked again: the packaged arid site, with four things varied."""
+"""Worlds in which the papers' statements are asked again, the arid site with four things varied; lanes seen again."""
 
 from __future__ import annotations
 
 import itertools
 import json
+import math
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
@@ -13,7 +14,7 @@ from typing import Any
 from scipy.optimize import brentq
 
 from flgpr.io import write_whole
-from flgpr.simulate import soil
+from flgpr.simulate import Scene, soil, told
 from flgpr.simulate.scene import site_tables
 
 _DECLARED = tomllib.loads((resources.files("flgpr_papers") / "worlds.toml").read_text(encoding="utf-8"))
@@ -72,3 +73,21 @@ def smooth_worlds() -> list[World]:
 def worlds() -> list[World]:
     """All worlds of the declared axes."""
     return [World(number, *values) for number, values in enumerate(itertools.product(*AXES.values()))]
+
+
+def turned(scene: Scene, seed: int) -> Scene:
+    """Turn a lane by half a turn with all that the seed put there, targets in order, as seen from the other end."""
+    data = told(scene, seed)
+    for thing in (*data["targets"], *data["objects"], *data["patches"]):
+        thing["x"], thing["y"] = -thing["x"], scene.length - thing["y"]
+        if "azimuth" in thing:
+            thing["azimuth"] += math.pi
+    return Scene.model_validate(data)
+
+
+def changed(scene: Scene, targets: list[Any] | None = None, **parts: dict[str, Any]) -> Scene:
+    """Make a scene anew with some entries of its parts replaced."""
+    data = scene.model_dump(exclude_unset=True)
+    for part, entries in parts.items():
+        data[part] = {**data.get(part, {}), **entries}
+    return Scene.model_validate(data if targets is None else data | {"targets": targets})

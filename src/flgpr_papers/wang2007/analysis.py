@@ -17,8 +17,7 @@ from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_fea
 from flgpr.features import FEATURES
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
-from flgpr.scoring.bootstrap import make_design, make_scores
-from flgpr.scoring.redrawn import Draw, Rescorer
+from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
 from flgpr.screen import prescreen
 
 MINES = {"kind": lambda kind: kind != "simulant"}
@@ -60,13 +59,7 @@ def matched(results: Sequence[LaneResult], tables: Sequence[pd.DataFrame]) -> Ma
 
 
 class Pool:
-    """All alarms of the calibration lanes, labelled, for training and testing.
-
-    Parameters
-    ----------
-    results : sequence of LaneResult
-        The lanes.
-    """
+    """All alarms of the calibration lanes, labelled, for training and testing."""
 
     def __init__(self, results: Sequence[LaneResult]) -> None:
         self.results = list(results)
@@ -189,10 +182,7 @@ class Pool:
         return np.concatenate([one.alarms["magnitude"].to_numpy(dtype=np.float64) for one in self.results])
 
     def nested(self, columns: Sequence[str], steps: int) -> tuple[float, FloatArray, list[list[str]]]:
-        """PD_mean where each lane is scored with features that a search without it has chosen.
-
-        Gives that of all lanes together, the confidences, and the features chosen for each lane.
-        """
+        """PD_mean, confidences and features, each lane scored with features that a search without it has chosen."""
         confidence, chosen = np.full(len(self.labels), -np.inf), []
         for name in self.lanes:
             others = [lane for lane in self.lanes if lane != name]

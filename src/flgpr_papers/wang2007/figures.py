@@ -148,7 +148,7 @@ def patch_figure(examples: Examples) -> Figure:
     for axis, name, title in zip(axes, names, examples["titles"], strict=True):
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
-        rows = [np.hstack([_padded(patch[channel]) for patch in patches]) for channel in order]
+        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel]), 1) for patch in patches]) for channel in order]
         scaled = [row / np.nanmax(row) for row in rows]
         axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
         size = scaled[0].shape[0]
@@ -195,10 +195,7 @@ BAND_FAR = np.linspace(0, 0.1, 51)
 def classifier_figure(
     panels: Mapping[str, Mapping[str, Match]], subsets: Mapping[str, Any], bands: Mapping[str, Band] | None = None
 ) -> Figure:
-    """Fig. 13 and 14: ROC of classifiers, one panel per data set, for metal and plastic mines.
-
-    ``bands`` adds a panel with two bands each: those of the classifier as it is, and trained anew in every draw.
-    """
+    """Fig. 13 and 14: ROC of classifiers by data set; ``bands`` add those of one as it is and trained anew."""
     shown = dict(bands or {})
     figure, axes = _figure(5 * (len(panels) + len(shown)), 3.8, 1, len(panels) + len(shown))
     last = list(next(iter(panels.values())).items())[-1]
@@ -250,10 +247,6 @@ def _scan(
     axis.set(xlim=x, ylim=y)
     axis.set_title(title, fontsize=9)
     axis.tick_params(labelsize=7)
-
-
-def _padded(patch: NDArray[Any]) -> NDArray[Any]:
-    return np.pad(np.nan_to_num(patch), 1, constant_values=0.0)
 
 
 def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -> None:

@@ -34,7 +34,7 @@ from flgpr_papers.kit.findings import (
     spread,
     together,
 )
-from flgpr_papers.kit.points import detections_at, in_words
+from flgpr_papers.kit.page import detections_at, in_words
 from flgpr_papers.wang2007.analysis import (
     BURIED_PLASTIC,
     MINES,

@@ -19,8 +19,7 @@ from flgpr.model import Sensor
 from flgpr.scoring import Match
 from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import Finding, by_chance, spread
-from flgpr_papers.kit.page import draw, study_html
-from flgpr_papers.kit.points import HEADER, point_rows
+from flgpr_papers.kit.page import HEADER, draw, point_rows, study_html
 from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import (

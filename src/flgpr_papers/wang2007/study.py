@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from flgpr.chain.lane_chain import CleanedRun, LaneChain
 from flgpr.chain.progress import Track, silent
@@ -16,16 +17,18 @@ from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.io import open_run, read_manifest, sha256, write_whole
-from flgpr.model import Lane
+from flgpr.kernels.sampling import bilinear
+from flgpr.model import Lane, lane_to_scan
 from flgpr.results.description import describe_run
 from flgpr.results.result import ResultError, read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
-from flgpr_papers.kit.findings import write_findings
+from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
-from flgpr_papers.wang2007.examples import save_examples
+from flgpr_papers.wang2007.findings import all_findings
 from flgpr_papers.wang2007.lanes import blind_scenes, calibration_scenes, quick_scenes, sensor
 from flgpr_papers.wang2007.page import page_html
 
@@ -79,10 +82,7 @@ def lane_result(
     examples: bool = False,
     wide: bool = True,
 ) -> LaneResult:
-    """Simulate a lane and run the chain on it, or take what is there.
-
-    What was found and what is there; with the run-view over the full range and with examples for the figures if wanted.
-    """
+    """Simulate a lane and run the chain on it, with all that the figures need if wanted, or take what is there."""
     home, recipe = folder / "results" / scene.name, parse_recipe(text)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
@@ -137,3 +137,92 @@ def _is_done(home: Path, store: Path, text: str) -> bool:
         return False
     same = manifest["run"].get("store_sha256") == read_manifest(store)["sha256"]
     return bool(same and manifest["recipe_sha256"] == sha256(text.encode()))
+
+
+def findings_in(world: World, folder: Path) -> list[Finding]:
+    """Judge the paper's statements on three calibration lanes and a blind one."""
+    text, radar = packaged_text("wang2007"), sensor()
+    calibration, blind = (
+        [
+            lane_result(folder, scene, seed + 1000 * (world.number + 1), radar, text, silent)
+            for scene, seed in scenes.values()
+        ]
+        for scenes in quick_scenes(world.site(folder))
+    )
+    return all_findings(calibration, blind, parse_recipe(text), draws=100)[0]
+
+
+_AHEAD = 11.0  # m before the array at which an example target is shown
+_CONSECUTIVE = 5
+
+
+def save_examples(
+    path: Path, cleaned: CleanedRun, run: xr.Dataset, recipe: Recipe, truth: pd.DataFrame, alarms: pd.DataFrame
+) -> None:
+    """Save the scan images and patches of Figs. 2-5, 8 and 10."""
+    table = recipe.image
+    imager = ScanImager(run, table.grid(), table.subbands, table.window, table.tolerance)
+    chosen = example_targets(truth, alarms)
+    arrays: dict[str, Any] = {
+        "polarization": run["polarization"].values.astype(str),
+        "subband": np.array(list(table.subbands)),
+    }
+    arrays |= {"x": imager.grid.x, "y": imager.grid.y, "near": cleaned.grid.ny}
+    poses = run["pose"].values
+    number = {int(scan): place for place, scan in enumerate(imager.scans)}
+    for name, (x, y, _) in chosen.items():
+        scan = _scan_before(imager, poses, y)
+        image = imager.image(scan).values
+        arrays[f"raw_{name}"] = np.abs(image).astype(np.float16 if image.max() == 0 else np.float32)
+        arrays[f"clean_{name}"] = cleaned.whole_background.magnitude(image, cleaned.gains[number[scan]])
+        arrays[f"place_{name}"] = lane_to_scan([x, y, 0.0], poses[scan])[:2]
+        arrays[f"patches_{name}"], arrays[f"distances_{name}"] = _patches(cleaned, recipe, x, y)
+    first = number[_scan_before(imager, poses, chosen["surface"][1])]
+    first = max(0, min(first - 2, len(imager.scans) - _CONSECUTIVE))
+    follow = [int(scan) for scan in imager.scans[first : first + _CONSECUTIVE]]
+    hh, f1 = list(arrays["polarization"]).index("HH"), list(table.subbands).index(recipe.prescreen.subband)
+    arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in follow])
+    arrays["series_place"] = np.stack([lane_to_scan([*chosen["surface"][:2], 0.0], poses[scan])[:2] for scan in follow])
+    arrays["signature"] = np.abs(cleaned.whole_background.signature[hh, f1])
+    arrays["gain"] = cleaned.whole_background.gain[hh, f1]
+    arrays["titles"] = np.array([f"{name}: {text}" for name, (_, _, text) in chosen.items()])
+    write_arrays(path, arrays)
+
+
+def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, tuple[float, float, str]]:
+    """Choose place and words of a surface plastic mine, a deep metal one, a shallow plastic one and a false alarm."""
+    mines = truth[truth["kind"].isin(["metal", "plastic"])]
+    plastic, metal = (mines[mines["kind"] == kind] for kind in ("plastic", "metal"))
+    wanted = {"surface": (plastic, -1.0), "metal": (metal, 1.0), "plastic": (plastic[plastic["depth"] > 0], 0.05)}
+    found = {}
+    for name, (table, depth) in wanted.items():
+        table = table if len(table) else mines
+        row = table.iloc[int((table["depth"] - depth).abs().argmin())]
+        where = "on the surface" if row["depth"] < 0 else f"{100 * row['depth']:.0f} cm deep"
+        found[name] = (float(row["x"]), float(row["y"]), f"{row['kind']} mine {where}")
+    away = np.hypot(*(alarms[axis].to_numpy()[:, None] - truth[axis].to_numpy()[None] for axis in ("x", "y")))
+    free = alarms[(away.min(axis=1) > 2) & (alarms["x"].abs() < 1.5)]
+    best = (free if len(free) else alarms).sort_values("confidence", ascending=False).iloc[0]
+    found["false"] = (float(best["x"]), float(best["y"]), "strongest false alarm")
+    return found
+
+
+def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
+    ahead = y - poses[imager.scans, 1]
+    return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
+
+
+def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
+    """Incoherent patches (scan, polarization, subband, y, x) of all scans that count, from near to far."""
+    grid, offsets, poses = cleaned.grid, recipe.contrast.patch().offsets(), cleaned.imager.run["pose"].values
+    found, distances = [], []
+    for place, scan in enumerate(cleaned.imager.scans):
+        local = lane_to_scan([x, y, 0.0], poses[scan])[:2]
+        if not grid.y_min <= local[1] <= recipe.run_view.y_max:
+            continue
+        magnitude = cleaned.background.magnitude(cleaned.imager.image(int(scan)).values, cleaned.gains[place])
+        row = (local[1] + offsets[..., 1] - grid.y_min) / grid.dy
+        found.append(bilinear(magnitude, row, (local[0] + offsets[..., 0] - grid.x_min) / grid.dx))
+        distances.append(local[1])
+    order = np.argsort(distances)
+    return np.stack(found)[order].astype(np.float32), np.asarray(distances)[order]

@@ -1,30 +1,14 @@
-from flgpr.simulate.signature.body import Body, BodyLayer, load_body, packaged_bodies
-from flgpr.simulate.signature.build import build_table
-from flgpr.simulate.signature.table import (
-    FREQUENCY,
-    PERMITTIVITY,
-    SEPARATION,
-    SINE,
-    SignatureTable,
-    find_table,
-    load_table,
-    packaged_table,
-    save_table,
-)
-
-__all__ = [
-    "FREQUENCY",
-    "PERMITTIVITY",
-    "SEPARATION",
-    "SINE",
-    "Body",
-    "BodyLayer",
-    "SignatureTable",
-    "build_table",
-    "find_table",
-    "load_body",
-    "load_table",
-    "packaged_bodies",
-    "packaged_table",
-    "save_table",
-]
+from flgpr.simulate.signature.body import Body as Body
+from flgpr.simulate.signature.body import BodyLayer as BodyLayer
+from flgpr.simulate.signature.body import load_body as load_body
+from flgpr.simulate.signature.body import packaged_bodies as packaged_bodies
+from flgpr.simulate.signature.build import build_table as build_table
+from flgpr.simulate.signature.table import FREQUENCY as FREQUENCY
+from flgpr.simulate.signature.table import PERMITTIVITY as PERMITTIVITY
+from flgpr.simulate.signature.table import SEPARATION as SEPARATION
+from flgpr.simulate.signature.table import SINE as SINE
+from flgpr.simulate.signature.table import SignatureTable as SignatureTable
+from flgpr.simulate.signature.table import find_table as find_table
+from flgpr.simulate.signature.table import load_table as load_table
+from flgpr.simulate.signature.table import packaged_table as packaged_table
+from flgpr.simulate.signature.table import save_table as save_table

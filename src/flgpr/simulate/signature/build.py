@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.simulate.signature import table as nodes
 from flgpr.simulate.signature.body import Body
-from flgpr.simulate.signature.box import solve_box
-from flgpr.simulate.signature.solve import solve_round
+from flgpr.simulate.signature.dipoles import solve_box
+from flgpr.simulate.signature.revolution import solve_round
 from flgpr.simulate.signature.table import SignatureTable
 
 _FINE = 60e9  # cells per wavelength times frequency times refractive index
