@@ -82,11 +82,11 @@ def _forked(command, timeout, stdout, **_):
     reader, writer = os.pipe()
     pid = os.fork()
     if not pid:
-        faulthandler.disable()
-        signal.alarm(int(timeout))
-        if stdout != subprocess.DEVNULL:
-            os.dup2(stdout.fileno(), 1)
         try:
+            faulthandler.disable()
+            signal.alarm(max(1, int(timeout)))
+            if stdout != subprocess.DEVNULL:
+                os.dup2(stdout.fileno(), 1)
             sys.argv = command[2:]
             runpy.run_path(command[2], run_name="__main__")
             os._exit(0)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import flgpr
 from flgpr.kernels import ahead, compiled
@@ -121,17 +122,34 @@ def test_who_compiles_ahead_ends_with_the_process_that_asked_for_it(tmp_path, mo
     (tmp_path / "file").touch()
     with ahead.compiled_beside():
         assert len(started) == 1, "nothing can be kept"
+    monkeypatch.setattr(ahead, "cache_folder", lambda _: tmp_path / "never")
+    monkeypatch.setattr(ahead, "Popen", mock.Mock(side_effect=BlockingIOError))
+    with ahead.compiled_beside():
+        assert ahead.Popen.called, "without another process one does it alone"
+
+
+def test_kernels_are_plain_functions_where_compiling_is_switched_off(tmp_path):
+    program = "from flgpr.kernels.layout import row_size as one; print(hasattr(one, 'nopython_signatures'))"
+    said = subprocess.run([sys.executable, "-c", program], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, text=True,
+                          check=True, capture_output=True)  # fmt: skip
+    assert said.stdout == "False\n"
+
+
+def test_what_is_kept_lies_in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled.config, "CACHE_DIR", str(tmp_path))
+    assert compiled.cache_folder.__wrapped__(Path(compiled.__file__)).parent == tmp_path / "flgpr"
 
 
 def test_folders_that_nobody_used_for_long_are_removed_when_another_is_made(tmp_path):
     mine, old, recent = (tmp_path / f"{name}-{'0a' * 10}" for name in ("mine", "old", "recent"))
     foreign = tmp_path / "kernels_0123456789abcdef0123"
+    (dangling := tmp_path / f"link-{'0b' * 10}").symlink_to(tmp_path / "nowhere")
     for folder in (old, recent, foreign):
         folder.mkdir()
         (folder / "code.nbc").touch()
         os.utime(folder, 2 * (time.time() - (30 if folder is recent else 90) * 86400,))
     compiled._use.__wrapped__(mine)
-    assert sorted(tmp_path.iterdir()) == sorted([recent, foreign])
+    assert sorted(tmp_path.iterdir()) == sorted([recent, foreign, dangling])
     compiled._use.__wrapped__(recent)
     assert time.time() - recent.stat().st_mtime < 86400, "it is in use"
 
@@ -142,9 +160,10 @@ def test_two_processes_never_write_one_file_of_code(tmp_path, monkeypatch):
     source.write_text("def twice(x):\n    return 2 * x\n")
     spec = importlib.util.spec_from_file_location("flgpr.kernels.twice", source)
     spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
-    for process, value in (("one", 3), ("other", 3.5)):
-        monkeypatch.setattr(compiled, "_PROCESS", process)
-        kernel = compiled.njit(cache=True)(module.twice)
-        assert kernel(value) == 2 * value
+    kernel = compiled.njit(cache=True)(module.twice)
+    for value in (3, 3.5):
+        if not (child := os.fork()):  # as workers are forked, with kernels that nothing has called yet
+            os._exit(kernel(value) != 2 * value)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
         (tmp_path / "kernels" / kernel._cache._cache_file._index_name).unlink()  # neither saw the other's entry
     assert len(list((tmp_path / "kernels").glob("*.nbc"))) == 2

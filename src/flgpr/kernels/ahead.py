@@ -90,15 +90,23 @@ def compile_usual() -> None:
 def compiled_beside() -> Iterator[None]:
     """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
     done = cache_folder(Path(__file__))
-    if done.exists() or config.NUMBA_NUM_THREADS < 2 or not _writable(done.parent):
+    if config.NUMBA_NUM_THREADS < 2 or not _writable(done.parent) or done.exists() or not (other := _started()):
         yield
         return
-    command = [sys.executable, "-P", "-m", "flgpr.kernels.ahead"]  # -P: modules in the working folder are not meant
-    with Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL) as other:  # noqa: S603 - nothing from outside
+    with other:
+        Thread(target=other.wait, daemon=True).start()  # so that it does not stay as a zombie for a whole drive
         try:
             yield
         finally:
             other.kill()
+
+
+def _started() -> Popen[bytes] | None:
+    command = [sys.executable, "-P", "-m", "flgpr.kernels.ahead"]  # -P: modules in the working folder are not meant
+    try:
+        return Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL)  # noqa: S603 - nothing from outside
+    except OSError:  # no more processes, or no memory for one: the detection compiles alone
+        return None
 
 
 def _writable(folder: Path) -> bool:

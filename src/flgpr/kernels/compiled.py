@@ -24,7 +24,6 @@ from numba.core import caching, config
 from numba.misc.appdirs import AppDirs
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
-_PROCESS = uuid4().hex[:12]
 
 
 @cache
@@ -50,8 +49,9 @@ def cache_folder(source: Path) -> Path:
     told = hashlib.sha256(f"{numba.__version__} {llvmlite.binding.get_host_cpu_name()} {features}".encode())
     for path in sorted(_modules(source)):
         told.update(f"\0{path.name}\0".encode() + _text(path))
-    home = config.CACHE_DIR or AppDirs(appname="flgpr", appauthor=False).user_cache_dir
-    return Path(home) / f"{source.stem}-{told.hexdigest()[:20]}"
+    # A folder of ours in either case: old ones in it are removed.
+    home = Path(config.CACHE_DIR, "flgpr") if config.CACHE_DIR else Path(AppDirs("flgpr", False).user_cache_dir)
+    return home / f"{source.stem}-{told.hexdigest()[:20]}"
 
 
 @cache
@@ -62,7 +62,7 @@ def _use(folder: Path) -> None:
             os.utime(folder)
             return
         for other in folder.parent.glob("*-" + 20 * "[0-9a-f]"):
-            if time.time() - other.stat().st_mtime > _UNUSED_DAYS * 86400:
+            if time.time() - other.lstat().st_mtime > _UNUSED_DAYS * 86400:
                 shutil.rmtree(other, ignore_errors=True)
 
 
@@ -101,10 +101,9 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
         except RuntimeError:  # neither the user's folder, nor the source's
             return numba.njit(no_cfunc_wrapper=True, **options | {"cache": False})(function)
-        if options.get("cache"):
+        if file := getattr(getattr(kernel, "_cache", None), "_cache_file", None):
             # numba only numbers the files: of two processes, one could leave its code where the other's index points.
-            file = kernel._cache._cache_file
-            file._data_name_pattern = file._data_name_pattern.replace("{number", f"{_PROCESS}-{{number")
+            file._data_name = lambda _: f"{file._index_name.removesuffix('.nbi')}.{uuid4().hex[:12]}.nbc"
         return kernel
 
     return compiled
