@@ -210,14 +210,6 @@ def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, reci
         pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
 
 
-def test_a_rehearsal_changes_nothing(run, recipe, scans):
-    rehearsed, plain = start(run, recipe), start(run, recipe)
-    for scan in scans[:20]:
-        rehearsed.rehearse()
-        assert rehearsed.add(scan).alarms == plain.add(scan).alarms
-    pd.testing.assert_frame_equal(rehearsed.table(), plain.table(), check_exact=True)
-
-
 def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, recipe, scans, monkeypatch):
     broken, plain = start(run, recipe), start(run, recipe)
     for number, scan in enumerate(scans[:40]):

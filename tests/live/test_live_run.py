@@ -2,7 +2,6 @@
 
 import json
 import os
-import queue
 import signal
 import socket
 import subprocess
@@ -25,7 +24,7 @@ from flgpr.live.intake import Intake
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
-from flgpr.live.watch import Arrival, FolderWatch, Inbox, SocketWatch
+from flgpr.live.watch import FolderWatch, Inbox, SocketWatch
 from flgpr.scoring import roc
 from live_lane import SCANS, make_lane_run, small_recipe
 
@@ -492,27 +491,3 @@ def test_the_command_line_ends_on_a_signal_and_keeps_what_it_has(home, tmp_path)
     assert [json.loads(line)["event"] for line in out.splitlines()] == ["alarm"] * len(out.splitlines())
     assert (tmp_path / "out" / "alarms.csv").is_file()
     assert (tmp_path / "out" / "snapshot.bundle").is_file()
-
-
-@pytest.mark.parametrize(
-    ("came", "awake", "rehearsals"),
-    [
-        ([9.0, 9.5, 9.75, 10.0], True, 1),  # due at 10.25, the least interval after the last
-        ([9.0, 9.5, 9.75, 10.0], False, 0),
-        ([9.75, 10.0], True, 0),  # one interval is no rhythm
-        ([9.0, 9.4, 9.8, 10.0], True, 0),  # it should have come
-        ([9.76, 9.98, 10.2], True, 0),  # not yet
-        ([9.0, 9.5, 9.97, 10.0], True, 0),  # they queue
-    ],
-)
-def test_it_rehearses_shortly_before_a_scan_is_due(home, tmp_path, monkeypatch, came, awake, rehearsals):
-    run, done = LiveRun(options(home, tmp_path, awake=awake)), []
-    run._detector = SimpleNamespace(rehearse=lambda: done.append(1))
-    run._came.extend(came)
-    monkeypatch.setattr("flgpr.live.session.time", SimpleNamespace(time=lambda: 10.21))
-    with pytest.raises(queue.Empty):
-        run._next()
-    assert len(done) == rehearsals
-    run.inbox.put(Arrival("frame", "a", 10.2))
-    assert run._next().name == "a"
-    assert len(done) == rehearsals  # what came is taken first

@@ -84,7 +84,8 @@ class TrainedEstimator:
     @property
     def linear_in_magnitude(self) -> bool:
         """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
-        return self.name == "logistic" and self.features == ("magnitude",)
+        plain = getattr(self.estimator, "class_weight", None) is None  # weighted, they are odds of other frequencies
+        return self.name == "logistic" and self.features == ("magnitude",) and plain
 
     @property
     def border(self) -> float:

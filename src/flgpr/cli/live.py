@@ -49,7 +49,6 @@ def live(
         float, Option(help="Probability of another decision from which an alarm tells to wait for one more look.")
     ] = 0.1,
     fresh: Annotated[bool, Option("--fresh", help="Begin anew, whatever the output folder holds.")] = False,
-    awake: Annotated[bool, Option("--awake", help="Keep processors awake shortly before a scan is due.")] = False,
     view: Annotated[bool, Option("--view", help="Show it in the browser.")] = False,
     no_browser: Annotated[bool, Option("--no-browser", help="With --view: print the address only.")] = False,
     quiet: Quiet = False,
@@ -59,7 +58,7 @@ def live(
         vehicle = tasks.Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
         options = tasks.LiveOptions(
             recipe, output, incoming, socket, model, lane, anchor, tasks.LiveSettings(looks, warm_up, span), vehicle,
-            snapshot, idle, threshold, fresh, worth, awake,
+            snapshot, idle, threshold, fresh, worth,
         )  # fmt: skip
         run = tasks.LiveRun(options, (lambda _: None) if quiet else _print)
         with _viewer(output, no_browser) if view else contextlib.nullcontext() as page:

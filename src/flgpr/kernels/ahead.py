@@ -128,4 +128,5 @@ if __name__ == "__main__":
     if stat.S_ISFIFO(os.fstat(0).st_mode):
         Thread(target=_end_with_input, daemon=True).start()
     compile_usual()
-    cache_folder(Path(__file__)).mkdir(exist_ok=True)  # the note that all is done
+    if _writable(cache_folder(Path(__file__)).parent):
+        cache_folder(Path(__file__)).mkdir(exist_ok=True)  # the note that all is done

@@ -29,7 +29,7 @@ def _steer(signal: Any, wavenumber: Any, path: Any, real: Any, imaginary: Any) -
                 imaginary[c, k] += value.real * sine[k] + value.imag * cosine[k]
 
 
-@shared(error_model="numpy", cache=True)
+@shared(cache=True)
 def focus(signal, wavenumber, path, kernel, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (point, polarization, range) with the magnitudes of the beams focused on points.
 

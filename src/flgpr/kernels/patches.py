@@ -21,11 +21,10 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
     """
     channels, ny, nx = images.shape
     size, sets = offset.size, regions.shape[0]
+    whole, count = np.empty(sets, np.bool_), np.empty((sets, 2), np.int64)
+    sums = np.empty((channels, sets, 5))  # inner sum, outer sum and squares about the first value, that value, peak
     for p in range(begin, end):
-        whole = np.ones(sets, np.bool_)
-        sums = np.zeros((channels, sets, 5))  # inner sum, outer sum and squares about the first value, that value, peak
-        count = np.zeros((sets, 2), np.int64)
-        sums[:, :, 4] = -np.inf
+        whole[:], count[:], sums[:], sums[:, :, 4] = True, 0, 0.0, -np.inf
         for i in range(size):
             r = row[p] + offset[i]
             for j in range(size):

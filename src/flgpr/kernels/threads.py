@@ -54,11 +54,12 @@ def share(count: int, run: Callable[[int, int], None], step: int | None = None) 
 def shared(**options: Any) -> Callable[[Callable[..., None]], Any]:
     """Compile a kernel and let threads share what it fills: the rows ``begin`` to ``end`` of the argument before these.
 
-    numba's parallel loops would do it, too, but take two to five times as long to compile.
+    numba's parallel loops would do it, too, but take two to five times as long to compile. As in these, a division by
+    zero is no error: asking for it keeps the compiler from vector code.
     """
 
     def compiled(function: Callable[..., None]) -> Any:
-        kernel = njit(nogil=True, **options)(function)
+        kernel = njit(nogil=True, error_model="numpy", **options)(function)
 
         @wraps(function)
         def call(*arguments: Any) -> None:

@@ -128,7 +128,6 @@ class LiveDetector:
         labels = list(description.polarization)
         self._imaged = [labels.index(one) for one in image.polarizations or labels]
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
-        self._imaged_last: Scan | None = None
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
@@ -178,11 +177,6 @@ class LiveDetector:
             "taken", left_behind + self._raise(view, where, before), row, np.asarray(view.values, np.float32)
         )
 
-    def rehearse(self) -> None:
-        """Image the last scan once more, for nothing: processors and caches that were idle are slow at first."""
-        if self._imaged_last is not None:
-            self._image(self._imaged_last)
-
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
         return self._pass(list(self.alarms.values()))
@@ -202,20 +196,24 @@ class LiveDetector:
         weight = float(self.view["weight"][at])
         return float(self.view["sum"][at]) / weight if weight else math.nan, weight
 
-    def coming(self, alarm: LiveAlarm) -> tuple[list[float], float]:
-        """Give the weights of the looks to come at an alarm, and the step between them, m.
+    def coming(self, alarm: LiveAlarm) -> list[tuple[float, float]]:
+        """List the looks to come at an alarm: the way until each, m, and its weight.
 
-        The vehicle is taken to drive straight on in its median step so far; with no step known none comes.
+        The vehicle is taken to drive straight on in its median step so far; none comes where that is not known, or not
+        forward.
         """
-        poses = np.array([one.pose[:2] for one in self.history])
-        if self.where is None or len(poses) < 2:
-            return [], math.nan
-        step = float(np.median(np.hypot(*np.diff(poses, axis=0).T)))
+        if self.where is None or len(self.history) < 2:
+            return []
+        places = np.array([[*one.pose[:2], 0.0] for one in self.history])
+        step = float(np.median(np.diff(lane_to_scan(places, self.where)[:, 1])))
         x, y = lane_to_scan([alarm.x, alarm.y, 0.0], self.where)[:2]
         left, right, near, _ = self.grid.extent()
-        ahead = np.arange(y - step, near, -step) if left <= x <= right else np.zeros(0)
+        if step < self.settings.least_step or not left <= x <= right:
+            return []
+        ahead = np.arange(y - step, near, -step)
         ahead = ahead[ahead <= self.recipe.run_view.y_max]
-        return look_weight(np.hypot(x, ahead), self.recipe.run_view.falloff).tolist(), step
+        weights = look_weight(np.hypot(x, ahead), self.recipe.run_view.falloff)
+        return list(zip((y - ahead).tolist(), weights.tolist(), strict=True))
 
     def view_grid(self) -> dict[str, float] | None:
         """Lattice of the run-view: ``x``, ``y`` of its first pixel, ``nx``, ``dx``, ``dy``; None before a pose came."""
@@ -251,7 +249,6 @@ class LiveDetector:
                 one.frequency, tx, rx, self._pixels, bands, table.tolerance, window=self._taper, device=table.device
             )
             self._operator = key, operator
-        self._imaged_last = scan
         return np.asarray(self._operator[1].adjoint(scan.signal[self._imaged]), np.complex64)
 
     def _reach(self, pose: FloatArray) -> tuple[float, float]:

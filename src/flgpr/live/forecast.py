@@ -39,11 +39,12 @@ _LARGEST = 30.0  # of log odds: farther off they tell no more
 
 
 class Followed(NamedTuple):
-    """An alarm's log odds when ``seen`` was the weight of its looks, and after further ``looks`` of these weights."""
+    """An alarm's log odds when ``seen`` was the weight of its looks, and after further ones of so much in all."""
 
     odds: float
     seen: float
-    looks: tuple[float, ...]
+    total: float
+    squares: float  #: of the weights of the further looks
     later: float
 
 
@@ -107,8 +108,8 @@ def told(
     odds = alarm.confidence
     if alarm.state in ("withdrawn", "final"):
         return {"p": round(_probability(odds), 4)}
-    looks, step = detector.coming(alarm)
-    left = len(looks) if margin is None or not looks else min(len(looks), max(math.floor(margin / step), 0))
+    coming = detector.coming(alarm)
+    looks, left = [weight for _, weight in coming], sum(margin is None or way <= margin for way, _ in coming)
     event: dict[str, Any] = {"p": round(_probability(odds), 4), "looks_left": left}
     if looks:
         _, seen = detector.looked(alarm)
@@ -143,7 +144,7 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
                 looks.append(new)
                 same = detector.alarms.get(alarm.alarm_id)
                 later = same.confidence if same is not None else _confidence(detector, value)
-                yield Followed(alarm.confidence, seen, tuple(looks), later)
+                yield Followed(alarm.confidence, seen, sum(looks), sum(w * w for w in looks), later)
             going.append((alarm, seen, looks))
         open_ = going + [(one, detector.looked(one)[1], []) for one in detector.alarms.values()]
 
@@ -151,20 +152,20 @@ def follow(detector: LiveDetector, run: xr.Dataset) -> Iterator[Followed]:
 def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
     """Learn the likeliest numbers; nothing where alarms were looked at again too seldom."""
     from scipy.optimize import minimize
+    from scipy.special import expit
 
-    rows = list(followed)
+    rows = np.fromiter(followed, np.dtype((np.float64, len(Followed._fields))))
     notes: dict[str, Any] = {"looks": len(rows)}
     if len(rows) < _LEAST:
         return {}, notes
-    odds, seen, later = (np.array([getattr(one, name) for one in rows]) for name in ("odds", "seen", "later"))
-    total, squares = (np.array([sum(w**power for w in one.looks) for one in rows]) for power in (1, 2))
+    odds, seen, total, squares, later = rows.T
     alike, share = squares / total**2, total / (seen + total)
-    p, known = 1 / (1 + np.exp(-odds)), np.clip(odds, -_LARGEST, _LARGEST)
+    p, known = expit(odds), np.clip(odds, -_LARGEST, _LARGEST)
     off, terms = (later - odds) / share, np.stack([np.ones_like(p), known, p * known], axis=1)
     first = np.linalg.lstsq(terms, off, rcond=None)[0]
 
     def parts(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        rho = 1 / (1 + np.exp(-numbers[5]))
+        rho = expit(numbers[5])
         return off - terms @ numbers[:3], 2 * (numbers[3] + numbers[4] * p) + np.log(rho + (1 - rho) * alike)
 
     def unlikely(numbers: NDArray[np.float64]) -> float:
@@ -173,9 +174,11 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 
     begin = np.array([*first, np.log(max(np.std(off - terms @ first), 1e-6)), 0.0, 0.0])
     best = minimize(unlikely, begin, method="BFGS").x
+    if not np.isfinite(best).all():
+        return {}, notes
     rest, variance = parts(best)
     notes["within"] = float((np.abs(rest) <= _SIDE * np.exp(variance / 2)).mean())
-    found = Forecast(tuple(best[:3]), tuple(best[3:5]), 1 / (1 + math.exp(-best[5])))
+    found = Forecast(tuple(best[:3]), tuple(best[3:5]), float(expit(best[5])))
     return found.arrays(), notes
 
 

@@ -6,14 +6,13 @@ import os
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from itertools import pairwise
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.memory import check_scan_memory
@@ -32,7 +31,7 @@ from flgpr.io import (
 from flgpr.io.files import write_whole
 from flgpr.io.tables import write_table
 from flgpr.live import forecast
-from flgpr.live.detector import LiveDetector, LiveSettings, LiveUpdate, check_causal
+from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.events import EVENT_FILE, Event, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
 from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
@@ -42,7 +41,6 @@ from flgpr.model import Lane
 
 PathLike = str | Path
 _TICK = 0.1  # s between looks at the clock while nothing comes
-_AWAKE, _REST = 0.06, 0.018  # s before a scan is due between which rehearsals, of some 15 ms each, may begin
 _REPORTED = 10_000  # latencies kept for the percentiles
 
 
@@ -65,7 +63,6 @@ class LiveOptions:
     fresh: bool = False  #: begin anew, whatever the output folder holds of an earlier live run
     #: an alarm tells to wait for the next look if that changes the decision with this probability or a higher one
     worth: float = 0.1
-    awake: bool = False  #: image the last scan again shortly before one is due, so that processors are awake
 
 
 @dataclass(frozen=True)
@@ -102,6 +99,7 @@ class LiveRun:
         self._model = load_model(options.model) if options.model is not None else Model()
         unlearnt(self._recipe, self._model)
         self._forecast = forecast.forecast_of(self._recipe, self._model)
+        self._waiting: set[str] = set()  # alarms of which the last word was to wait
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
         model = "" if options.model is None else sha256((Path(options.model) / MODEL_FILE).read_bytes())
@@ -113,7 +111,6 @@ class LiveRun:
         self._latency: list[float] = []
         self._moments: list[float] = []
         self._frames = 0
-        self._came: deque[float] = deque(maxlen=9)  # when the last frames came, s since 1970
         self._names: set[str] = set()
         self._detector: LiveDetector | None = None
         self._intake: Intake | None = None
@@ -177,19 +174,10 @@ class LiveRun:
                     writer.offer(self._snapshot())
 
     def _next(self) -> Arrival:
-        """Give what comes within a tick, else raise queue.Empty; if asked to, rehearse shortly before a scan is due.
-
-        It is due after the least of the last intervals: none that keeps the pace is kept waiting.
-        """
-        came, arrivals = self._came, self.inbox.arrivals
-        least = min((b - a for a, b in pairwise(came)), default=0.0)
-        ahead = came[-1] + least - time.time() if self.options.awake and len(came) > 2 else 0.0
-        if self._detector is not None and _REST < ahead <= _AWAKE and arrivals.empty():
-            self._detector.rehearse()
-            return arrivals.get_nowait()
+        """Give what comes within a tick, else raise queue.Empty."""
         self.inbox.awaited = True
         try:
-            return arrivals.get(timeout=min(ahead - _AWAKE, _TICK) if ahead > _AWAKE else _TICK)
+            return self.inbox.arrivals.get(timeout=_TICK)
         finally:
             self.inbox.awaited = False
 
@@ -214,6 +202,7 @@ class LiveRun:
         intake = Intake(description)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
+            self._waiting = set(detector.alarms)
             self._started = detector.first_pose is not None
             newest = None if detector.newest is None else detector.newest[0]
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
@@ -229,7 +218,6 @@ class LiveRun:
             return False
         if arrival.name != SOCKET:
             self._names.add(arrival.name)
-        self._came.append(arrival.when)
         before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
@@ -244,13 +232,13 @@ class LiveRun:
                  "arrived": round(arrival.when, 3), "latency_ms": round(1e3 * latency, 1)}
             )  # fmt: skip
             where = detector.where if detector.where is not None else scan.pose
-            told = [alarm_event(alarm, scan.number, where, self.options.vehicle, latency) for alarm in update.alarms]
-            if self._forecast is not None:
-                least = 0.0 if self.options.threshold is None else self.options.threshold
-                for alarm, event in zip(update.alarms, told, strict=True):
-                    margin, worth = event.get("margin_m"), self.options.worth
-                    event |= forecast.told(self._forecast, detector, alarm, margin, least, worth)
+            told = [self._alarm_event(alarm, scan.number, where, latency) for alarm in update.alarms]
+            # Of some the last word was to wait for a look, which did not come: told again where that holds no more.
+            for name in self._waiting & (detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}):
+                event = self._alarm_event(replace(detector.alarms[name], state="update"), scan.number, where, latency)
+                told += [event] if event.get("wait") is False else []
             for event in told:
+                (self._waiting.add if event.get("wait") else self._waiting.discard)(event["alarm_id"])
                 self._tell(as_line(event))
             lines += told
             if update.outcome == "taken":
@@ -265,6 +253,14 @@ class LiveRun:
         self._moments = [*self._moments[:1], time.time()]
         self._frames += 1
         return scan is not None
+
+    def _alarm_event(self, alarm: LiveAlarm, scan: int, where: NDArray[np.float64], latency: float) -> Event:
+        event = alarm_event(alarm, scan, where, self.options.vehicle, latency)
+        if self._forecast is not None and self._detector is not None:
+            least = 0.0 if self.options.threshold is None else self.options.threshold
+            margin, worth = event.get("margin_m"), self.options.worth
+            event |= forecast.told(self._forecast, self._detector, alarm, margin, least, worth)
+        return event
 
     def _judge(
         self, arrival: Arrival, detector: LiveDetector, intake: Intake
