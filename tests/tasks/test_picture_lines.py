@@ -10,11 +10,11 @@ from flgpr import tasks
 from flgpr.cli import app
 from flgpr.io import open_run, save_run
 from flgpr.model import SPEED_OF_LIGHT
-from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_mala, write_segy
+from io_gpr import REFLECTORS, SPEED, section, write_dt1, write_dzt, write_segy
 
 TRUE = (SPEED_OF_LIGHT / SPEED) ** 2
 WRITERS = {
-    "line.rd3": write_mala,
+    "line.DZT": lambda path, counts: write_dzt(path, counts[:, None]),
     "line.sgy": write_segy,
 }
 
@@ -30,7 +30,7 @@ def test_four_commands_take_a_recording_to_its_reflectors(name, tmp_path):
     WRITERS[name](tmp_path / name, section(60))
     line, ready, picture = (tmp_path / one for one in ("line.zarr", "ready.zarr", "line.png"))
     told = ["--time-zero", 4, "--band", "1.25e8", "1e9"]
-    told += ["--separation", 0.2, "--step", 0.05] if name == "line.sgy" else []
+    told += ["--separation", 0.2] + (["--step", 0.05] if name == "line.sgy" else [])
     run("import", "gpr", tmp_path / name, "-o", line, *told, "--quiet")
     run("prepare", line, "-o", ready, "--background")
     found = json.loads(run("calibrate", "permittivity", ready, "--json"))

@@ -176,8 +176,8 @@ export class AlarmPanel {
     const show = (name: string): HTMLElement => this.feature(name, detection.features[name]!, alarm, training, added, most);
     home.append(...first.map(show));
     for (const [name, column] of Object.entries(added ?? {}))
-      if (!detection.features[name]) home.append(make("p", { class: "feature" }, make("span", {}, name), make("span", { class: "added" }, `adds ${digits(column[alarm], 3)}`)));
-    if (added) {
+      if (!detection.features[name] && (column[alarm] ?? null) !== null) home.append(make("p", { class: "feature" }, make("span", {}, name), make("span", { class: "added" }, `adds ${digits(column[alarm], 3)}`)));
+    if (sizes.some((size) => size > 0)) {
       const total = detection.alarms.confidence[alarm]!;
       home.append(make("p", { class: "added" }, make("small", {}, `contributions add up to the confidence ${digits(total, 4)}`)));
     }
@@ -195,19 +195,20 @@ export class AlarmPanel {
     const { adds = [], alone = [], causes } = detection.evidence ?? {};
     const looks = causes?.[alarm] ?? [];
     if (!looks.length) return [];
-    const mean = (column: number): number => looks.reduce((sum, look) => sum + look[2]! * look[column]!, 0);
+    const mean = (column: number): number => looks.reduce((sum, look) => sum + (look[2] ?? NaN) * (look[column] ?? NaN), 0);
+    const cell = (value: number | null, places: number): string => (value === null || Number.isNaN(value) ? "\u2013" : fixed(value, places));
     const table = (title: string, words: string, names: string[], first: number): HTMLElement => {
       const head = ["m", "weight", ...names].map((name) => make("th", { scope: "col", title: name }, name === "likelihood" ? "ln \u039b" : name.replace(/^contrast /, "").replace(/^mine over /, "no ")));
       const row = (cells: string[]): HTMLElement => make("tr", {}, ...cells.map((cell) => make("td", {}, cell)));
-      const lines = looks.map((look) => row([fixed(look[1]!, 1), `${fixed(100 * look[2]!, 0)} %`, ...names.map((_, i) => fixed(look[first + i]!, 1))]));
-      const total = row(["mean", "", ...names.map((_, i) => fixed(mean(first + i), 1))]);
+      const lines = looks.map((look) => row([cell(look[1]!, 1), `${cell(100 * look[2]!, 0)} %`, ...names.map((_, i) => cell(look[first + i]!, 1))]));
+      const total = row(["mean", "", ...names.map((_, i) => cell(mean(first + i), 1))]);
       return make("table", { class: "causes" }, make("caption", { title: words }, title), make("thead", {}, make("tr", {}, ...head)), make("tbody", {}, ...lines, total));
     };
     const parts = [table("Looks", "What each look adds to the map at the alarm, and how much it weighs; contributions are the means, times the slope of the regression", adds, 3)];
     if (alone.length) parts.push(table("Each alone", "Log-likelihood ratio of each sub-band's values alone, and log odds of a mine over a stone; they do not add up", alone, 3 + adds.length));
     alone.forEach((name, i) => {
       const [, rival] = name.split(" over ");
-      if (rival) parts.push(make("p", { class: "added", title: "if it is one of the two, and both were as frequent" }, `mine ${fixed(100 / (1 + Math.exp(-mean(3 + adds.length + i))), 0)} %, ${rival} ${fixed(100 / (1 + Math.exp(mean(3 + adds.length + i))), 0)} %, if one of them`));
+      if (rival && !Number.isNaN(mean(3 + adds.length + i))) parts.push(make("p", { class: "added", title: "if it is one of the two, and both were as frequent; fitted for the array, bands and polarizations of the packaged recipe" }, `mine ${fixed(100 / (1 + Math.exp(-mean(3 + adds.length + i))), 0)} %, ${rival} ${fixed(100 / (1 + Math.exp(mean(3 + adds.length + i))), 0)} %, if one of them`));
     });
     return parts;
   }

@@ -21,7 +21,7 @@ export interface Evidence {
   /** Where the map tells: what each look's value is made of, and what explains it alone, by alarm and look, nearest first: scan, distance, share of the weight, then a value each. */
   adds?: string[];
   alone?: string[];
-  causes?: number[][][];
+  causes?: (number | null)[][][];
 }
 export interface Training { label: string; count: number; shares: number[]; quantiles: Record<string, (number | null)[]> }
 export interface Detection {

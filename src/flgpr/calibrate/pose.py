@@ -1,4 +1,4 @@
-"""Lever arm and latency of a positioning antenna, and a vehicle that drives while its array is switched."""
+"""Lever arm and latency of a positioning antenna; motion in a scan: a vehicle that drives while its array switches."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from flgpr.chain.recipe import DetectorTable
 ALLOWED = {
     "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
     "one-class-rvm": "flgpr.detect.one_class.OneClassRelevanceVectorMachine",
-    "mixture": "flgpr.detect.one_class.GaussianMixtureNovelty",
+    "mixture": "flgpr.detect.one_class_mixture.GaussianMixtureNovelty",
     "svm": "sklearn.svm.SVC",
     "one-class-svm": "sklearn.svm.OneClassSVM",
     "logistic": "sklearn.linear_model.LogisticRegression",

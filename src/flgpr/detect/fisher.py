@@ -1,4 +1,4 @@
-"""Fisher's discriminant as Wang et al. 2007 train it (Sec. II-E): features normalised, hits duplicated."""
+"""Fisher's discriminant, histogram normalisation and weights of hits (Wang et al. 2007, Sec. II-E, corrected)."""
 
 from __future__ import annotations
 

@@ -162,17 +162,19 @@ def corners(lane: Lane) -> NDArray[np.float64]:
     return np.array([[x[i], y[k], 0.0] for i, k in ((0, 0), (1, 0), (1, 1), (0, 1))])
 
 
-def write_geotiff(view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str) -> float:
+def write_geotiff(
+    view: xr.DataArray, path: str | Path, anchor: Anchor, processing_id: str, crs: str | None = None
+) -> float:
     """Write a run-view (..., y, x) as GeoTIFF: one band of magnitudes per polarization and sub-band.
 
     The raster keeps the lane's pixels, turned by its geotransform, so nothing is resampled; what is given back is the
-    largest misfit of that, m, for a map is not quite a turned lane. It is in the UTM zone;
-    ``processing_id`` is kept as a tag. The file is whole or absent. It needs rasterio (MissingExtraError), and a view
-    of at least two pixels both ways.
+    largest misfit of that, m, for a map is not quite a turned lane. ``processing_id`` is kept as a tag, ``crs`` is a
+    projected reference system, by default the UTM zone. The file is whole or absent. It needs rasterio
+    (MissingExtraError), and a view of at least two pixels both ways.
     """
     rasterio = optional("rasterio", "gis")
     x, y = _axis(view, "x"), _axis(view, "y")
-    crs = anchor.utm()
+    crs = crs or anchor.utm()
     bands = view.values.reshape(-1, y.size, x.size)[:, ::-1].astype(np.float32)
     transform, misfit = _geotransform(x, y, anchor, crs, rasterio)
     names = ["run-view"] * len(bands)

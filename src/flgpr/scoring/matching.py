@@ -70,7 +70,10 @@ def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> N
 
 
 def check_place(table: pd.DataFrame, lane: Lane, name: str) -> None:
-    """Refuse a table that as a whole cannot lie in this lane: another place, other coordinates, swapped axes."""
+    """Refuse a table that cannot lie in this lane: another place, another coordinate system, swapped axes.
+
+    Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is not.
+    """
     if len(table) == 0:
         return
     x, y = table["x"].to_numpy(), table["y"].to_numpy()

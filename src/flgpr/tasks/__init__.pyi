@@ -20,6 +20,10 @@ from flgpr.results.result import SECTIONS as SECTIONS
 from flgpr.results.result import Result as Result
 from flgpr.results.result import read_result as read_result
 from flgpr.scoring import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.tasks.anchoring import anchor_from_points as anchor_from_points
+from flgpr.tasks.anchoring import check_request as check_request
+from flgpr.tasks.anchoring import tie_lane as tie_lane
+from flgpr.tasks.anchoring import write_anchor as write_anchor
 from flgpr.tasks.bench import bench_imaging as bench_imaging
 from flgpr.tasks.bench import format_bench as format_bench
 from flgpr.tasks.calibration import ClockSearch as ClockSearch
@@ -29,8 +33,6 @@ from flgpr.tasks.calibration import calibrate_range_bias as calibrate_range_bias
 from flgpr.tasks.detection import detect_long as detect_long
 from flgpr.tasks.detection import detect_run as detect_run
 from flgpr.tasks.detection import detect_runs as detect_runs
-from flgpr.tasks.exchange import anchor_from_points as anchor_from_points
-from flgpr.tasks.exchange import check_request as check_request
 from flgpr.tasks.exchange import export_qgis as export_qgis
 from flgpr.tasks.exchange import export_result as export_result
 from flgpr.tasks.exchange import export_run as export_run
@@ -39,9 +41,7 @@ from flgpr.tasks.exchange import import_cphd as import_cphd
 from flgpr.tasks.exchange import import_gpr as import_gpr
 from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
 from flgpr.tasks.exchange import map_bytes as map_bytes
-from flgpr.tasks.exchange import tie_lane as tie_lane
 from flgpr.tasks.exchange import track_of as track_of
-from flgpr.tasks.exchange import write_anchor as write_anchor
 from flgpr.tasks.information import run_info as run_info
 from flgpr.tasks.picture import GroundFit as GroundFit
 from flgpr.tasks.picture import Picture as Picture

@@ -75,7 +75,10 @@ def pd_table(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> pd.Dat
 
 
 def contrast_table(cases: Mapping[str, Sequence[Case]]) -> pd.DataFrame:
-    """Tabulate by site and depth the median HH peak at the mines over that in clutter boxes, dB, all seeds pooled."""
+    """Tabulate the HH level of the mines over that of the clutter, all seeds pooled.
+
+    Columns: site, depth (m), looks, contrast (median peak in boxes at mines over that in clutter boxes, dB).
+    """
     rows = []
     for site, lanes in cases.items():
         peaks = [case["peaks"]["HH"] for case in lanes]

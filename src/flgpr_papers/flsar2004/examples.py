@@ -346,7 +346,10 @@ def held_out(
 def retrained(
     table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, draws: int, seed: int = 0
 ) -> FloatArray:
-    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn."""
+    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
+
+    Looks at one mine are drawn together, and all copies of an example are held out together.
+    """
     rng, found = np.random.default_rng(seed), []
     y = (table["kind"] != "clutter").to_numpy()
     mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]

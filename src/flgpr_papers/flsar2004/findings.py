@@ -84,7 +84,10 @@ def ratio_interval(a: FloatArray, b: FloatArray) -> Interval:
 
 
 def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:
-    """Energy of the first principal component of images and its cosine with the mean template, bootstrapped."""
+    """Energy of the first principal component and its cosine with the mean template, over bootstrap draws of mines.
+
+    ``chips`` (n, polarization, range, y, x); both are means over polarizations and ranges.
+    """
     rng = np.random.default_rng(3)
 
     def both(images: NDArray[Any]) -> tuple[float, float]:

@@ -239,7 +239,10 @@ def simulate_lane(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> 
 
 
 def mines_alone(folder: Path, recipe: FuseRecipe, name: str, track: Track) -> ComplexArray:
-    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines."""
+    """Simulate what the mines add to VV of every scan: the lane less its twin that has everything but the mines.
+
+    The echoes of the surface and of what is strewn through the soil, the same in both, are left out.
+    """
     sensor, seed = band_sensor(recipe, "l").model_copy(update={"polarization": ("VV",)}), recipe.lanes.seeds[name]
     scene = lane_scene(recipe, name, "l")
     lane = told(scene, seed)

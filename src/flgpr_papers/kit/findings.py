@@ -179,7 +179,10 @@ def in_words(value: float, low: float, high: float) -> str:
 def parts_larger(
     claim: str, paper: str, parts: Mapping[str, Interval], limit: float = 0.0, note: str = "", group: str = ""
 ) -> Finding:
-    """Make the finding of a claim that several numbers lie above a limit; its number is the least of them."""
+    """Make the finding of a claim that several numbers lie above a limit; its number is the least of them.
+
+    The parts' intervals are to hold all together, see :func:`together`.
+    """
     least = min(parts.values(), key=lambda one: one[1])
     ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in parts.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in parts.values()])

@@ -42,7 +42,7 @@ def _read(curve: pd.DataFrame, far: float) -> tuple[int, int, float]:
     return int(row["n_detected"]), int(row["n_targets"]), float(row["chance"])
 
 
-def in_words(found: int, targets: int, by_chance: float) -> str:
+def pd_in_words(found: int, targets: int, by_chance: float) -> str:
     """Write a Pd with its counts, exact interval and chance level."""
     low, high = clopper_pearson(found, targets)
     return f"{found} of {targets} = {found / max(targets, 1):.0%} ({low:.0%} to {high:.0%}), chance {by_chance:.0%}"
@@ -55,5 +55,5 @@ def point_rows(matches: Mapping[str, Match], subsets: Mapping[str, Any], **area:
         level = chance(one)
         for kind, subset in subsets.items():
             curve = level.beside(roc_of(one, subset, **area), subset)
-            rows.append((name, kind, *(in_words(*_read(curve, far)) for far in FAR)))
+            rows.append((name, kind, *(pd_in_words(*_read(curve, far)) for far in FAR)))
     return rows

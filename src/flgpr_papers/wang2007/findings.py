@@ -34,7 +34,7 @@ from flgpr_papers.kit.findings import (
     spread,
     together,
 )
-from flgpr_papers.kit.page import detections_at, in_words
+from flgpr_papers.kit.page import detections_at, pd_in_words
 from flgpr_papers.wang2007.analysis import (
     BURIED_PLASTIC,
     MINES,
@@ -289,7 +289,7 @@ def _share_finding(
     found, targets, chance = detections_at(matched, subset, far)
     n = targets if count is None else count
     gap = difference_of_shares((found, targets), (round(figure * n), n))
-    text = f"{in_words(found, targets, chance)}; less {round(figure * n)} of {n}: {gap[0]:+.2f}"
+    text = f"{pd_in_words(found, targets, chance)}; less {round(figure * n)} of {n}: {gap[0]:+.2f}"
     ours = f"{text} ({gap[1]:+.2f} to {gap[2]:+.2f})"
     asks = ("alike", MARGIN, share_error(figure, n))
     return Finding(claim, f"{figure:.0%}", ours, alike(*gap[1:]), note, interval=gap, asks=asks)

@@ -125,6 +125,7 @@ class LikelihoodMap(MapStage):
         """Give what the likelihood and each polarization's contrast add; alone, what sub-bands and a stone would say.
 
         That is each sub-band's log-likelihood ratio, and the log odds of a mine over a stone, were both as frequent.
+        Parts add up to the map without ``offset``, but where that was cut off at the least value.
         """
         table, learnt, grid = self.settings, self.learnt, self.setup.images
         chips, metre = self._chips(image.values), self._metre(grid.y[self._rows])
