@@ -31,8 +31,8 @@ quick: lint
 
 # The checks go on beside the tests; what they say comes last.
 test: $(VENV)/.test
-	@log=$$(mktemp); set -m; { $(LINT); } > $$log 2>&1 & checks=$$!; set +m; \
-	trap 'kill -- -$$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
+	@log=$$(mktemp); { $(LINT); } > $$log 2>&1 & checks=$$!; \
+	trap 'kill $$checks 2> /dev/null; rm -f $$log' EXIT; trap 'exit 130' INT TERM; \
 	$(PYTEST); tests=$$?; wait $$checks; lint=$$?; cat $$log; \
 	test $$lint = 0 || echo "make lint failed: see above"; test $$tests = 0 || echo "the tests failed: see above"; \
 	exit $$((lint || tests))
