@@ -163,7 +163,7 @@ def test_a_cluster_does_what_is_left(made, monkeypatch):
     for path in left:
         path.unlink()
     with distributed.LocalCluster(
-        n_workers=1, processes=False, dashboard_address=None, host="tcp://127.0.0.1"
+        n_workers=1, processes=False, dashboard_address="127.0.0.1:0", host="tcp://127.0.0.1"
     ) as cluster:
         page = w.map_worlds(made, How(scheduler=cluster.scheduler_address))
     assert page == made / "index.html"
