@@ -9,6 +9,7 @@ survive.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -284,8 +285,9 @@ class CausalBackground:
 
     Self-signature and medians are running means, over all scans or, with ``span``, fading with that many scans, which
     follows a self-signature that drifts. The residuals of earlier scans are not made anew when the self-signature
-    improves. A scan enters the estimate before it is cleaned with it; the first is cleaned after ``warm_up`` scans, at
-    least 2. The windows and ``rows`` are those of :class:`BackgroundEstimator`.
+    improves. A scan is cleaned with what those before it taught, so that nothing of a target in it is taken away and
+    its alarms need not wait while it teaches (:meth:`learn`); the first that is cleaned is number ``warm_up``, at least
+    3. The windows and ``rows`` are those of :class:`BackgroundEstimator`.
     """
 
     def __init__(
@@ -297,19 +299,35 @@ class CausalBackground:
         warm_up: int = 5,
         rows: int | None = None,
     ) -> None:
-        if warm_up < 2 or (span is not None and span < 2):
-            raise ValueError(f"warm_up and span must be at least 2 scans, got {warm_up} and {span}")
+        if warm_up < 3:
+            raise ValueError(f"warm_up must be at least 3 scans, got {warm_up}: two teach the background")
+        if span is not None and span < 2:
+            raise ValueError(f"span must be at least 2 scans, got {span}")
         self._tool = BackgroundEstimator(median_size, mean_size, step, rows=rows)
         self._span, self._warm_up, self._count = span, warm_up, 0
         self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians
         self._given = False  # whether someone else has hold of them
+        self._signatures: tuple[ComplexArray, ComplexArray] | None = None  # the first two means, as images
+        self._ready: Background | None = None  # of all that was learnt
+        self._waiting: tuple[ComplexArray, FloatArray, FloatArray] | None = None  # a scan that was not learnt yet
 
     def add(self, image: ComplexArray) -> tuple[FloatArray, Background | None]:
-        """Take the next scan in; give its gain and what to clean it with, None during the warm-up."""
+        """Take the next scan; give its gain and what to clean it with, None during the warm-up."""
+        self.learn()
         tool = self._tool
-        near = image[..., tool._rows, :].shape
-        tool._shape = tool._shape or near
+        tool._shape = tool._shape or image[..., tool._rows, :].shape
         gain, limit = tool._measure(image)
+        self._waiting = image, gain, limit
+        if self._count + 1 >= self._warm_up and self._ready is None:
+            self._prepare()
+        return gain, self._ready
+
+    def learn(self) -> None:
+        """Take the last scan into the estimate; :meth:`add`, :meth:`state` do it themselves where it was not done."""
+        if self._waiting is None:
+            return
+        (image, gain, limit), self._waiting = self._waiting, None
+        tool, near = self._tool, image[..., self._tool._rows, :].shape
         self._count += 1
         weight, common = 1 / min(self._count, self._span or self._count), shared_gain(gain)
         signatures, ratio = [], gain / common
@@ -321,19 +339,26 @@ class CausalBackground:
             blend_clipped(_flat(image), limit.ravel(), scale, weight, mean, self._means[i], _flat(signature))
             signatures.append(signature)
         self._means[2], self._given = _blend(self._means[2], ratio, weight), False
-        if self._count < 2:
-            return gain, None
         own, shared = signatures
-        smooth = tool._smooth(image, gain, own)
-        share = 1 / min(self._count - 1, self._span or self._count)
-        self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
-        if self._count < self._warm_up:
-            return gain, None
-        level = tool._spread_out(self._means[3])
-        return gain, Background(own, level, shared, shared_level(level, self._means[2][None]))
+        if self._count >= 2:
+            smooth = tool._smooth(image, gain, own)
+            share = 1 / min(self._count - 1, self._span or self._count)
+            self._means[3:] = [_blend(self._means[3] if len(self._means) > 3 else smooth, smooth, share)]
+        self._signatures, self._ready = (own, shared), None
+        if self._count + 1 >= self._warm_up:
+            with suppress(ValueError):  # the next scan is told
+                self._prepare()
+
+    def _prepare(self) -> None:
+        """Make of the means what a scan is cleaned with."""
+        if self._signatures is None:
+            self._signatures = tuple(one.astype(np.complex64).reshape(self._tool._shape) for one in self._means[:2])
+        (own, shared), level = self._signatures, self._tool._spread_out(self._means[3])
+        self._ready = Background(own, level, shared, shared_level(level, self._means[2][None]))
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what has been learnt, for a later :meth:`restore`; later scans do not change it."""
+        self.learn()
         self._given = True
         found = {"count": np.array(self._count), "shape": np.array(self._tool._shape or (), np.int64)}
         return found | {f"mean{i}": value for i, value in enumerate(self._means)}
@@ -348,6 +373,7 @@ class CausalBackground:
         self._count = count
         self._tool._shape = tuple(int(n) for n in state["shape"]) or None
         self._means, self._given = [np.asarray(state[name]) for name in means], True
+        self._signatures = self._ready = self._waiting = None
 
 
 def _nodes(count: int, half: int, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -135,10 +135,11 @@ class FeatureSums:
             }
             if self.settings.psi == "circular":
                 ten["P_psi"] = np.where(self._angle["weight"] > 0, np.angle(self._turn) / 2, np.nan)
-        columns = {"scans": self._scans}
-        for b, subband in enumerate(self.subbands):
-            columns |= {f"{name}_{subband}": ten[name][:, b] for name in FEATURES}
-        return pd.DataFrame(columns, index=self._index)
+        names = [f"{name}_{subband}" for subband in self.subbands for name in FEATURES]
+        values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(-1, len(names))
+        table = pd.DataFrame(values, self._index, names)
+        table.insert(0, "scans", self._scans)
+        return table
 
     def _look(
         self, magnitude: NDArray[np.float32], coherent: NDArray[np.complex64], pose: FloatArray

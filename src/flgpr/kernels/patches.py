@@ -20,50 +20,55 @@ def region_statistics(images, row, column, offset, regions, out, begin, end):  #
     do not count; NaN where part of the inner region lies beyond it or the outer one has less than two pixels.
     """
     channels, ny, nx = images.shape
-    size, sets = offset.size, regions.shape[0]
-    whole, count = np.empty(sets, np.bool_), np.empty((sets, 2), np.int64)
-    sums = np.empty((channels, sets, 5))  # inner sum, outer sum and squares about the first value, that value, peak
+    size, sets, one = offset.size, regions.shape[0], np.float32(1)
+    place, value = np.empty((size * size, 2), np.int64), np.empty(size * size)
+    right, below = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
+    members, count = np.empty((sets, 2, size * size), np.int64), np.empty((sets, 2), np.int64)
+    whole = np.empty(sets, np.bool_)
     for p in range(begin, end):
-        whole[:], count[:], sums[:], sums[:, :, 4] = True, 0, 0.0, -np.inf
+        whole[:], count[:], used = True, 0, 0
         for i in range(size):
             r = row[p] + offset[i]
             for j in range(size):
                 c = column[p] + offset[j]
                 inside = -1e-9 <= r <= ny - 1 + 1e-9 and -1e-9 <= c <= nx - 1 + 1e-9
-                y = min(max(int(r), 0), ny - 2)
-                x = min(max(int(c), 0), nx - 2)
-                fr, fc = np.float32(min(max(r - y, 0.0), 1.0)), np.float32(min(max(c - x, 0.0), 1.0))
+                wanted = False
                 for s in range(sets):
                     kind = regions[s, i, j]
-                    if kind == INNER:
-                        whole[s] = whole[s] and inside
-                        count[s, 0] += 1
-                    elif kind == OUTER and inside:
-                        count[s, 1] += 1
-                if not inside:
-                    continue
-                for k in range(channels):
-                    top = images[k, y, x] * (np.float32(1) - fc) + images[k, y, x + 1] * fc
-                    bottom = images[k, y + 1, x] * (np.float32(1) - fc) + images[k, y + 1, x + 1] * fc
-                    value = np.float64(top * (np.float32(1) - fr) + bottom * fr)
-                    for s in range(sets):
-                        kind = regions[s, i, j]
-                        if kind == INNER:
-                            sums[k, s, 0] += value
-                            sums[k, s, 4] = max(sums[k, s, 4], value)
-                        elif kind == OUTER:
-                            if count[s, 1] == 1:
-                                sums[k, s, 3] = value
-                            gap = value - sums[k, s, 3]
-                            sums[k, s, 1] += gap
-                            sums[k, s, 2] += gap * gap
+                    if kind != INNER and kind != OUTER:
+                        continue
+                    if inside:
+                        members[s, kind - 1, count[s, kind - 1]] = used
+                        count[s, kind - 1] += 1
+                        wanted = True
+                    elif kind == INNER:
+                        whole[s] = False
+                if wanted:
+                    y, x = min(max(int(r), 0), ny - 2), min(max(int(c), 0), nx - 2)
+                    place[used, 0], place[used, 1] = y, x
+                    below[used] = np.float32(min(max(r - y, 0.0), 1.0))
+                    right[used] = np.float32(min(max(c - x, 0.0), 1.0))
+                    used += 1
         for k in range(channels):
+            for m in range(used):
+                y, x, fr, fc = place[m, 0], place[m, 1], below[m], right[m]
+                top = images[k, y, x] * (one - fc) + images[k, y, x + 1] * fc
+                bottom = images[k, y + 1, x] * (one - fc) + images[k, y + 1, x + 1] * fc
+                value[m] = np.float64(top * (one - fr) + bottom * fr)
             for s in range(sets):
-                if whole[s] and count[s, 1] > 1:
-                    mean = sums[k, s, 1] / count[s, 1]
-                    out[p, k, s, PEAK] = sums[k, s, 4]
-                    out[p, k, s, MEAN] = sums[k, s, 0] / count[s, 0]
-                    out[p, k, s, OUTER_MEAN] = sums[k, s, 3] + mean
-                    out[p, k, s, OUTER_STD] = np.sqrt(max(sums[k, s, 2] / count[s, 1] - mean * mean, 0.0))
-                else:
+                if not whole[s] or count[s, 1] < 2:
                     out[p, k, s] = np.nan
+                    continue
+                peak, inner, first = -np.inf, 0.0, value[members[s, 1, 0]]
+                for m in members[s, 0, : count[s, 0]]:
+                    inner += value[m]
+                    peak = max(peak, value[m])
+                gaps, squares = 0.0, 0.0  # about the first value
+                for m in members[s, 1, : count[s, 1]]:
+                    gap = value[m] - first
+                    gaps += gap
+                    squares += gap * gap
+                mean = gaps / count[s, 1]
+                out[p, k, s, PEAK], out[p, k, s, MEAN] = peak, inner / count[s, 0]
+                out[p, k, s, OUTER_MEAN] = first + mean
+                out[p, k, s, OUTER_STD] = np.sqrt(max(squares / count[s, 1] - mean * mean, 0.0))

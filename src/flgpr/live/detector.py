@@ -49,7 +49,7 @@ class LiveSettings:
     """How the live chain trades time for certainty."""
 
     looks: int = 3  #: scans that must have seen a place before an alarm is raised there
-    #: the first scan that is cleaned, counted from 1; those before it only teach the background. At least 2
+    #: the first scan that is cleaned, counted from 1; those before it only teach the background. At least 3
     warm_up: int = 5
     span: int | None = None  #: scans that the background remembers; None remembers all
     #: a scan nearer than this to the last one taken is left out, m: a standing vehicle tells nothing new, and its scans
@@ -177,6 +177,10 @@ class LiveDetector:
             "taken", left_behind + self._raise(view, where, before), row, np.asarray(view.values, np.float32)
         )
 
+    def learn(self) -> None:
+        """Do what the next scan needs and no alarm of this one waits for; else the next :meth:`add` does it."""
+        self.background.learn()
+
     def finish(self) -> list[LiveAlarm]:
         """Close the run: nothing will be seen any more, and what was open is final, which is returned."""
         return self._pass(list(self.alarms.values()))
@@ -285,13 +289,13 @@ class LiveDetector:
     def _raise(self, view: xr.DataArray, pose: FloatArray, before: AlarmSums | None) -> list[LiveAlarm]:
         """Bring the open alarms up to date with the run-view, and close the ground that is passed."""
         found = local_maxima(view, self.recipe.prescreen.radius)
-        found = found[found["y"] > self.closed]
-        column = np.rint((found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing).astype(int)
-        row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).astype(int)
-        found = found[view["looks"].values[row, column] >= self.settings.looks].reset_index(drop=True)
+        column = np.rint((found["x"] - view["x"].values[0]) / self.recipe.run_view.spacing).to_numpy(int)
+        row = np.rint((found["y"] - view["y"].values[0]) / self.recipe.run_view.spacing).to_numpy(int)
+        seen = view["looks"].values[row, column] >= self.settings.looks
+        found = found[seen & (found["y"] > self.closed).to_numpy()].reset_index(drop=True)
         strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
-        known = pd.concat([strong, self._confidence(strong, before)], axis=1)
-        changed = self._match(known[known["confidence"].notna()], pose)
+        known = strong.assign(**self._confidence(strong, before))
+        changed = self._match(known[~np.isnan(known["confidence"].to_numpy())], pose)
         limit = self._reach(pose)[0] - self.recipe.prescreen.radius
         if limit > self.closed:
             final = self._close(found, view, limit)
@@ -317,7 +321,7 @@ class LiveDetector:
         counted = np.isfinite(view.values) & (y > low) & (y <= high) & self._counts(x, y)
         return float(counted.sum()) * self.recipe.run_view.spacing**2
 
-    def _confidence(self, alarms: pd.DataFrame, before: AlarmSums | None) -> pd.DataFrame:
+    def _confidence(self, alarms: pd.DataFrame, before: AlarmSums | None) -> dict[str, Any]:
         """Confidence of alarms and the number of scans that entered it.
 
         Alarms at pixels where there were some after the scan before take in the newest scan alone.
@@ -329,20 +333,21 @@ class LiveDetector:
         # The same place to the last bit, whichever window of the run-view it was found in.
         places = pd.DataFrame({"x": alarms["x"], "y": grid.y_min + row * grid.dy}).iloc[order].reset_index(drop=True)
         pixel = pixel[order]
-        known = np.isin(pixel, [] if before is None else before.rows)
-        whole = AlarmSums(self.reads, places, pixel)
+        sums = AlarmSums(self.reads, places, pixel)
+        new = np.ones(len(pixel), bool)
         with _one_thread():
-            for some, scans in ((known, self.history[-1:]), (~known, self.history)):
-                if some.any():
-                    sums = AlarmSums(self.reads, places[some].reset_index(drop=True), pixel[some])
-                    if before is not None:
-                        sums.merge(before.state())
-                    sums.add(*scans)
-                    whole.merge(sums.state())
-        features = whole.table().iloc[np.argsort(order)].reset_index(drop=True)
+            if before is not None:
+                sums.merge(before.state())
+                new = ~np.isin(pixel, before.rows)
+            if new.any() and len(self.history) > 1:
+                earlier = AlarmSums(self.reads, places[new], pixel[new])
+                earlier.add(*self.history[:-1])
+                sums.merge(earlier.state())
+            sums.add(self.history[-1])
+        features = sums.table().iloc[np.argsort(order)].reset_index(drop=True)
         confidence = self.reads.confidence(features, alarms["magnitude"], self.model.detector)
-        self._sums = whole
-        return pd.DataFrame({"confidence": confidence, "scans": features["scans"]})
+        self._sums = sums
+        return {"confidence": confidence, "scans": features["scans"]}
 
     def _match(self, found: pd.DataFrame, pose: FloatArray) -> list[LiveAlarm]:
         """Give every maximum the name of the open alarm next to it, the strongest first, or a new one."""

@@ -250,6 +250,7 @@ class LiveRun:
         if _faults(before) != _faults(intake.counts):
             lines.append({"event": "counts", **intake.counts})
         events.append(lines)
+        detector.learn()
         self._moments = [*self._moments[:1], time.time()]
         self._frames += 1
         return scan is not None
@@ -320,9 +321,9 @@ class LiveRun:
 
 def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
     """Run noise through a detector of its own, so that what must be compiled or loaded is before the first scan."""
-    detector = LiveDetector(description, recipe, None, model, LiveSettings(looks=1, warm_up=2))
+    detector = LiveDetector(description, recipe, None, model, LiveSettings(looks=1, warm_up=3))
     rng = np.random.default_rng(0)
-    for number in range(4):
+    for number in range(5):
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         detector.add(Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64)))

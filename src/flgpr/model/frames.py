@@ -46,7 +46,7 @@ def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
 def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
     """Points (n, 3) on the mean ground of the lane frame, m, of a table with ``x`` and ``y``."""
     points = np.zeros((len(table), 3))
-    points[:, :2] = table[["x", "y"]].to_numpy(dtype=np.float64)
+    points[:, 0], points[:, 1] = table["x"], table["y"]
     return points
 
 

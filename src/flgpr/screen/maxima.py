@@ -137,12 +137,14 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     near = maximum_filter(filled, size=(3 if ny else 1, 3 if nx else 1), mode="constant", cval=-np.inf)
     rows, columns = np.nonzero((filled == near) & inner) if min(dy, dx) <= radius / math.sqrt(2) else np.nonzero(inner)
     padded = np.pad(filled, ((ny, ny), (nx, nx)), constant_values=-np.inf)
-    peak = np.ones(rows.size, bool)
-    for v in range(-ny, ny + 1):
-        for u in range(-nx, nx + 1):
-            if (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9):
-                peak &= filled[rows, columns] >= padded[rows + ny + v, columns + nx + u]
-    rows, columns = rows[peak], columns[peak]
+    v, u = np.mgrid[-ny : ny + 1, -nx : nx + 1].reshape(2, -1)
+    disc = (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9)
+    # Far neighbours first, some at a time: after each lot few candidates are left.
+    v, u = (one[disc][np.argsort(-(v**2 + u**2)[disc], kind="stable")] for one in (v, u))
+    for lot in np.array_split(np.arange(v.size), 8):
+        around = padded[rows[:, None] + (ny + v[lot]), columns[:, None] + (nx + u[lot])]
+        peak = (filled[rows, columns, None] >= around).all(axis=1)
+        rows, columns = rows[peak], columns[peak]
     order = np.argsort(-values[rows, columns], kind="stable")
     rows, columns = rows[order], columns[order]
     kept: list[int] = []
