@@ -63,8 +63,13 @@ def played(run, recipe, scans):
 
 
 @pytest.fixture(scope="module")
-def batch(run, recipe):
-    return detect(run, recipe, LANE)[0].alarms
+def whole(run, recipe):
+    return detect(run, recipe, LANE)[0]
+
+
+@pytest.fixture(scope="module")
+def batch(whole):
+    return whole.alarms
 
 
 def seen(table, scans):
@@ -129,7 +134,7 @@ def test_the_alarms_are_those_of_the_events(played):
     assert table["confidence"].is_monotonic_decreasing
 
 
-def test_the_view_is_the_run_view_of_the_scans_in_memory(played, batch, run, recipe, scans):
+def test_the_view_is_the_run_view_of_the_scans_in_memory(played, whole):
     """Rows that came last for a place make up a run-view like batch's."""
     _, updates = played
     found = np.full((200, 25), np.nan)
@@ -137,11 +142,11 @@ def test_the_view_is_the_run_view_of_the_scans_in_memory(played, batch, run, rec
         if update.view is not None:
             skip = max(-update.row, 0)
             found[update.row + skip : update.row + len(update.view)] = update.view[skip:]
-    whole = detect(run, recipe, LANE)[0].view.sel(polarization="HH", subband="F1").values
+    theirs = whole.view.sel(polarization="HH", subband="F1").values
     rows = slice(70, 150)
-    both = np.isfinite(found[rows]) & np.isfinite(whole[rows])
+    both = np.isfinite(found[rows]) & np.isfinite(theirs[rows])
     assert both.mean() > 0.95
-    ratio = 20 * np.log10(found[rows][both] / whole[rows][both])
+    ratio = 20 * np.log10(found[rows][both] / theirs[rows][both])
     assert np.median(np.abs(ratio)) < 1.0
 
 

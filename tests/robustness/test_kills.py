@@ -52,7 +52,7 @@ class Killer:
     def __init__(self, seed, home, work):
         self.rng, self.home, self.work = np.random.default_rng(seed), home, work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.execution.lane_work", "robust"])
+        self.context.set_forkserver_preload(["flgpr.execution.ready", "robust"])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")

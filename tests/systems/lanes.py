@@ -7,7 +7,7 @@ from flgpr.chain.recipe import recipe_text
 from flgpr.io import open_run, save_run
 from small_lane import cut_down
 
-LENGTH = 60.0
+LENGTH = 30.0
 SENSOR = """name = "small"
 source = "a small array for tests"
 polarization = ["HH", "VV", "HV", "VH"]
@@ -128,7 +128,7 @@ SMALL["fuse2018-wang2007"] = [
     ("combination = 6", "combination = 1"),
     *SMALL["wang2007"],
 ]
-LANE = "x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 60.0\n"
+LANE = "x_min = -1.5\nx_max = 1.5\ny_min = 0.0\ny_max = 30.0\n"
 
 
 def small_recipe(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from flgpr.chain.recipe import RANKS, ContrastTable, PrescreenTable, Recipe, Run
 from flgpr.chain.stages import ComplexArray, FeatureStage, FloatArray
 from flgpr.clutter import Background
 from flgpr.features import POLARIMETRIC, ContrastSums, FeatureSettings, FeatureSums
+from flgpr.imaging.scan import blank_image
 from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
 
@@ -125,18 +127,13 @@ class AlarmFeatures:
 
     def labelled(self, scan: CleanedScan) -> xr.DataArray:
         """Give the image whose channels have their own gain with its names, axes, number and pose."""
-        return xr.DataArray(
-            scan.own,
-            dims=("polarization", "subband", "y", "x"),
-            coords={
-                "polarization": list(self.polarizations),
-                "subband": list(self.subbands),
-                "y": self.grid.y,
-                "x": self.grid.x,
-            },
-            attrs={"scan": scan.number, "pose": scan.pose.tolist()},
-            name="image",
-        )
+        image = self._blank.copy(deep=False, data=scan.own)
+        image.attrs = {"scan": scan.number, "pose": scan.pose.tolist()}
+        return image
+
+    @cached_property
+    def _blank(self) -> xr.DataArray:
+        return blank_image(list(self.polarizations), list(self.subbands), self.grid.y, self.grid.x)
 
     @property
     def single(self) -> str:

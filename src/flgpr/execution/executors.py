@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 import threading
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Sequence
@@ -25,6 +26,8 @@ from flgpr.chain.passes import dealt
 Report = dict[str, Any]
 Work = Callable[..., Report]
 _TRIALS = 3
+_SLOW = ("dask.array", "sklearn", "skops.io")
+"""What the work may need and takes longest to import: forked with it where this process has come to need it."""
 
 
 class LostWorkersError(ValueError):
@@ -71,10 +74,6 @@ class Processes(Executor):
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
 
-    def __enter__(self) -> Processes:
-        self._begin(None)
-        return self
-
     def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -111,7 +110,8 @@ class Processes(Executor):
         with self._lock:
             if self._pool is None or self._pool is broken:
                 context = multiprocessing.get_context("forkserver")
-                context.set_forkserver_preload(["flgpr.execution.lane_work"])
+                slow = (name for name in _SLOW if name in sys.modules)
+                context.set_forkserver_preload(["flgpr.execution.ready", *slow])
                 threads = max(1, (os.cpu_count() or 1) // self.count)
                 self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
             return self._pool
