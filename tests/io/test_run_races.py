@@ -75,9 +75,10 @@ for trial in range(12):
     time.sleep(max(0.0, start + 0.2 * trial + rng.uniform(0, 0.06) - time.time()))
     try:
         write(begin(f"{folder}/{trial}.zarr", resume=True))
-        print(trial, "wrote", flush=True)
+        said = "wrote"
     except Exception as error:
-        print(trial, error, flush=True)
+        said = error
+    print(f"{trial} {said}\\n", end="", flush=True)  # in one piece, for the others write there too
 """
 
 
