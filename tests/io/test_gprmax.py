@@ -173,15 +173,15 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
 def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, monkeypatch):
     copy = shutil.copytree(folder[0], tmp_path / "decks")
     manifest = json.loads((copy / "manifest.json").read_text())
-    runs = [{**run, "scan": scan} for scan in range(4) for run in manifest["runs"]]
-    told = {"runs": runs, "pose": manifest["pose"] * 4, "time": [0.0, 1.0, 2.0, 3.0]}
+    runs = [{**run, "scan": scan} for scan in range(3) for run in manifest["runs"]]
+    told = {"runs": runs, "pose": manifest["pose"] * 3, "time": [0.0, 1.0, 2.0]}
     (copy / "manifest.json").write_text(json.dumps(manifest | told))
     whole = import_gprmax_results(copy, tmp_path / "whole.zarr")
     made, scan = [], GprmaxRun.scan
 
     def stopped(run, index):
         made.append(index)
-        if made == [0, 1, 2]:
+        if made == [0, 1]:
             raise KeyboardInterrupt
         return scan(run, index)
 
@@ -193,7 +193,7 @@ def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, 
         begin()
     assert [path.name for path in tmp_path.glob("run*")] == ["run.zarr.partial"]
     assert [path.name.replace("run", "whole") for path in begin()] == [path.name for path in whole]
-    assert made == [0, 1, 2, 2, 3]
+    assert made == [0, 1, 1, 2]
     assert digests(tmp_path / "run.zarr") == digests(tmp_path / "whole.zarr")
     shutil.rmtree(tmp_path / "run.zarr")
     made.clear()
@@ -202,7 +202,7 @@ def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, 
     with h5py.File(next(copy.glob("scan*-H.out")), "r+") as file:
         file["rxs/rx1/Ex"][50] += 1
     begin()
-    assert made == [0, 1, 2, 0, 1, 2, 3]
+    assert made == [0, 1, 0, 1, 2]
 
 
 def test_a_result_with_values_that_are_not_finite_is_a_missing_sweep(folder, tmp_path):

@@ -1,5 +1,7 @@
 """Anybody's gprMax results, made here in the documented layout: a dipole and two receivers in air, two scans."""
 
+from functools import cache
+
 import h5py
 import numpy as np
 import pytest
@@ -20,11 +22,16 @@ def spectrum_of(current, frequency):
     return np.exp(-2j * np.pi * np.outer(frequency, time)) @ current * STEP
 
 
-def write_scan(path, place, kind="ricker", samples=False):
-    count = 4 * STEPS
-    f = np.fft.rfftfreq(count, STEP)[1:]
-    current = pulse(kind, CENTRE, STEP * (np.arange(count) + 0.5))
-    moment = spectrum_of(current, f) / STEP * CELL
+@cache
+def driven():
+    """Frequencies of a long record, the current at the source and the spectrum of its moment."""
+    f = np.fft.rfftfreq(4 * STEPS, STEP)[1:]
+    current = pulse("ricker", CENTRE, STEP * (np.arange(4 * STEPS) + 0.5))
+    return f, current, spectrum_of(current, f) / STEP * CELL
+
+
+def write_scan(path, place, samples=False):
+    f, current, moment = driven()
     with h5py.File(path, "w") as file:
         file.attrs.update({"gprMax": "3.1.7", "Title": "two receivers", "Iterations": STEPS, "dt": STEP})
         file.attrs["dx_dy_dz"] = (CELL, CELL, CELL)
@@ -39,7 +46,7 @@ def write_scan(path, place, kind="ricker", samples=False):
             group.attrs.update({"Name": f"Rx{n}", "Position": place + offset})
             for axis, name in enumerate(("Ex", "Ey", "Ez")):
                 field = -1j * dipole_field(np.eye(3)[0], offset, axis, f) * moment
-                group[name] = np.fft.irfft(np.concatenate([[0], field]), count)[:STEPS]
+                group[name] = np.fft.irfft(np.concatenate([[0], field]))[:STEPS]
 
 
 @pytest.fixture(scope="module", autouse=True)

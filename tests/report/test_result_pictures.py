@@ -46,6 +46,7 @@ def result_of(length, alarms, folder):
 @pytest.mark.parametrize(("length", "scale"), [(20.0, False), (700.0, True)])
 def test_a_long_lane_is_stretched_and_keeps_its_brightest_spot(length, scale, tmp_path):
     figure = run_view_figure(result_of(length, 3, tmp_path), ["main"])
+    figure.draw_without_rendering()
     axes = figure.axes[0]
     mesh = axes.collections[0]
     levels = mesh.get_array()
@@ -83,5 +84,7 @@ def test_names_from_files_are_shown_and_not_run(tmp_path):
 
 
 def test_stops_of_a_long_run_are_thinned_out():
-    plan = geometry_figure(RUN, Lane(-1.5, 1.5, 0.0, 1000.0), None, 0.4).axes[0]
+    figure = geometry_figure(RUN, Lane(-1.5, 1.5, 0.0, 1000.0), None, 0.4)
+    figure.draw_without_rendering()
+    plan = figure.axes[0]
     assert 200 <= len(plan.lines) <= 400

@@ -91,6 +91,7 @@ def test_the_map_shows_every_target_once_in_strips_along_the_lane():
     names = [f"T{number}" for number in range(5)]
     table = pd.DataFrame({"target_id": names, "kind": "metal", "x_m": 0.5, "y_m": y})
     (figure,) = lane_maps(Lane(-2, 2, 0, 75), table)
+    figure.draw_without_rendering()
     shown = [[text.get_text() for text in axes.texts] for axes in figure.axes]
     assert shown == [["T0", "T1"], ["T2"], ["T3", "T4"]]
     assert figure.axes[0].yaxis_inverted(), "the right side of the lane is below when travel is to the right"

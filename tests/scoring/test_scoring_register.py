@@ -22,11 +22,18 @@ def nobody():
     raise AssertionError("a passphrase was asked for in vain")
 
 
-@pytest.fixture
-def trial(tmp_path):
+@pytest.fixture(scope="module", autouse=True)
+def quick_seals():
+    """Nobody guesses at these passphrases: a key that costs little will do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flgpr.scoring.blind._COST", 2**8)
+        yield
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
     """A planned lane, a registered recipe and one that is not, two alarm lists."""
-    home = tmp_path / "trial"
-    home.mkdir()
+    home = tmp_path_factory.mktemp("planned")
     (home / "lane.toml").write_text(LANE)
     (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,5\nplastic,0.1,3\n")
     for name in ("mine", "other"):
@@ -36,6 +43,11 @@ def trial(tmp_path):
     near.assign(confidence=np.arange(len(plan))).to_csv(home / "a.csv", index=False)
     near[:4].assign(confidence=np.arange(4)).to_csv(home / "b.csv", index=False)
     return home
+
+
+@pytest.fixture
+def trial(planned, tmp_path):
+    return shutil.copytree(planned, tmp_path / "trial")
 
 
 @pytest.fixture

@@ -35,7 +35,7 @@ def inverted(only_a, only_b, n, level):
     """Differences that the score test accepts, each with the nuisance share that makes the counts most likely."""
     z, accepted = stats.norm.ppf((1 + level) / 2), []
     for gap in np.linspace(-0.999, 0.999, 1999):
-        share = np.linspace(max(0.0, -gap), (1 - gap) / 2, 4001)
+        share = np.linspace(max(0.0, -gap), (1 - gap) / 2, 1001)
         likely = xlogy(only_a, share + gap) + xlogy(only_b, share) + xlogy(n - only_a - only_b, 1 - 2 * share - gap)
         best = share[np.nanargmax(likely)]
         if abs(only_a - only_b - n * gap) <= z * np.sqrt(n * (2 * best + gap - gap**2)):

@@ -51,14 +51,14 @@ def map_backdrop(
     x_min, x_max, y_min, y_max = box
     pixel = max(x_max - x_min, y_max - y_min) / most
     x, y = np.arange(x_min + pixel / 2, x_max, pixel), np.arange(y_max - pixel / 2, y_min, -pixel)
-    ground = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
-    lonlat = tie.to_geodetic(ground)[..., :2]
     try:
         with rasterio.open(file, driver=driver) as source:
             if source.crs is None:
                 raise ValueError("it must tell its reference system, it does not")
             if any(kind != "uint8" for kind in source.dtypes) or source.count > 4:
                 raise ValueError(f"it must have one to four bands of 8 bits, got {', '.join(source.dtypes[:5])}")
+            ground = np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
+            lonlat = tie.to_geodetic(ground)[..., :2]
             place = lonlat if source.crs.to_epsg() == 4326 else transform_lonlat(lonlat, source.crs.to_wkt())
             image = _sampled(source, place)
     except (rasterio.errors.RasterioError, ValueError) as error:

@@ -264,7 +264,7 @@ class GprmaxRun:
                 f"{folder}: {len(missing)} of {len(wanted)} results are missing, {missing[0]}{ENDINGS[0]} (or "
                 f"{ENDINGS[1]}) among them: run gprMax on {missing[0]}.in"
             )
-        self._air: dict[str, GprmaxOutput] = {}
+        self._air: dict[str, GprmaxOutput] = {}  # of the scan before, which is often that of the next
 
     def __len__(self) -> int:
         return len(self.manifest["pose"])
@@ -274,7 +274,9 @@ class GprmaxRun:
         labels = self.manifest["polarization"]
         pairs = len(self.manifest["tx_position"])
         signal = np.full((len(labels), pairs, self.frequency.size), np.nan, dtype=np.complex128)
-        for run in (run for run in self.manifest["runs"] if run["scan"] == index):
+        runs = [run for run in self.manifest["runs"] if run["scan"] == index]
+        self._air = {name: air for name, air in self._air.items() if name in {run["free"] for run in runs}}
+        for run in runs:
             scene = read_gprmax(self._found(run["file"]) or "")
             air = None if self.keep_direct else self._read_air(run["free"])
             self._check(scene)
@@ -301,7 +303,7 @@ class GprmaxRun:
 
     def _read_air(self, name: str) -> GprmaxOutput:
         if name not in self._air:
-            self._air = {name: read_gprmax(self._found(name) or "")}
+            self._air[name] = read_gprmax(self._found(name) or "")
         return self._air[name]
 
     def _check(self, output: GprmaxOutput) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import as_lane, check_truth
 from flgpr.scoring.curve import clopper_pearson, count_at, describe, make_curve
-from flgpr.scoring.matching import LaneLike, Subset, check_place, select_targets
+from flgpr.scoring.matching import LaneLike, Subset, check_place, positions, select_targets
 
 FloatArray = NDArray[np.float64]
 
@@ -54,9 +54,9 @@ def box_roc(
         above the threshold, ``area`` that of all H0 boxes.
     """
     truth, one = check_truth(truth), as_lane(lane)
-    check_place(truth, one, "truth")
+    at = positions(truth)
+    check_place(at, one, "truth")
     chosen = select_targets(truth, subset)
-    at = truth[["x", "y"]].to_numpy()
     peaks = box_peaks(image, x, y, at[chosen], box).ravel()
     clutter = box_peaks(image, x, y, offset_boxes(at, one, box, clearance), box).ravel()
     return peak_roc(peaks, clutter, box**2, level)

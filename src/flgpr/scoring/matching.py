@@ -69,14 +69,19 @@ def lane_of_rows(table: pd.DataFrame, lanes: Mapping[str, Lane], name: str) -> N
     return np.asarray(named.map({lane: number for number, lane in enumerate(known)}), dtype=np.int64)
 
 
-def check_place(table: pd.DataFrame, lane: Lane, name: str) -> None:
-    """Refuse a table that cannot lie in this lane: another place, another coordinate system, swapped axes.
+def positions(table: pd.DataFrame) -> FloatArray:
+    """Take the positions x, y, m, of a checked table's rows (row, 2)."""
+    return np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=-1)
+
+
+def check_place(points: FloatArray, lane: Lane, name: str) -> None:
+    """Refuse a table's points (row, 2) that cannot lie in this lane: another place or coordinate system, swapped axes.
 
     Single points outside the lane are fine (Wang et al. 2007, rule 4); a table that lies outside as a whole is not.
     """
-    if len(table) == 0:
+    if len(points) == 0:
         return
-    x, y = table["x"].to_numpy(), table["y"].to_numpy()
+    x, y = points.T
     borders = f"x {lane.x_min:g}..{lane.x_max:g} m, y {lane.y_min:g}..{lane.y_max:g} m"
     extent = f"x {x.min():g}..{x.max():g}, y {y.min():g}..{y.max():g}"
     if _swapped(x, y, lane, known=name == "truth"):
@@ -147,7 +152,7 @@ class Match:
         It is the lane less the exact union of the halos clipped to it, or less N·π·r² (Wang et al. 2007, rule 6), which
         can be negative.
         """
-        points = self.truth[["x", "y"]].to_numpy()
+        points = positions(self.truth)
         areas = []
         for number, lane in enumerate(self.lanes.values()):
             own = points[self.target_lane == number]
@@ -236,15 +241,16 @@ def match(
     lanes = as_lanes(lane)
     alarm_lane, target_lane = lane_of_rows(alarms, lanes, "alarms"), lane_of_rows(truth, lanes, "truth")
     inside = np.zeros(len(alarms), dtype=bool)
+    at, given = positions(alarms), positions(truth)
     for number, one in enumerate(lanes.values()):
-        check_place(alarms[alarm_lane == number], one, "alarms")
-        check_place(truth[target_lane == number], one, "truth")
+        check_place(at[alarm_lane == number], one, "alarms")
+        check_place(given[target_lane == number], one, "truth")
     if refraction is not None:
         truth = refraction.move(truth)
-    pairs = []
+    expected, pairs = positions(truth), []
     for number, one in enumerate(lanes.values()):
         own, known = np.flatnonzero(alarm_lane == number), np.flatnonzero(target_lane == number)
-        here, there = alarms[["x", "y"]].to_numpy()[own], truth[["x", "y"]].to_numpy()[known]
+        here, there = at[own], expected[known]
         inside[own] = one.contains(here[:, 0], here[:, 1])
         row, target, distance = pairs_within(here, there, radius)
         pairs.append((own[row], known[target], distance))
