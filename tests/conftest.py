@@ -18,7 +18,7 @@ from flgpr import tasks
 from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
-DRAWING = {"tests", "io", "report", "scoring", "papers", "tasks", "test_docs_theory"}
+DRAWING = {"io", "report", "scoring", "papers", "tasks", "test_docs_theory"}
 """Folders and files whose tests look at pictures."""
 HEAVY = (
     "test_systems", "test_docs_run", "test_running", "test_fuzz_exchange", "test_wang2007_study", "test_sections",
