@@ -19,8 +19,8 @@ from flgpr.model import make_run
 
 DATA = Path(__file__).parent / "data"
 DRAWING = {
-    "tests", "papers", "tasks", "test_backdrop", "test_recording", "test_scoring_side_by_side", "test_kit",
-    "test_score_page", "test_design_page", "test_docs_theory",
+    "papers", "tasks", "test_backdrop", "test_recording", "test_scoring_side_by_side", "test_kit", "test_score_page",
+    "test_design_page", "test_docs_theory",
 }  # fmt: skip
 """Folders and files whose tests look at pictures."""
 HEAVY = (
@@ -43,6 +43,14 @@ def pytest_collect_file(file_path, parent):
     """Look for examples in the package only: files of one name, such as this one, cannot all be imported for it."""
     found = yield
     return [one for one in found if type(one).__name__ != "DoctestModule"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_disk():
+    """Do not wait for the disk: no test takes the power away."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.fsync", lambda _: None)
+        yield
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -34,7 +34,7 @@ reference = "one"
 density = 4.0
 [scene.track]
 start = -6.0
-step = [1.4, 1.6]
+step = [2.0, 2.2]
 [sites]
 arid = "arid-sand"
 gravel = "gravel"

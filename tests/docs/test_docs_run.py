@@ -3,6 +3,7 @@
 import shlex
 import shutil
 import sys
+from importlib import resources
 from pathlib import Path
 from types import ModuleType
 
@@ -48,11 +49,13 @@ PASSPHRASE = "a long passphrase\n"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """What a reader has before a page begins: simulated lanes, a result."""
+    """What a reader has before a page begins: simulated lanes, of fewer receivers than the array has, and a result."""
     folder = tmp_path_factory.mktemp("made")
     (folder / "tiny.toml").write_text(TINY)
+    array = (resources.files("flgpr.model") / "presets" / "sri-array.toml").read_text("utf-8")
+    (folder / "array.toml").write_text(array.replace("count = 18", "count = 4"))
     for seed, name in enumerate(("c1", "c2", "lane"), 1):
-        tasks.simulate_lane(folder / "tiny.toml", "sri-array", seed, folder / f"{name}.zarr")
+        tasks.simulate_lane(folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr")
     tasks.detect_run(sample_lane() / "run.zarr", "demo", folder / "result", report=False)
     shutil.copy(sample_lane() / "truth.csv", folder / "truth.csv")
     return folder

@@ -286,7 +286,10 @@ def reproduced(tmp_path_factory):
     def never(material):
         raise AssertionError("computed again")
 
+    few = load_settings(quick=True)
+    few = few.model_copy(update={"classify": few.classify.model_copy(update={"costs": (1.0,), "examples": (6, 8)})})
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flsar2004, "load_settings", lambda quick: few)
         patch.setattr(flsar2004, "drive", drive)
         patch.setattr(flsar2004, "PARTS", {k: part for k, part in flsar2004.PARTS.items() if k != "screened"})
         patch.setattr(figures, "OneClassRelevanceVectorMachine", few_references)

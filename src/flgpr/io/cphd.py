@@ -60,7 +60,7 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
             name = f"{pair}_{label}"
             signals[name], pvps[name] = _channel(run, pair, k, time, anchor, center)
     with _without_sarkits_warnings():
-        tree = _metadata(sarkit, run, names, pvps, anchor, scene, time)
+        tree = _metadata(run, names, pvps, anchor, scene, time)
         root = sarkit.ElementWrapper(tree.getroot())
     dtype = sarkit.get_pvp_dtype(tree)
     arrays = {name: np.zeros(len(time), dtype) for name in names}
@@ -185,12 +185,10 @@ def _channel(
 
 
 def _metadata(
-    sarkit: Any, run: xr.Dataset, names: list[str], pvps: dict[str, dict[str, NDArray[Any]]], anchor: Anchor,
+    run: xr.Dataset, names: list[str], pvps: dict[str, dict[str, NDArray[Any]]], anchor: Anchor,
     scene: Grid, time: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    etree = optional("lxml.etree", "cphd")
-    element = etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
-    root = sarkit.ElementWrapper(element)
+    root = _empty()
     scans, tones = run.sizes["scan"], run.sizes["frequency"]
     first = pvps[names[0]]
     root["CollectionID"] = {
@@ -223,7 +221,7 @@ def _metadata(
         "NumDwellTimes": 1,
         "DwellTime": [{"Identifier": "all", "DwellTimePoly": np.array([[duration]])}],
     }
-    return element.getroottree()
+    return root.elem.getroottree()
 
 
 def _dwell(first: dict[str, NDArray[Any]]) -> tuple[float, float]:
@@ -254,22 +252,38 @@ def _scene(root: Any, anchor: Anchor, scene: Grid) -> None:
     }
 
 
+def _empty() -> Any:
+    etree = optional("lxml.etree", "cphd")
+    return optional("sarkit.cphd", "cphd").ElementWrapper(
+        etree.Element(f"{{{_NAMESPACE}}}CPHD", nsmap={None: _NAMESPACE})
+    )
+
+
+def _elements(block: str, name: str, records: list[dict[str, Any]]) -> Iterator[Any]:
+    """Make a block's elements of a name, each in a tree of its own: in one, every value is looked up among all."""
+    for record in records:
+        root = _empty()
+        root[block] = {name: [record]}
+        yield root.elem[0][0]
+
+
 def _data(root: Any, names: list[str], scans: int, tones: int) -> None:
     words = len(_ORDER) + 2 * len(_VECTORS) + len(_ADDED)
+    channels = [
+        {
+            "Identifier": name,
+            "NumVectors": scans,
+            "NumSamples": tones,
+            "SignalArrayByteOffset": k * scans * tones * 8,
+            "PVPArrayByteOffset": k * scans * words * 8,
+        }
+        for k, name in enumerate(names)
+    ]
     root["Data"] = {
         "SignalArrayFormat": "CF8",
         "NumBytesPVP": 8 * words,
         "NumCPHDChannels": len(names),
-        "Channel": [
-            {
-                "Identifier": name,
-                "NumVectors": scans,
-                "NumSamples": tones,
-                "SignalArrayByteOffset": k * scans * tones * 8,
-                "PVPArrayByteOffset": k * scans * words * 8,
-            }
-            for k, name in enumerate(names)
-        ],
+        "Channel": _elements("Data", "Channel", channels),
         "NumSupportArrays": 0,
     }
 
@@ -308,7 +322,7 @@ def _channels(root: Any, run: xr.Dataset, names: list[str], first: dict[str, NDA
         "FXFixedCPHD": True,
         "TOAFixedCPHD": True,
         "SRPFixedCPHD": True,
-        "Parameters": parameters,
+        "Parameters": _elements("Channel", "Parameters", parameters),
         "AddedParameters": {"Parameter": said},
     }
 

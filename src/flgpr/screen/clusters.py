@@ -75,10 +75,15 @@ def _leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
     """Group points (n, 2), the strongest first, about leaders; the leader is the first of its group."""
     if not len(points):
         return []
-    near = cKDTree(points).query_ball_point(points, radius * (1 + 1e-9), return_sorted=True)
-    leads = np.array([one[0] == i for i, one in enumerate(near)])
-    joins = np.array([next((k for k in one if leads[k]), -1) for one in near])
-    return [np.flatnonzero(joins == leader) for leader in np.flatnonzero(leads)]
+    strong, weak = cKDTree(points).query_pairs(radius * (1 + 1e-9), output_type="ndarray").T  # strong < weak
+    joins = np.arange(len(points))
+    joins[weak] = len(points)
+    leads = joins < len(points)
+    led = leads[strong]
+    np.minimum.at(joins, weak[led], strong[led])
+    order = np.argsort(joins, kind="stable")
+    ends = np.searchsorted(joins[order], np.flatnonzero(leads), "right")
+    return np.split(order, ends)[:-1]
 
 
 def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
