@@ -19,8 +19,8 @@ _LARGEST = 5e8  # bytes of a run that is taken as one aperture
 def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Places (scan·pair, 3) of a run's antennas, transmitting and receiving, at poses (scan, 6) of the lane, m."""
     tx, rx = (
-        np.concatenate([vehicle_to_lane(run[name].values, pose) for pose in np.asarray(poses)])
-        for name in ("tx_position", "rx_position")
+        np.concatenate([vehicle_to_lane(ends, pose) for pose in np.asarray(poses)])
+        for ends in (run["tx_position"].values, run["rx_position"].values)
     )
     return tx, rx
 
