@@ -14,6 +14,14 @@ from flgpr.results.result import ResultError, read_result
 from flgpr.scoring import roc
 
 
+@pytest.fixture(scope="module")
+def untold(tmp_path_factory):
+    """The demo's run alone, without truth beside it, detected with the demo's recipe."""
+    folder = tmp_path_factory.mktemp("untold")
+    shutil.copytree(sample_lane() / "run.zarr", folder / "run.zarr")
+    return tasks.detect_run(folder / "run.zarr", "demo", folder / "result")
+
+
 def outcome(scored, name):
     one = next(one for one in scored if one.name == name)
     return one.outcomes.set_index("target_id")
@@ -78,10 +86,16 @@ def test_geojson_and_csv_hold_the_same_alarms(demo):
     assert table["confidence"].is_monotonic_decreasing
 
 
-def test_the_same_input_gives_the_same_bytes(demo, tmp_path):
-    again = tasks.detect_run(sample_lane() / "run.zarr", "demo", tmp_path / "again")
-    assert again.manifest["identity"] == demo[0].manifest["identity"]
-    assert again.manifest["files"] == demo[0].manifest["files"]
+def test_the_same_input_gives_the_same_bytes(demo, untold):
+    """And the same identity, which is the digest of all that is compared and of where the run lies."""
+
+    def content(result):
+        run = {name: value for name, value in result.manifest["run"].items() if name != "path"}
+        outside = ("run", "identity", "added", "sha256")
+        return run, {name: value for name, value in result.manifest.items() if name not in outside}
+
+    assert content(untold) == content(demo[0])
+    assert len(untold.manifest["files"]) > 5
 
 
 def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
@@ -94,13 +108,11 @@ def test_replay_finds_the_same_and_notices_another_run(demo, tmp_path):
 
 def test_replay_tells_a_result_that_differs(demo, tmp_path):
     other = recipe_text("demo").replace('window = "hann"', 'window = "taylor"')
-    (tmp_path / "taylor.toml").write_text(other)
-    tasks.detect_run(sample_lane() / "run.zarr", tmp_path / "taylor.toml", tmp_path / "result", report=False)
-    folder = tmp_path / "result"
-    (folder / "recipe.toml").write_text(recipe_text("demo"))
+    folder = shutil.copytree(demo[0].folder, tmp_path / "result")
+    (folder / "recipe.toml").write_text(other)
     manifest = unseal((folder / "manifest.json").read_bytes())
     del manifest["sha256"]
-    manifest["files"]["recipe.toml"] = sha256(recipe_text("demo").encode())
+    manifest["files"]["recipe.toml"] = sha256(other.encode())
     (folder / "manifest.json").write_bytes(seal(manifest))
     outcome = tasks.replay(folder)
     assert not outcome["identical"]
@@ -108,13 +120,10 @@ def test_replay_tells_a_result_that_differs(demo, tmp_path):
     assert "run_view.npz" in outcome["files"]
 
 
-def test_detection_needs_no_truth_and_scoring_adds_it_later(demo, tmp_path):
-    alone = tmp_path / "lane"
-    shutil.copytree(sample_lane() / "run.zarr", alone / "run.zarr")
-    result = tasks.detect_run(alone / "run.zarr", "demo", tmp_path / "result")
-    pd.testing.assert_frame_equal(result.detections[0].alarms, demo[0].detections[0].alarms)
-    assert not (tmp_path / "result" / "roc.json").exists()
-    assert "Not scored" in (tmp_path / "result" / "report.html").read_text()
+def test_detection_needs_no_truth_and_scoring_adds_it_later(demo, untold):
+    pd.testing.assert_frame_equal(untold.detections[0].alarms, demo[0].detections[0].alarms)
+    assert not (untold.folder / "roc.json").exists()
+    assert "Not scored" in (untold.folder / "report.html").read_text()
 
 
 def test_a_nan_sweep_masks_its_scan_and_is_counted(tmp_path):

@@ -26,7 +26,7 @@ def few_threads(monkeypatch):
     """Simulated threads are real ones, and those of a transform wait for each other."""
     if config.ENABLE_CUDASIM:
         monkeypatch.setattr(engine.gpu, "THREADS", 4)
-        monkeypatch.setattr(engine, "_block", lambda size: 3)
+        monkeypatch.setattr(engine, "_block", lambda size: 2)
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):
@@ -158,6 +158,7 @@ def test_the_benchmark_counts_batches_the_device_and_its_peer(monkeypatch):
     monkeypatch.setattr(bench_peers, "missing_peers", lambda device: [])
     monkeypatch.setattr(bench_peers, "BIN_SIZES", (512, 2048))
     monkeypatch.setattr(bench, "REPEATS", 1)
+    monkeypatch.setattr(engine, "_block", lambda size: 1)  # waiting for each other takes simulated threads longest
     scan = bench.Scan(tones, TX[:2], RX[:2], points, noise((3, 2, 11)), noise((3, 1, 3)))
     monkeypatch.setattr(bench, "sri_scan", lambda: scan)
     monkeypatch.setattr(bench, "CHECKED_PIXELS", 3)

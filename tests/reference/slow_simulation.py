@@ -6,10 +6,10 @@ C = 299792458.0
 
 
 def horn_gain(antenna, point, boresight, exponent):
-    """Amplitude cos^(n/2) of the angle off the axis, over the distance."""
+    """Amplitude cos^(n/2) of the angle off the axis, over the distance; of one point or of many."""
     ray = point - antenna
-    r = np.linalg.norm(ray)
-    return max(ray @ boresight / r, 0.0) ** (exponent / 2) / r, r
+    r = np.linalg.norm(ray, axis=-1)
+    return np.maximum(ray @ boresight / r, 0.0) ** (exponent / 2) / r, r
 
 
 def dipole_gain(antenna, point):
@@ -61,8 +61,7 @@ def sum_swept(points, spectrum, frequency, tx, rx, boresight, exponents, drift):
     for k, f in enumerate(frequency):
         moved = drift * (k - frequency.size // 2) / frequency.size
         for q in range(len(tx)):
-            for point, values in zip(points, spectrum, strict=True):
-                a, ra = horn_gain(tx[q] + moved, point, boresight, exponents[k])
-                b, rb = horn_gain(rx[q] + moved, point, boresight, exponents[k])
-                out[:, q, k] += a * b * values[:, k] * np.exp(-2j * np.pi * f * (ra + rb) / C)
+            a, ra = horn_gain(tx[q] + moved, points, boresight, exponents[k])
+            b, rb = horn_gain(rx[q] + moved, points, boresight, exponents[k])
+            out[:, q, k] = (a * b * np.exp(-2j * np.pi * f * (ra + rb) / C)) @ spectrum[:, :, k]
     return out

@@ -5,7 +5,7 @@ import pytest
 from flgpr.model import Sensor, load_sensor
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def quiet():
     """The sri-array without errors, every second receiver and every fourth tone."""
     full = load_sensor("sri-array").model_dump()
@@ -15,7 +15,7 @@ def quiet():
     return Sensor.model_validate(full)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def dipoles(quiet):
     data = quiet.model_dump() | {"antenna": {"kind": "dipole"}, "polarization": ["HH", "HV", "VH", "VV"]}
     return Sensor.model_validate(data)
