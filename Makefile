@@ -9,8 +9,8 @@ QUICK := model kernels features screen clutter calibrate scoring report chain/te
     simulate/test_sums.py simulate/test_shadow.py docs/test_docs_pages.py test_imports.py
 SLOW := kernels/test_kernel_cache.py scoring/test_scoring_register.py
 
-# Whole files go to two processes, heavy ones first (tests/conftest.py), so that neither waits long for the other.
-PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Whole files go to three processes, heavy ones first (tests/conftest.py): on two cores, for some wait much of their time.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 LINT := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 

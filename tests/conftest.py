@@ -29,7 +29,7 @@ HEAVY = (
     "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
     "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
 )  # fmt: skip
-"""Files that take longest: they are begun first, so that two processes end together."""
+"""Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
 

@@ -168,6 +168,19 @@ def test_a_span_follows_a_self_signature_that_changes():
     assert left[5] < 0.3 * left[None]
 
 
+def test_a_scan_with_an_infinite_pixel_spoils_no_others(scans):
+    causal, other = CausalBackground(*WINDOWS, warm_up=3), CausalBackground(*WINDOWS, warm_up=3)
+    huge = scans[0].copy()
+    huge[..., -1, -1] = np.inf
+    for image in scans:
+        causal.add(image)
+        with pytest.raises(ValueError, match="finite"):
+            causal.add(huge)
+        other.add(image)
+    for name, value in other.state().items():
+        np.testing.assert_array_equal(causal.state()[name], value)
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [

@@ -26,7 +26,7 @@ def few_threads(monkeypatch):
     """Simulated threads are real ones, and those of a transform wait for each other."""
     if config.ENABLE_CUDASIM:
         monkeypatch.setattr(engine.gpu, "THREADS", 4)
-        monkeypatch.setattr(engine, "_block", lambda size: 2)
+        monkeypatch.setattr(engine, "_block", lambda size: 3)
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):

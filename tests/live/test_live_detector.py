@@ -394,7 +394,7 @@ def test_recipes_that_cannot_run_live_are_refused(run, recipe, scans):
         start(alone, recipe)
     with pytest.raises(ValueError, match="pose"):
         start(run, recipe).add(Scan(0, 0.0, None, scans[0].signal))
-    for settings in ({"looks": 0}, {"least_step": 0.0}):
+    for settings in ({"looks": 0}, {"least_step": 0.0}, {"warm_up": 2}, {"span": 1}):
         with pytest.raises(ValueError, match=next(iter(settings))):
             LiveSettings(**settings)
 

@@ -460,6 +460,8 @@ def test_a_line_that_was_torn_off_is_dropped(tmp_path):
         (["in", "--speed", "15", "--deceleration", "0"], "deceleration must lie"),
         (["in", "-o", "full"], "holds other files"),
         (["in", "--looks", "0"], "looks must be"),
+        (["in", "--warm-up", "2"], "--warm-up"),
+        (["in", "--span", "1"], "span must be"),
         (["in", "--model", "nothing"], "model"),
     ],
 )

@@ -40,7 +40,7 @@ def live(
     deceleration: Annotated[float, Option(help="Deceleration of the braking vehicle, m/s².")] = 3.0,
     front: Annotated[float, Option(help="Vehicle's foremost point ahead of the array, m.")] = 0.0,
     looks: Annotated[int, Option(help="Scans that must have seen a place before an alarm.")] = 3,
-    warm_up: Annotated[int, Option(help="The first scan to be cleaned; those before only teach.")] = 5,
+    warm_up: Annotated[int, Option(min=3, help="The first scan to be cleaned; those before only teach.")] = 5,
     span: Annotated[int | None, Option(help="Scans that the background remembers; default all.")] = None,
     snapshot: Annotated[int, Option(help="Scans between snapshots; 0 writes only the last.")] = 20,
     idle: Annotated[float | None, Option(help="End after so many seconds without a scan.")] = None,

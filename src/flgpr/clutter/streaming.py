@@ -38,6 +38,8 @@ from flgpr.kernels.filters import median_stack
 
 FloatArray = NDArray[np.float64]
 MagnitudeArray = NDArray[np.float32]
+LEAST_WARM_UP, LEAST_SPAN = 3, 2
+"""Scans that causal estimates need."""
 _LOWEST, _CLIP = 0.75, 5.0  # share of the pixels in r_k; standard deviations of the magnitude limit
 
 
@@ -248,6 +250,8 @@ class BackgroundEstimator:
         pixels = image.shape[2] * image.shape[3]
         gain_and_limit(_flat(image), max(1, int(_LOWEST * pixels)), _CLIP, gain.ravel(), limit.ravel())
         check_gain(gain)
+        if not np.isfinite(limit).all():
+            raise ValueError("image must be finite, got pixels that are not")
         return gain, limit
 
     def _smooth(self, image: ComplexArray, gain: FloatArray, signature: ComplexArray) -> FloatArray:
@@ -299,10 +303,10 @@ class CausalBackground:
         warm_up: int = 5,
         rows: int | None = None,
     ) -> None:
-        if warm_up < 3:
-            raise ValueError(f"warm_up must be at least 3 scans, got {warm_up}: two teach the background")
-        if span is not None and span < 2:
-            raise ValueError(f"span must be at least 2 scans, got {span}")
+        if warm_up < LEAST_WARM_UP:
+            raise ValueError(f"warm_up must be at least {LEAST_WARM_UP} scans, got {warm_up}: two teach the background")
+        if span is not None and span < LEAST_SPAN:
+            raise ValueError(f"span must be at least {LEAST_SPAN} scans, got {span}")
         self._tool = BackgroundEstimator(median_size, mean_size, step, rows=rows)
         self._span, self._warm_up, self._count = span, warm_up, 0
         self._means: list[Any] = []  # own and shared signature, ratios of the gains, medians

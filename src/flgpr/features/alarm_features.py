@@ -136,7 +136,7 @@ class FeatureSums:
             if self.settings.psi == "circular":
                 ten["P_psi"] = np.where(self._angle["weight"] > 0, np.angle(self._turn) / 2, np.nan)
         names = [f"{name}_{subband}" for subband in self.subbands for name in FEATURES]
-        values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(-1, len(names))
+        values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(len(self._index), len(names))
         table = pd.DataFrame(values, self._index, names)
         table.insert(0, "scans", self._scans)
         return table

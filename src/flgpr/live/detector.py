@@ -1,6 +1,6 @@
 """Detection scan by scan: a scan in, alarms out, nothing read from or written to anywhere.
 
-The chain is that of Wang et al. 2007 with causal estimates: the background comes from the scans so far, the run-view
+The chain is that of Wang et al. 2007 with causal estimates: the background comes from the scans before, the run-view
 from the scans that still see the ground ahead, and the density rule counts on the ground seen so far.
 """
 
@@ -28,6 +28,7 @@ from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, Recipe, course_lane
 from flgpr.chain.stages import FeatureStage, MapStage, Setup, Stage
 from flgpr.clutter import CausalBackground
+from flgpr.clutter.streaming import LEAST_SPAN, LEAST_WARM_UP
 from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
@@ -57,8 +58,11 @@ class LiveSettings:
     least_step: float = 0.25
 
     def __post_init__(self) -> None:
-        if self.looks < 1:
-            raise ValueError(f"looks must be at least 1, got {self.looks}")
+        least = {"looks": 1, "warm_up": LEAST_WARM_UP, "span": LEAST_SPAN}
+        for name, value in least.items():
+            given = getattr(self, name)
+            if given is not None and given < value:
+                raise ValueError(f"{name} must be at least {value}, got {given}")
         if not self.least_step >= 0.05:
             raise ValueError(f"least_step must be at least 0.05 m, got {self.least_step}")
 

@@ -20,7 +20,7 @@ from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 4
+FORMAT, VERSION = "flgpr-live-snapshot", 5
 _NUMBERS = ("passed", "magnitudes")
 _SCALARS = ("closed", "seen_area", "named")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]

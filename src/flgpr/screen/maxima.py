@@ -14,6 +14,7 @@ from scipy.ndimage import binary_erosion, maximum_filter
 from flgpr.model import Lane, check_truth
 
 Count = Literal["lane", "view"]
+_AT_ONCE = 2**18  # neighbours of candidate maxima that are looked at in one go
 
 
 def prescreen(
@@ -139,9 +140,12 @@ def _maxima(view: xr.DataArray, radius: float) -> tuple[NDArray[np.intp], NDArra
     padded = np.pad(filled, ((ny, ny), (nx, nx)), constant_values=-np.inf)
     v, u = np.mgrid[-ny : ny + 1, -nx : nx + 1].reshape(2, -1)
     disc = (v * dy) ** 2 + (u * dx) ** 2 <= radius**2 * (1 + 1e-9)
-    # Far neighbours first, some at a time: after each lot few candidates are left.
+    # Far neighbours first, some at a time, as memory allows: after each lot few candidates are left.
     v, u = (one[disc][np.argsort(-(v**2 + u**2)[disc], kind="stable")] for one in (v, u))
-    for lot in np.array_split(np.arange(v.size), 8):
+    begin = 0
+    while begin < v.size:
+        lot = slice(begin, begin + min(max(_AT_ONCE // max(rows.size, 1), 1), -(-v.size // 8)))
+        begin = lot.stop
         around = padded[rows[:, None] + (ny + v[lot]), columns[:, None] + (nx + u[lot])]
         peak = (filled[rows, columns, None] >= around).all(axis=1)
         rows, columns = rows[peak], columns[peak]
