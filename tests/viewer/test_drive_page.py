@@ -71,7 +71,7 @@ def driving(tmp_path, serving, watch):
     feeder = Feeder(tmp_path)
     feeder.give(BEGIN, scan(0, 0.0))
     with serving([], live=tmp_path) as viewer:
-        page = watch(viewer)
+        page = watch(viewer, alone=True)
         screen = Screen(page, tmp_path)
         screen.alive()
         page.page.clock.install()
@@ -326,7 +326,7 @@ def test_it_is_read_from_afar_in_any_light_and_touched_with_gloves(tmp_path, ser
     feeder.give({"event": "counts", "missing": 88, "masked": 88, "duplicate": 88})
     names, smallest = set(), {}
     with serving([], live=tmp_path) as viewer:
-        page = watch(viewer, viewport={"width": size[0], "height": size[1]}, color_scheme="light")
+        page = watch(viewer, size=size, alone=True)
         os.utime(feeder.file, (time.time() + 600,) * 2)
         page.until("document.getElementById('state-words').textContent === 'No radar'")
         for words in ("No radar", "", "settings"):

@@ -257,7 +257,7 @@ def test_nothing_is_cut_off_live(tmp_path, follow, scheme, size):
     told = [alarm(f"alarm-{100 + k}", (-1) ** k * 0.3 * k, 6.0 + k, 12.34, 2.0) for k in range(9)]
     counts = dict.fromkeys(("late", "duplicate", "corrupt", "masked", "pose_filled", "pose_missing"), 123)
     feeder.give(START, scan(0, 2.0), *told, {"event": "counts", **counts})
-    with follow(tmp_path, viewport={"width": size[0], "height": size[1]}, color_scheme=scheme) as page:
+    with follow(tmp_path, size=size, scheme=scheme) as page:
         wait_words(page, "9 alarms")
         over = page.page.evaluate(
             """() => [...document.querySelectorAll('header, #display, #under, aside, #live, #live li')]

@@ -93,7 +93,7 @@ def test_only_pages_of_this_machine_may_frame_it(demo, kernel, shown, browser):
     assert "frame-ancestors 'none'" in SECURITY_HEADERS["content-security-policy"]
     server = ThreadingHTTPServer(("127.0.0.1", 0), Page)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page = browser.new_page()
     try:
         server.content = f"<!doctype html><body>{view._repr_html_()}"
         page.goto(f"http://localhost:{server.server_port}/")

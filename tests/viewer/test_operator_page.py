@@ -164,7 +164,7 @@ def test_ground_that_no_scan_has_seen_is_hatched_and_says_why(watch, serving, tm
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_words_under_the_pointer_do_not_move_the_picture(watch, shown, scheme):
-    one = watch(shown, color_scheme=scheme)
+    one = watch(shown, scheme=scheme)
     before = one.page.locator("#lane").bounding_box()
     one.page.mouse.move(before["x"] + 300, before["y"] + 200)
     assert one.text("#readout")

@@ -318,7 +318,7 @@ def test_an_altered_file_is_told_and_not_drawn(watch, serving, demo, tmp_path):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
 def test_nothing_is_cut_off(watch, shown, scheme, size):
-    one = watch(shown, viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+    one = watch(shown, size=size, scheme=scheme)
     one.page.keyboard.press("n")
     one.page.wait_for_selector("#patches canvas")
     assert one.page.evaluate("document.documentElement.dataset.theme") == scheme

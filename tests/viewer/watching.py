@@ -10,7 +10,7 @@ from PIL import Image
 CHROMIUM = shutil.which("chromium") or ""
 FLAGS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update",
+    "--disable-background-networking", "--disable-component-update", "--process-per-site",
 ]  # fmt: skip
 DRAG = """(steps) => new Promise((done) => {
     const canvas = document.getElementById('lane'), times = [];
@@ -35,12 +35,13 @@ def viridis(share):
 
 
 class Watched:
-    """A page whose requests and errors are kept."""
+    """A page whose requests and errors are kept; ``alone``, it may be given a clock, which all pages beside it share."""
 
-    def __init__(self, browser, viewer, **options):
-        options = {"viewport": {"width": 1280, "height": 800}, "reduced_motion": "reduce"} | options
-        self.context = browser.new_context(accept_downloads=True, **options)
-        self.page = self.context.new_page()
+    def __init__(self, browser, viewer, size=(1280, 800), scheme="light", alone=False):
+        self.alone = browser.browser.new_context(reduced_motion="reduce") if alone else None
+        self.page = (self.alone or browser).new_page()
+        self.page.set_viewport_size({"width": size[0], "height": size[1]})
+        self.page.emulate_media(color_scheme=scheme)
         self.requests, self.errors, self.closed = [], [], False
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -54,7 +55,7 @@ class Watched:
         if self.closed:
             return
         self.closed = True
-        self.context.close()
+        (self.alone or self.page).close()
         assert self.errors == []
         own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
         assert own
