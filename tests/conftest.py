@@ -1,5 +1,6 @@
 """Shared fixtures."""
 
+import gc
 import os
 
 # Small products of matrices on several threads cost several times the work itself, above all beside other processes,
@@ -32,6 +33,12 @@ HEAVY = (
 """Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
 hypothesis.settings.load_profile("any machine")
+# At its usual pace the collector goes through all that was imported time and again: a twentieth of all time.
+gc.set_threshold(100_000, 50, 100)
+
+
+def pytest_collection_finish():
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):

@@ -35,7 +35,7 @@ def viridis(share):
 
 
 class Watched:
-    """A page whose requests and errors are kept; ``alone``, it may be given a clock, which all pages beside it share."""
+    """A page whose requests and errors are kept; one with a clock must be ``alone``, for it sets that of all others."""
 
     def __init__(self, browser, viewer, size=(1280, 800), scheme="light", alone=False):
         self.alone = browser.browser.new_context(reduced_motion="reduce") if alone else None
