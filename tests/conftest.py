@@ -1,5 +1,6 @@
 """Shared fixtures."""
 
+import functools
 import gc
 import os
 
@@ -13,6 +14,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+import typer.main
 from PIL import Image
 
 from flgpr import tasks
@@ -57,6 +59,14 @@ def quick_disk():
     """Do not wait for the disk: no test takes the power away."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("os.fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def built_commands():
+    """Build the command line once, not for every command that a test calls."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("typer.testing._get_command", functools.cache(typer.main.get_command))
         yield
 
 

@@ -9,11 +9,12 @@ if [ "${1:-}" = "--check" ]; then
     trap 'rm -rf "$out"' EXIT
 fi
 [ -d node_modules ] || npm ci --silent
-npx tsc --noEmit
+PATH="$PWD/node_modules/.bin:$PATH"
+tsc --noEmit --incremental --tsBuildInfoFile node_modules/.cache/tsc.json
 notice="/*! With uPlot: $(cat node_modules/uplot/LICENSE) */"
-npx esbuild src/main.ts --bundle --minify --format=iife --target=es2022 --charset=utf8 --legal-comments=inline \
+esbuild src/main.ts --bundle --minify --format=iife --target=es2022 --charset=utf8 --legal-comments=inline \
     --log-level=warning --banner:js="$notice" --outfile="$out/app.js"
-npx esbuild src/app.css --bundle --minify --charset=utf8 --log-level=warning --banner:css="$notice" --outfile="$out/app.css"
+esbuild src/app.css --bundle --minify --charset=utf8 --log-level=warning --banner:css="$notice" --outfile="$out/app.css"
 cp src/index.html src/icon.svg "$out/"
 if [ "$out" != "$home" ]; then
     for file in app.js app.css index.html icon.svg; do

@@ -53,7 +53,9 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     (folder / "tiny.toml").write_text(TINY)
     array = (resources.files("flgpr.model") / "presets" / "sri-array.toml").read_text("utf-8")
-    (folder / "array.toml").write_text(array.replace("count = 18", "count = 4"))
+    (folder / "array.toml").write_text(
+        array.replace("count = 18", "count = 4").replace("step = 2.5e6\ncount = 1024", "step = 5e6\ncount = 512")
+    )
     for seed, name in enumerate(("c1", "c2", "lane"), 1):
         tasks.simulate_lane(folder / "tiny.toml", folder / "array.toml", seed, folder / f"{name}.zarr")
     tasks.detect_run(sample_lane() / "run.zarr", "demo", folder / "result", report=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flgpr.features import cameron, entropy_alpha
-from flgpr.model import SPEED_OF_LIGHT
+from flgpr.model import SPEED_OF_LIGHT, load_sensor
 from flgpr.scoring import clopper_pearson, sample_size
 from flgpr.simulate import Scene
 from flgpr.simulate.refraction import interface_path, two_way_attenuation, two_way_transmission
@@ -52,7 +52,10 @@ def table_row(page, start):
         "scoring",
     ],
 )
-def test_figures_are_drawn_and_shown_on_a_page(name, figures, tmp_path):
+def test_figures_are_drawn_and_shown_on_a_page(name, figures, tmp_path, monkeypatch):
+    sensor = load_sensor("sri-array")
+    few = sensor.model_copy(update={"rx": sensor.rx[::6]})
+    monkeypatch.setattr(figures, "load_sensor", {"sri-array": few}.__getitem__)
     assert name in {draw.__name__ for draw in figures.FIGURES}
     drawn = getattr(figures, name)()
     for axes in drawn.axes:

@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from threading import Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +28,10 @@ def few_threads(monkeypatch):
     if config.ENABLE_CUDASIM:
         monkeypatch.setattr(engine.gpu, "THREADS", 4)
         monkeypatch.setattr(engine, "_block", lambda size: 3)
+        from numba.cuda.simulator.kernel import BlockThread
+
+        # The simulator asks its threads again and again: it shall wait a moment for each, not take their time.
+        monkeypatch.setattr(BlockThread, "is_alive", lambda thread: thread.join(1e-4) or Thread.is_alive(thread))
 
 
 def scene(low=(-1, 7, -0.2), high=(1, 9, 0.1), count=8):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import gamma
 
-from flgpr.model.arrays import FloatArray
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.draw import stream
 from flgpr.simulate.scene import Patch, Surface
 
@@ -31,9 +31,14 @@ def cells_of(count: float) -> tuple[int, int]:
     return across, max(1, math.ceil(count / across))
 
 
+@lru_cache(maxsize=16)
+def _corners(cells: tuple[int, int]) -> NDArray[np.int64]:
+    return np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 2)
+
+
 def jittered(rng: np.random.Generator, cells: tuple[int, int]) -> FloatArray:
     """Places (point, 2) in the unit square, each in a cell of its own (jittered, Cook 1986), so that few are even."""
-    corner = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 2)
+    corner = _corners(cells)
     return np.asarray((corner + rng.random(corner.shape)) / cells)
 
 
@@ -99,16 +104,18 @@ class _Texture:
         self._nodes = max(2, math.ceil(4 * TILE / surface.texture_length)) + 1
         self._grid = np.linspace(-5, 5, 401)
         self._power = gamma.ppf(ndtr(self._grid), shape, scale=1 / shape)
+        # Tiles of a column share their waves along x, tiles of a row those along y.
+        self._column = lru_cache(64)(lambda ix: self._along(ix, self._waves[0], self._phase))
+        self._row = lru_cache(64)(lambda iy: self._along(iy, self._waves[1], 0.0))
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
-        along = np.linspace(0, TILE, self._nodes)
-        wx, wy = self._waves
-        along_x = np.exp(1j * ((ix * TILE + along)[:, None] * wx + self._phase))
-        along_y = np.exp(1j * (iy * TILE + along)[:, None] * wy)
-        nodes = (along_y @ along_x.T).real * math.sqrt(2 / self._phase.size)
+        nodes = (self._row(iy) @ self._column(ix).T).real * math.sqrt(2 / self._phase.size)
         where = (xy - np.array([ix, iy]) * TILE) / TILE * (self._nodes - 1)
         cell = np.minimum(where.astype(int), self._nodes - 2)
         (fx, fy), (cx, cy) = (where - cell).T, cell.T
         low = nodes[cy, cx] * (1 - fx) + nodes[cy, cx + 1] * fx
         high = nodes[cy + 1, cx] * (1 - fx) + nodes[cy + 1, cx + 1] * fx
         return np.asarray(np.interp(low * (1 - fy) + high * fy, self._grid, self._power))
+
+    def _along(self, tile: int, waves: FloatArray, phase: FloatArray | float) -> ComplexArray:
+        return np.exp(1j * ((tile * TILE + np.linspace(0, TILE, self._nodes))[:, None] * waves + phase))

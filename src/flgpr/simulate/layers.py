@@ -100,8 +100,10 @@ class SineSpectra:
         self._sines = sines
         self._weights = np.zeros((sines.size, ranks, 3))
         self.basis = np.zeros((ranks, 3, spectra.shape[-1]))
-        for channel, spectrum in enumerate(spectra):
-            u, s, vt = np.linalg.svd(spectrum, full_matrices=False)
+        parts = [np.linalg.svd(spectrum, full_matrices=False) for spectrum in spectra[:2]]
+        same = np.array_equal(spectra[2], spectra[0])
+        parts.append(parts[0] if same else np.linalg.svd(spectra[2], full_matrices=False))
+        for channel, (u, s, vt) in enumerate(parts):
             kept = min(ranks, s.size)
             self._weights[:, :kept, channel] = u[:, :kept] * s[:kept]
             self.basis[:kept, channel] = vt[:kept]

@@ -93,8 +93,10 @@ def surface_backscatter(
     long, half = uneven_height(unevenness, waviness), (waviness - 1) / 2
     hh = np.zeros(np.broadcast_shapes(k.shape, theta.shape, eps.shape))
     vv = np.zeros_like(hh)
+    left = slope * nodes[: nodes.size // 2 + 1]
     for along, w_along in zip(slope * nodes, weights, strict=True):
-        for across, w_across in zip(slope * nodes, weights, strict=True):
+        terms = []
+        for across, w_across in zip(left, weights, strict=False):
             cosine = np.clip(np.cos(theta + along) * np.cos(across), 0.02, 1.0)
             sine_local = np.sqrt(1 - cosine**2)
             rotated = (np.sin(across) / np.maximum(sine_local, 1e-6)) ** 2
@@ -104,8 +106,14 @@ def surface_backscatter(
             if long > 0:
                 spectrum = spectrum + long**2 * _spectrum(bragg, UNEVEN_LENGTH, half)
             power = w_along * w_across * 8 * k**4 * cosine**4 * spectrum
-            hh = hh + power * np.abs((1 - rotated) * alpha_h + rotated * alpha_v) ** 2
-            vv = vv + power * np.abs((1 - rotated) * alpha_v + rotated * alpha_h) ** 2
+            terms.append(
+                (
+                    power * np.abs((1 - rotated) * alpha_h + rotated * alpha_v) ** 2,
+                    power * np.abs((1 - rotated) * alpha_v + rotated * alpha_h) ** 2,
+                )
+            )
+        for in_hh, in_vv in terms + terms[-2::-1]:  # to the right as to the left
+            hh, vv = hh + in_hh, vv + in_vv
     return hh, vv
 
 
