@@ -66,7 +66,7 @@ def quick_disk():
 def built_commands():
     """Build the command line once, not for every command that a test calls."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("typer.testing._get_command", functools.cache(typer.main.get_command))
+        patch.setattr("typer.testing._get_command", functools.cache(typer.main.get_command), raising=False)
         yield
 
 
