@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
-from scipy.stats import gamma
+from scipy.special import gammaincinv, ndtr
 
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.draw import stream
@@ -98,7 +97,8 @@ class _Texture:
         self._phase = rng.uniform(0, 2 * np.pi, modes)
         self._nodes = max(2, math.ceil(4 * TILE / surface.texture_length)) + 1
         self._grid = np.linspace(-5, 5, 401)
-        self._power = gamma.ppf(ndtr(self._grid), shape, scale=1 / shape)
+        # Quantiles of that distribution; importing scipy.stats for them takes half a second.
+        self._power = gammaincinv(shape, ndtr(self._grid)) * (1 / shape)
 
     def __call__(self, xy: FloatArray, ix: int, iy: int) -> FloatArray:
         along = np.linspace(0, TILE, self._nodes)
