@@ -76,11 +76,19 @@ def blank_pictures(request):
     with pytest.MonkeyPatch.context() as patch:
         if not {request.path.parent.name, request.path.stem} & DRAWING:
             patch.setattr("matplotlib.figure.Figure.savefig", _blank)
+            patch.setattr("flgpr.report.kit.FigureCanvasAgg", _BlankCanvas)
         yield
 
 
 def _blank(_figure, target, **options):
     Image.new("L", (1, 1)).save(target, options.get("format", "png"))
+
+
+class _BlankCanvas:
+    def __init__(self, _figure):
+        pass
+
+    print_png = _blank
 
 
 @pytest.fixture

@@ -287,7 +287,9 @@ def reproduced(tmp_path_factory):
         raise AssertionError("computed again")
 
     few = load_settings(quick=True)
-    few = few.model_copy(update={"classify": few.classify.model_copy(update={"costs": (1.0,), "examples": (6, 8)})})
+    fewest = {"widths": (1.0,), "costs": (1.0,), "degrees": (2,), "examples": (6, 8)}
+    coarse = {"spacing": (0.12, 0.06), "classify": few.classify.model_copy(update=fewest)}
+    few = few.model_copy(update=coarse)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flsar2004, "load_settings", lambda quick: few)
         patch.setattr(flsar2004, "drive", drive)

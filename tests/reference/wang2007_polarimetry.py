@@ -33,7 +33,7 @@ def equation_14_symmetric_part(s):
     centre, reach = 0.0, math.pi / 2
     for _ in range(8):
         angles = np.linspace(centre - reach, centre + reach, 41)
-        centre, reach = max(angles, key=lambda t: abs(inner(s, _trial(t)))), reach / 10
+        centre, reach = angles[np.abs(np.tensordot(s, _trial(angles))).argmax()], reach / 10
     return inner(s, s_a) * s_a + inner(s, _trial(centre)) * _trial(centre)
 
 

@@ -8,6 +8,7 @@ from io import BytesIO
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import flgpr
@@ -42,7 +43,9 @@ def _environment(package: str) -> Environment:
 def figure_png(figure: Figure, dpi: float = 110) -> bytes:
     """Render a figure as PNG, the same for equal figures; dpi in dots per inch."""
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})  # else the library's version is in it
+    figure.dpi = dpi
+    # savefig draws a figure with a layout twice. Without the metadata the library's version is in it.
+    FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
@@ -92,7 +91,9 @@ def _gaps(group: IntArray, start: FloatArray, end: FloatArray) -> Intervals:
     """Find what no interval covers, group by group, between a group's first start and its last end."""
     order = np.lexsort((start, group))
     group, start, end = group[order], start[order], end[order]
-    reach = np.asarray(pd.Series(end).groupby(group).cummax(), dtype=np.float64)
+    # The running maximum of each group by ranks, which those of another group cannot reach.
+    ends, rank = np.unique(end, return_inverse=True)
+    reach = ends[np.maximum.accumulate(group * len(end) + rank) - group * len(end)]
     open_ = np.flatnonzero((group[1:] == group[:-1]) & (start[1:] > reach[:-1]))
     return group[open_], reach[open_], start[open_ + 1]
 
