@@ -1,6 +1,7 @@
 """A live run from end to end: folder and socket, faults, restarts, events."""
 
 import json
+import multiprocessing
 import os
 import signal
 import socket
@@ -211,15 +212,16 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
     """SIGKILL after so many lines of the event file, three times, snapshots being written all along."""
     incoming, output = tmp_path / "in", tmp_path / "out"
     feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)  # it waits for the rest
-    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "recipe.toml")]
-    command += ["-o", str(output), "--snapshot", "3", "--quiet"]
+    words = ["live", str(incoming), "--recipe", str(home / "recipe.toml"), "-o", str(output), "--snapshot", "3"]
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["flgpr.execution.ready"])
     for line in (12, 45, 70):
-        with subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
-        ) as process:
-            wait_for(lambda at=line, one=process: one.poll() is not None or lines_of(output) >= at)
-            process.kill()
-        assert process.returncode == -signal.SIGKILL
+        process = context.Process(target=app, args=([*words, "--quiet"],), daemon=True)
+        process.start()
+        wait_for(lambda at=line, one=process: not one.is_alive() or lines_of(output) >= at)
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
         assert not (output / "alarms.csv").exists()
     feed(home / "run.zarr", incoming, FAST, first=SCANS - 3)
     report = LiveRun(options(home, output, incoming)).run()
