@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -249,14 +250,14 @@ def lines_of(output):
     return file.read_bytes().count(b"\n") if file.is_file() else 0
 
 
-def test_going_on_needs_the_same_recipe_unless_fresh(home, tmp_path):
-    output = tmp_path / "out"
-    LiveRun(options(home, output)).run()
+def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
+    output, vehicle = tmp_path / "out", Vehicle(15 / 3.6, front=0.4)
+    shutil.copytree(whole[0], output)
     (tmp_path / "other.toml").write_text(small_recipe().replace("radius = 0.4", "radius = 0.5"))
-    other = LiveOptions(tmp_path / "other.toml", output, home / "incoming")
+    other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
     with pytest.raises(ValueError, match=r"another run, recipe, model or setting; --fresh"):
         LiveRun(other).run()
-    fresh = LiveOptions(tmp_path / "other.toml", output, home / "incoming", fresh=True)
+    fresh = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle, fresh=True)
     assert LiveRun(fresh).run().counts["taken"] == SCANS - 4
     assert events(output)[0]["event"] == "start"
 
