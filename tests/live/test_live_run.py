@@ -1,7 +1,9 @@
 """A live run from end to end: folder and socket, faults, restarts, events."""
 
 import json
+import multiprocessing
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -211,15 +213,16 @@ def test_a_live_process_that_is_killed_again_and_again_ends_alike(home, whole, t
     """SIGKILL after so many lines of the event file, three times, snapshots being written all along."""
     incoming, output = tmp_path / "in", tmp_path / "out"
     feed(home / "run.zarr", incoming, FAST, count=SCANS - 3)  # it waits for the rest
-    command = [sys.executable, "-m", "flgpr", "live", str(incoming), "--recipe", str(home / "recipe.toml")]
-    command += ["-o", str(output), "--snapshot", "3", "--quiet"]
+    words = ["live", str(incoming), "--recipe", str(home / "recipe.toml"), "-o", str(output), "--snapshot", "3"]
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["flgpr.execution.ready"])
     for line in (12, 45, 70):
-        with subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
-        ) as process:
-            wait_for(lambda at=line, one=process: one.poll() is not None or lines_of(output) >= at)
-            process.kill()
-        assert process.returncode == -signal.SIGKILL
+        process = context.Process(target=app, args=([*words, "--quiet"],), daemon=True)
+        process.start()
+        wait_for(lambda at=line, one=process: not one.is_alive() or lines_of(output) >= at)
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
         assert not (output / "alarms.csv").exists()
     feed(home / "run.zarr", incoming, FAST, first=SCANS - 3)
     report = LiveRun(options(home, output, incoming)).run()
@@ -247,14 +250,14 @@ def lines_of(output):
     return file.read_bytes().count(b"\n") if file.is_file() else 0
 
 
-def test_going_on_needs_the_same_recipe_unless_fresh(home, tmp_path):
-    output = tmp_path / "out"
-    LiveRun(options(home, output)).run()
+def test_going_on_needs_the_same_recipe_unless_fresh(home, whole, tmp_path):
+    output, vehicle = tmp_path / "out", Vehicle(15 / 3.6, front=0.4)
+    shutil.copytree(whole[0], output)
     (tmp_path / "other.toml").write_text(small_recipe().replace("radius = 0.4", "radius = 0.5"))
-    other = LiveOptions(tmp_path / "other.toml", output, home / "incoming")
+    other = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle)
     with pytest.raises(ValueError, match=r"another run, recipe, model or setting; --fresh"):
         LiveRun(other).run()
-    fresh = LiveOptions(tmp_path / "other.toml", output, home / "incoming", fresh=True)
+    fresh = LiveOptions(tmp_path / "other.toml", output, home / "incoming", vehicle=vehicle, fresh=True)
     assert LiveRun(fresh).run().counts["taken"] == SCANS - 4
     assert events(output)[0]["event"] == "start"
 

@@ -214,9 +214,6 @@ def test_a_work_folder_of_another_job_is_begun_anew_and_one_in_use_is_left_alone
 def test_a_damaged_part_is_made_again(lane, tmp_path):
     """Whatever happens to the files of a work folder, the result is right or there is an error."""
     job = small_job(lane, tmp_path / "result")
-    tasks.detect_run(*lane.arguments, tmp_path / "other", lane.area, report=False)
-    with begin(job.work, job.identity()):
-        pass
     stopped = Stopper(3 * lane.blocks)
     with pytest.raises(KeyboardInterrupt):
         tasks.detect_run(*lane.arguments, tmp_path / "result", lane.area, report=False, note=stopped)

@@ -19,7 +19,6 @@ from multiprocessing.connection import wait
 from typing import Any
 
 import numba
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from flgpr.chain.passes import dealt
 
@@ -111,15 +110,17 @@ class Processes(Executor):
             if self._pool is None or self._pool is broken:
                 context = multiprocessing.get_context("forkserver")
                 slow = (name for name in _SLOW if name in sys.modules)
-                context.set_forkserver_preload(["flgpr.execution.ready", *slow])
+                context.set_forkserver_preload([*slow, "flgpr.execution.ready"])
                 threads = max(1, (os.cpu_count() or 1) // self.count)
                 self._pool = ProcessPoolExecutor(self.count, context, _begin_worker, (threads,))
             return self._pool
 
 
 def _begin_worker(threads: int) -> None:
+    from flgpr.execution.ready import libraries
+
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    threadpool_limits(threads)
+    libraries.limit(limits=threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
