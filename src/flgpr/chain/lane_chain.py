@@ -185,8 +185,9 @@ class LaneChain(Chain):
         self.section = Section(0, self.grid.ny) if section is None else section
         self._kept = kept_rows(recipe, lane, self.section)
         channels = len(self.setup.imaged) * len(table.subbands) * self.imager.grid.nx * self.imager.grid.ny
-        # Variants go through the images again and again: those of a short run are remembered.
-        self._remembers = len(self.variations) > 1 and 8 * len(self.imager) * channels <= CACHE
+        # Variants go through the images again and again, and an aperture's is dear: those of a short run are kept.
+        again = len(self.variations) > 1 or len(self.imager) == 1
+        self._remembers = again and 8 * len(self.imager) * channels <= CACHE
         self._images: dict[tuple[int, bool], xr.DataArray] = {}
         self._cleaned: dict[str, CleanedRun] = {}
         # Stages may keep what they need again from scan to scan.
@@ -262,7 +263,8 @@ class LaneChain(Chain):
 
     def _cleaned_by(self, variation: Variation) -> CleanedRun:
         if variation.name not in self._cleaned:
-            whole = None if len(self.variations) == 1 else partial(self._image, suppressed=variation.suppressed)
+            single = len(self.variations) == 1 and not self._remembers
+            whole = None if single else partial(self._image, suppressed=variation.suppressed)
             self._cleaned[variation.name] = CleanedRun(self.images, self.known[variation.of("gain")], whole)
         return self._cleaned[variation.name]
 
