@@ -75,9 +75,13 @@ def blank_pictures(request):
     """Make pictures blank where no test looks at one: drawing takes longer than all the rest of a small detection."""
     with pytest.MonkeyPatch.context() as patch:
         if not {request.path.parent.name, request.path.stem} & DRAWING:
-            patch.setattr("matplotlib.figure.Figure.savefig", _blank)
-            patch.setattr("flgpr.report.kit.FigureCanvasAgg", _BlankCanvas)
+            _draw_nothing(patch)
         yield
+
+
+def _draw_nothing(patch):
+    patch.setattr("matplotlib.figure.Figure.savefig", _blank)
+    patch.setattr("flgpr.report.kit.FigureCanvasAgg", _BlankCanvas)
 
 
 def _blank(_figure, target, **options):
@@ -117,5 +121,7 @@ def small_run():
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory):
-    """One demo run for all tests that need a result."""
-    return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+    """One demo run for all tests that need a result; none looks at its pictures."""
+    with pytest.MonkeyPatch.context() as patch:
+        _draw_nothing(patch)
+        return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
