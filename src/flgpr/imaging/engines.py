@@ -95,7 +95,7 @@ class ProfileEngine(Engine):
         for rows, bands, channels in passes(*out.shape[:2]):
             table, lanes = self._table(channels), self._lanes(channels)
             tones = (data[rows], self._weight[bands], self._spectrum, table, self._taps, *lanes)
-            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels)
+            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels, self._small(data.size))
             part = out[rows, bands].reshape(-1, out.shape[2])
             shape = (self._taps, self._powers, lanes[0])
             share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape))
