@@ -36,7 +36,7 @@ def share(count: int, run: Callable[[int, int], None], step: int | None = None, 
     it ``alone`` where that takes no longer than to wake a thread.
     """
     threads = 1 if alone else get_num_threads()
-    size = step or max(1, -(-count // (TASKS_PER_THREAD * threads)))
+    size = step or max(1, count if alone else -(-count // (TASKS_PER_THREAD * threads)))
     starts = iter(range(0, count, size))
 
     def work() -> None:
