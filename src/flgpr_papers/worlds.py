@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 import flgpr
 from flgpr.chain.progress import Track, silent
@@ -194,7 +194,7 @@ def pooled(found: Sequence[Finding], regions: int) -> tuple[int, Interval, str]:
     if count < FEWEST:
         return count, (np.nan, -np.inf, np.inf), UNDECIDED
     level = 1 - 0.025 / (regions * values.shape[1])
-    half = student.ppf(level, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count)
+    half = stdtrit(count - 1, level) * values.std(axis=0, ddof=1) / np.sqrt(count)
     parts = [(float(m), float(m - h), float(m + h)) for m, h in zip(values.mean(axis=0), half, strict=True)]
     asked = found[0]
     if asked.asks is not None:  # the error of a paper's figure may be estimated in each world anew

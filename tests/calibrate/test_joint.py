@@ -164,7 +164,7 @@ def test_a_clock_that_cannot_be_told_from_the_bias_is_not_told():
 
 def test_the_standard_deviations_are_of_the_errors_size():
     errors = []
-    for seed in range(12):
+    for seed in range(7):
         run, track = rail(0.7, 0.2, noise=4.0, seed=seed)
         fit = estimate_joint(subtract_mean_scan(run), MARKS, ImagingOperator, (-2, 2), track, OFFSETS[10:23])
         assert not fit.doubt

@@ -1,3 +1,5 @@
+import threading
+
 import numba
 import pytest
 
@@ -32,3 +34,9 @@ def test_one_thread_works_alone():
     finally:
         numba.set_num_threads(most)
     assert order == [0, 2, 4, 6, 8]
+
+
+def test_what_is_small_is_done_by_the_caller_in_one_part():
+    done = []
+    share(9, lambda begin, end: done.append((begin, end, threading.get_ident())), alone=True)
+    assert done == [(0, 9, threading.get_ident())]

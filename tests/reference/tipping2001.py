@@ -9,8 +9,7 @@ def sigma(a):
 
 def equation_24_log_posterior(w, design, t, alpha, offset=0.0):
     y = sigma(design @ w + offset)
-    likelihood = sum(np.log(y[n]) if t[n] == 1 else np.log(1 - y[n]) for n in range(len(t)))
-    return likelihood - 0.5 * w @ np.diag(alpha) @ w
+    return np.log(np.where(t == 1, y, 1 - y)).sum() - 0.5 * w @ np.diag(alpha) @ w
 
 
 def mode_and_covariance(design, t, alpha, offset=0.0):
@@ -22,10 +21,8 @@ def mode_and_covariance(design, t, alpha, offset=0.0):
         H = design.T @ B @ design + np.diag(alpha)
         g = design.T @ (t - y) - alpha * w
         step = np.linalg.solve(H, g)
-        while (
-            equation_24_log_posterior(w + step, design, t, alpha, offset)
-            < equation_24_log_posterior(w, design, t, alpha, offset) - 1e-12
-        ):
+        least = equation_24_log_posterior(w, design, t, alpha, offset) - 1e-12
+        while equation_24_log_posterior(w + step, design, t, alpha, offset) < least:
             step = step / 2
         w = w + step
         if np.abs(step).max() < 1e-10:

@@ -21,6 +21,8 @@ from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
+FEW = 1 << 15  #: sums or transform slots of all pairs and channels, a tenth of a millisecond: no other thread is woken
+
 
 class Engine:
     """The adjoint and the forward sums on checked arrays, in the memory of the host unless an engine says otherwise."""
@@ -90,29 +92,31 @@ class ProfileEngine(Engine):
         """Fill ``out`` (polarization, subband, pixel) from ``data`` (polarization, pair, tone)."""
         if self._phase is not None:
             data = data * self._phase
-        pairs, blocks = data.shape[1], -(-out.shape[2] // BLOCK)
+        pairs, blocks, size = data.shape[1], -(-out.shape[2] // BLOCK), self._spectrum.size
         geometry = self._located()._replace(pixel_count=out.shape[2])
         for rows, bands, channels in passes(*out.shape[:2]):
             table, lanes = self._table(channels), self._lanes(channels)
             tones = (data[rows], self._weight[bands], self._spectrum, table, self._taps, *lanes)
-            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels)
+            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels, pairs * channels * size < FEW)
             part = out[rows, bands].reshape(-1, out.shape[2])
             shape = (self._taps, self._powers, lanes[0])
-            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape))
+            few = pairs * channels * out.shape[2] < FEW
+            share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape), alone=few)
 
     def forward(self, image: NDArray[Any], out: NDArray[Any]) -> None:
         """Fill ``out`` (polarization, pair, tone) from ``image`` (polarization, subband, pixel)."""
         out[...] = 0
         # Pairs that share antennas are cheaper together; every thread is to have two tasks at least.
-        pairs, geometry = out.shape[1], self._located()
+        pairs, geometry, size = out.shape[1], self._located(), self._spectrum.size
         together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
             table, lanes = self._table(channels), self._lanes(channels)
             part = image[rows, bands].reshape(-1, image.shape[2])
             shape = (self._taps, self._powers, lanes[0])
-            share(pairs, partial(profiles.forward, table, self._bins, geometry, part, *shape), together)
+            few = pairs * channels * image.shape[2] < FEW
+            share(pairs, partial(profiles.forward, table, self._bins, geometry, part, *shape), together, few)
             tones = (table, self._weight[bands], self._spectrum, out[rows], self._taps, *lanes)
-            share(pairs, partial(transform.expand, *tones), len(lanes[1]) // channels)
+            share(pairs, partial(transform.expand, *tones), len(lanes[1]) // channels, pairs * channels * size < FEW)
         if self._phase is not None:
             out *= self._phase.conj()
 

@@ -29,13 +29,14 @@ def _pool() -> ThreadPoolExecutor:
     return _pools[0]
 
 
-def share(count: int, run: Callable[[int, int], None], step: int | None = None) -> None:
+def share(count: int, run: Callable[[int, int], None], step: int | None = None, alone: bool = False) -> None:
     """Call ``run(begin, end)`` for parts of ``range(count)`` on as many threads as numba is set to use.
 
-    It must release the interpreter lock to run beside others. By default every thread gets a few parts.
+    It must release the interpreter lock to run beside others. By default every thread gets a few parts. The caller does
+    it ``alone`` where that takes no longer than to wake a thread.
     """
-    threads = get_num_threads()
-    size = step or max(1, -(-count // (TASKS_PER_THREAD * threads)))
+    threads = 1 if alone else get_num_threads()
+    size = step or max(1, count if alone else -(-count // (TASKS_PER_THREAD * threads)))
     starts = iter(range(0, count, size))
 
     def work() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from flgpr.scoring import pd_at, pd_mean, peak_roc
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
@@ -31,7 +31,7 @@ def interval(values: Sequence[float] | FloatArray, level: float = 0.95) -> tuple
     mean = float(sample.mean()) if sample.size else math.nan
     if sample.size < 2:
         return mean, -math.inf, math.inf
-    half = float(student.ppf((1 + level) / 2, sample.size - 1) * sample.std(ddof=1) / math.sqrt(sample.size))
+    half = float(stdtrit(sample.size - 1, (1 + level) / 2) * sample.std(ddof=1) / math.sqrt(sample.size))
     return mean, mean - half, mean + half
 
 

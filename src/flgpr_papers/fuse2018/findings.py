@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from flgpr.model import Lane
 from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
@@ -164,7 +164,7 @@ def one_frame(boxes: pd.DataFrame, values: FloatArray, figure: float) -> Interva
     if len(pairs) < 2:
         return np.nan, -np.inf, np.inf
     gap = float(pairs.mean()) - figure
-    half = float(student.ppf(0.975, len(pairs) - 1) * pairs.std() * np.sqrt(1 + 1 / len(pairs)))
+    half = float(stdtrit(len(pairs) - 1, 0.975) * pairs.std() * np.sqrt(1 + 1 / len(pairs)))
     return gap, gap - half, gap + half
 
 

@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binom
-from scipy.stats import t as student
+from scipy.special import bdtrik, stdtrit
 
 from flgpr.io import write_whole
 
@@ -149,7 +148,7 @@ def by_chance(found: Sequence[Finding]) -> tuple[int, float, int]:
     statements were independent.
     """
     judged = sum(one.verdict != OPEN for one in found)
-    return judged, 0.05 * judged, int(binom.ppf(0.95, judged, 0.05)) if judged else 0
+    return judged, 0.05 * judged, math.ceil(bdtrik(0.95, judged, 0.05)) if judged else 0
 
 
 def measured(
@@ -199,7 +198,7 @@ def together(parts: int) -> float:
 
 def spread(value: float, draws: ArrayLike, level: float = 0.95) -> Interval:
     """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice."""
-    half = float(student.ppf((1 + level) / 2, np.size(draws) - 1) * np.std(np.asarray(draws), ddof=1))
+    half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
     return value, value - half, value + half
 
 
