@@ -1,11 +1,13 @@
 """Damage to files, and what readers say of it."""
 
-import faulthandler
+import functools
+import json
 import os
-import runpy
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import warnings
 from contextlib import contextmanager
 from unittest import mock
@@ -69,34 +71,58 @@ def refusal(call, *arguments, **options):
     return None
 
 
+_READER = """
+import json, os, runpy, signal, socket, sys
+import h5py, scipy.io  # what the script imports
+asked = socket.socket(fileno=int(sys.argv[1]))
+while True:
+    words, streams, *_ = socket.recv_fds(asked, 65536, 2)
+    if not words:
+        break
+    patience, *sys.argv = json.loads(words)
+    if pid := os.fork():
+        asked.send(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
+        for stream in streams:
+            os.close(stream)
+        continue
+    signal.alarm(patience)
+    for number, stream in enumerate(streams, 1):
+        os.dup2(stream, number)
+    try:
+        runpy.run_path(sys.argv[0], run_name="__main__")
+    except BaseException as error:
+        os.write(2, repr(error).encode()[:4096])
+        os._exit(1)
+    os._exit(0)
+"""
+
+
+@functools.cache
+def _reader():
+    """Start a process that forks itself for every file: of all the tests a fork takes ten times as long."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        command = [sys.executable, "-c", _READER, str(theirs.fileno())]
+        return ours, subprocess.Popen(command, pass_fds=[theirs.fileno()])  # kept: it ends when our end is closed
+
+
 @contextmanager
 def in_forks():
-    """Let files be read in a fork of this process instead of a new interpreter."""
-    # A fork takes the address space of all the tests, beside which the limit of 64 MB could not be kept.
-    with mock.patch("flgpr.io.arrays._SPARE", 2**38), mock.patch("flgpr.io.arrays.subprocess.run", _forked):
+    """Let files be read in a fork of a process that has imported the libraries instead of a new interpreter."""
+    with mock.patch("flgpr.io.arrays.subprocess.run", _forked):
         yield
 
 
 def _forked(command, timeout, stdout, **_):
     """Run the child's script in a fork, which is a hundred times quicker than a new interpreter."""
-    reader, writer = os.pipe()
-    pid = os.fork()
-    if not pid:
-        try:
-            faulthandler.disable()
-            signal.alarm(max(1, int(timeout)))
-            if stdout != subprocess.DEVNULL:
-                os.dup2(stdout.fileno(), 1)
-            sys.argv = command[2:]
-            runpy.run_path(command[2], run_name="__main__")
-            os._exit(0)
-        except BaseException as error:
-            os.write(writer, repr(error).encode()[:4096])
-            os._exit(1)
-    os.close(writer)
-    with open(reader, "rb") as said:
+    asked, _ = _reader()
+    with tempfile.TemporaryFile() as said, open(os.devnull, "wb") as nothing:
+        out = nothing if stdout == subprocess.DEVNULL else stdout
+        words = json.dumps([max(1, int(timeout)), *command[2:]]).encode()
+        socket.send_fds(asked, [words], [out.fileno(), said.fileno()])
+        code = int(asked.recv(16))
+        said.seek(0)
         words = said.read()
-    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
     if code == -signal.SIGALRM:
         raise subprocess.TimeoutExpired(command, timeout)
     return subprocess.CompletedProcess(command, code, None, words)

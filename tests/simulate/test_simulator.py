@@ -201,7 +201,7 @@ def expected_power(quiet, subband, surface):
     tx, rx = (p + np.array([0, 0, quiet.height]) for p in quiet.pairs())
     axis = np.array([0, np.cos(quiet.tilt), -np.sin(quiet.tilt)])
     centre = np.array([0.0, 12.0, 0.0])
-    fine = Grid.spanning((-6.95, 6.95), (5.55, 27.9), 0.15)
+    fine = Grid.spanning((-6.95, 6.95), (5.55, 27.9), 0.2)
     points = fine.points().reshape(-1, 3)
     sine = np.hypot(points[:, 0], points[:, 1]) / np.linalg.norm(points - [0, 0, quiet.height], axis=1)
     response = system_response(quiet, frequency)[inside]
