@@ -21,7 +21,6 @@ from flgpr.simulate import draw_world
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
 
-site, installed = test_plugin.site, test_plugin.installed
 GROUND = """
 name = "small"
 version = 3
@@ -354,7 +353,9 @@ def test_the_commands_run_and_tell(field):
     assert "no-such-entry" in result.output
 
 
-def test_a_recipe_of_another_distribution_enters(field, installed):
+def test_a_recipe_of_another_distribution_enters(field, tmp_path, monkeypatch):
+    shutil.unpack_archive(test_plugin.make_wheel(tmp_path), tmp_path / "site", "zip")
+    monkeypatch.syspath_prepend(tmp_path / "site")
     (field / "sharp.toml").write_text(small_recipe("wang2007") + test_plugin.STAGE + test_plugin.DETECTOR)
     run_benchmark([field / "sharp.toml"], field / "out", ground=field / "ground.toml")
     scores, _ = score_entries([field / "out"])
