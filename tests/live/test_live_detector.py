@@ -204,15 +204,14 @@ def test_a_classifier_gives_the_confidence_that_batch_gives(run, recipe, scans):
     assert np.abs(live["confidence"].to_numpy()[at] - top["confidence"].to_numpy()).max() < spread
 
 
-def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, recipe, scans, played):
+def test_features_taken_in_scan_by_scan_are_those_of_all_scans_at_once(run, recipe, scans):
     """A detector that forgets what it has gathered goes through all scans in memory again, late ones among them."""
     order = [*scans[:30], scans[32], scans[30], scans[31], *scans[33:]]
-    for given in (scans, order):
-        detector, plain = start(run, recipe), start(run, recipe)
-        for scan in given:
-            plain._sums = None
-            assert detector.add(scan).alarms == plain.add(scan).alarms
-        pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
+    detector, plain = start(run, recipe), start(run, recipe)
+    for scan in order:
+        plain._sums = None
+        assert detector.add(scan).alarms == plain.add(scan).alarms
+    pd.testing.assert_frame_equal(detector.table(), plain.table(), check_exact=True)
 
 
 def test_a_scan_at_which_the_features_fail_does_not_spoil_those_after_it(run, recipe, scans, monkeypatch):
@@ -254,11 +253,16 @@ def sharp(run, tmp_path_factory):
     return recipe, train_estimator(examples, recipe.detector, recipe.detector.features)
 
 
-def test_named_features_and_an_estimator_run_live(run, scans, sharp):
+@pytest.fixture(scope="module")
+def sharp_played(run, scans, sharp):
+    detector = start(run, sharp[0], model=sharp[1])
+    return detector, play(detector, scans)
+
+
+def test_named_features_and_an_estimator_run_live(run, scans, sharp, sharp_played):
     recipe, model = sharp
-    detector = start(run, recipe, model=model)
+    detector, _ = sharp_played
     assert detector.reads.subbands == list(recipe.image.subbands)  # a stage sees the whole image
-    play(detector, scans)
     live, whole = (seen(t, scans) for t in (detector.table(), detect(run, recipe, LANE, model=model)[0].alarms))
     top = whole.head(5)
     assert near(top, live).all()
@@ -326,10 +330,9 @@ def test_the_magnitude_can_be_the_confidence(run, scans):
 
 
 @pytest.mark.parametrize("how", ["contrast", "estimator"])
-def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, sharp, tmp_path, how):
-    recipe, model = (recipe, None) if how == "contrast" else sharp
-    whole = start(run, recipe, model=model)
-    expected = [whole.add(scan) for scan in scans]
+def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, request, tmp_path, how):
+    recipe, model = (recipe, None) if how == "contrast" else request.getfixturevalue("sharp")
+    whole, expected = request.getfixturevalue("played" if how == "contrast" else "sharp_played")
     first, intake = start(run, recipe, model=model), Intake(describe_for_live(run))
     for scan in scans[:23]:
         first.add(scan)
@@ -340,16 +343,16 @@ def test_a_snapshot_goes_on_bit_by_bit(run, recipe, scans, sharp, tmp_path, how)
         mine = second.add(scan)
         assert mine.alarms == update.alarms
         np.testing.assert_array_equal(mine.view, update.view)
+    second.finish()
     pd.testing.assert_frame_equal(second.table(), whole.table())
 
 
-def test_passed_alarms_are_a_few_bytes_each(run, recipe, scans):
+def test_passed_alarms_are_a_few_bytes_each(run, played, monkeypatch):
     """After hours on the road a snapshot is still written at once: their words do not grow with them."""
-    detector, intake = start(run, recipe), Intake(describe_for_live(run))
-    play(detector, scans)
+    detector, intake = played[0], Intake(describe_for_live(run))
     words, arrays = take_snapshot(detector, intake, set(), "")
     known, size = len(detector.table()), sum(array.nbytes for array in arrays.values())
-    detector.passed.extend(list(detector.passed) * 999)
+    monkeypatch.setattr(detector, "passed", detector.passed * 1000)
     more, grown = take_snapshot(detector, intake, set(), "")
     assert len(canonical_json(more)) == len(canonical_json(words))
     assert sum(array.nbytes for array in grown.values()) == size + 999 * known * 48

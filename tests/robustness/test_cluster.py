@@ -1,11 +1,9 @@
 """A Dask cluster gives the same bytes, and a worker that is killed costs only what it was at."""
 
-import json
 import os
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from contextlib import contextmanager
 
@@ -30,14 +28,10 @@ def dask(*arguments):
         process.wait()
 
 
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory):
-    note = tmp_path_factory.mktemp("dask") / "scheduler.json"
-    with dask("scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", note):
-        end = time.monotonic() + 60
-        while not note.exists() and time.monotonic() < end:
-            time.sleep(0.1)
-        yield json.loads(note.read_text())["address"]
+@pytest.fixture
+def scheduler():
+    with distributed.LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -56,7 +57,8 @@ class Simulator:
     def __init__(self, scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> None:
         self.scene, self.sensor, self.seed = scene, sensor, seed
         self.world = draw_world(scene, seed)
-        self._terrain = Terrain(scene.terrain, scene.lane, seed)
+        self._terrain = terrain = Terrain(scene.terrain, scene.lane, seed)
+        self._height = functools.cache(lambda x, y: terrain(x, y).item())  # bodies stand in many scans
         level, self.time = draw_track(scene, sensor.height, seed)
         self.pose = self._terrain.follow(level)
         shadow = (self.world.targets, self.world.objects, self._terrain, scene.shadow.foliage)
@@ -161,12 +163,12 @@ class Simulator:
 
     def _above(self, x: float, y: float, array: ArrayState) -> ArrayState:
         """Count the antennas' heights from the ground at a place, on which a body stands as on a plane."""
-        down = np.array([0.0, 0.0, self._terrain(x, y).item()])
+        down = np.array([0.0, 0.0, self._height(x, y)])
         return dataclasses.replace(array, position=array.position - down)
 
     def _cover(self, echoes: Echoes, first: int, x: float, y: float, view: View) -> None:
         """Raise a body's echoes, from number ``first`` on, to the ground it stands on, through grass and shadow."""
-        grass, ground = self.scene.grass, self._terrain(x, y).item()
+        grass, ground = self.scene.grass, self._height(x, y)
         places = np.array(echoes.place[first:]).reshape(-1, 3)
         if not len(places):
             return
