@@ -37,7 +37,7 @@ def shown(demo):
         yield viewer
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser():
     """Give windows of one browser."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
