@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from typer.testing import CliRunner
 from flgpr import tasks
 from flgpr.cli import app
 from flgpr.io import open_run, sample_lane, save_run
+from flgpr.io.bundle import write_bundle
 
 RUN = str(sample_lane() / "run.zarr")
 
@@ -108,6 +111,31 @@ def test_what_the_user_can_mend_is_one_line(arguments, words, tmp_path, monkeypa
     for word in words:
         assert word in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("number", "mended"), [(errno.ENOSPC, True), (errno.EIO, False)])
+def test_a_full_disk_is_told_in_a_line_and_the_same_command_goes_on(number, mended, tmp_path, monkeypatch):
+    written = []
+
+    def write(path, arrays):
+        if len(written) == 2:
+            raise OSError(number, os.strerror(number))
+        written.append(path)
+        write_bundle(path, arrays)
+
+    words = "detect", RUN, "--recipe", "demo", "-o", tmp_path / "result", "--quiet"
+    with monkeypatch.context() as patch:
+        patch.setattr("flgpr.execution.checkpoint.write_bundle", write)
+        result = call(*words)
+    assert not (tmp_path / "result").exists()
+    if not mended:
+        assert isinstance(result.exception, OSError)
+        return
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: the disk must have room")
+    assert result.stderr.count("\n") == 1
+    assert call(*words).exit_code == 0
+    assert (tmp_path / "result" / "alarms.csv").is_file()
 
 
 def test_an_empty_lane_is_refused(tmp_path):

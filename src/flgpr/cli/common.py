@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,8 +28,15 @@ def plain_errors() -> Iterator[None]:
             warnings.showwarning = _show_warning
             yield
     except (ValueError, FileNotFoundError, FileExistsError, PermissionError, ModuleNotFoundError) as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from None
+        said = str(error)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        said = f"the disk must have room for what is written, got {error}"
+    else:
+        return
+    typer.echo(f"error: {said}", err=True)
+    raise typer.Exit(2)
 
 
 def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
