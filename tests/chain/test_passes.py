@@ -208,4 +208,4 @@ def test_a_chain_does_its_passes_in_order_once_and_a_block_goes_on_where_it_was_
         yield from range(block.start + 1, block.stop)
 
     parts[1] = other.chain.part("sum", 1, resumed)
-    assert other.chain.fold("sum", parts)["n"] == 780
+    assert other.chain.merged("sum", parts).result()["n"] == 780

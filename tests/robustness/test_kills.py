@@ -17,7 +17,7 @@ import pytest
 import bag
 import io_gpr
 from flgpr import tasks
-from flgpr.execution import checkpoint
+from flgpr.execution import checkpoint, lane_work
 from flgpr.execution.lane_run import results_at
 from flgpr.io import open_run
 from flgpr.io.journal import JOURNAL
@@ -138,6 +138,7 @@ class Detection:
     def __call__(self, output):
         run, recipe, area = self.arguments
         checkpoint.KEEP_EVERY = self.every
+        lane_work.FOLD_BYTES = 1
         tasks.detect_long(run, recipe, output, area, report=False, section=self.section)
 
 

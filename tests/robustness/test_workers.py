@@ -14,8 +14,9 @@ import pandas as pd
 import pytest
 
 from flgpr import tasks
+from flgpr.chain import passes
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.execution import checkpoint
+from flgpr.execution import checkpoint, lane_work
 from flgpr.execution.checkpoint import WorkError, begin
 from flgpr.execution.executors import Here, LostWorkersError, Processes
 from flgpr.execution.lane_run import detect_lane, passes_of_lane
@@ -306,6 +307,69 @@ def test_a_stop_within_a_block_costs_the_scan_in_flight(lane, tmp_path, monkeypa
     assert count == 4 * 36 + len(stops)
     assert content(tmp_path / "result") == lane.content
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
+
+
+def fold_often(job, stage, number):
+    """Do a part in a process that folds parts as soon as there are any."""
+    lane_work.FOLD_BYTES = 1
+    return lane_work.do_part(job, stage, number)
+
+
+class Folding(Processes):
+    def run(self, work, arguments, threads=1):
+        return super().run(fold_often if work is lane_work.do_part else work, arguments, threads)
+
+
+@pytest.mark.parametrize("executor", [Here(), Folding(2)])
+def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, executor, tmp_path):
+    """As soon as there are any, beside others at work in other processes."""
+    with pytest.MonkeyPatch.context() as patch, executor:
+        patch.setattr(lane_work, "FOLD_BYTES", 1)
+        detect_lane(small_job(lane, tmp_path / "result"), executor)
+    assert content(tmp_path / "result") == lane.content
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
+    """Nine blocks, folded once they are twice as large as what is folded already: more than once."""
+    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    monkeypatch.setattr(passes, "BLOCK", 4)
+    held, sizes = {"signature": [], "gain": [], "view": []}, []
+
+    def note(report):
+        if report["stage"] in held:
+            folder = tmp_path / "folded.work"
+            held[report["stage"]].append(len(list(folder.glob(f"{report['stage']}-0*.arrays"))))
+            sizes.extend(path.stat().st_size for path in folder.glob("signature-so-far.arrays"))
+
+    with Here() as executor:
+        detect_lane(small_job(lane, tmp_path / "plain"), executor)
+        monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+        detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
+    assert content(tmp_path / "folded") == content(tmp_path / "plain")
+    assert max(held["signature"] + held["gain"]) <= 4 + threads < max(held["view"])
+    assert len(set(sizes)) > 1
+    assert held["signature"][-1] == held["gain"][-1] == held["view"][-1] == 0
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_what_is_folded_already_is_not_done_again_unless_it_is_damaged(lane, damaged, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
+    monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
+    done, job, so_far = [], small_job(lane, tmp_path / "result"), tmp_path / "result.work" / "signature-so-far.arrays"
+
+    def stop(report):
+        if report["block"] == 1:
+            raise KeyboardInterrupt
+
+    with Here() as executor:
+        with pytest.raises(KeyboardInterrupt):
+            detect_lane(job, executor, note=stop)
+        if damaged:
+            so_far.write_bytes(so_far.read_bytes()[:-1] + b"?")
+        detect_lane(job, executor, note=lambda report: done.append((report["stage"], report["block"])))
+    assert content(tmp_path / "result") == lane.content
+    assert [block for stage, block in done if stage == "signature"] == ([0, 2, -1] if damaged else [2, -1])
 
 
 @pytest.mark.parametrize("confidence", ["contrast", "magnitude"])

@@ -118,12 +118,12 @@ class Chain:
             gathered.add(index)
         return gathered.state(False)
 
-    def fold(self, name: str, parts: Iterable[Arrays]) -> Arrays:
+    def merged(self, name: str, parts: Iterable[Arrays]) -> Accumulator:
         """Merge what :meth:`part` gave for the blocks of :meth:`numbers`, in their order, taken one by one."""
         gathered = self.passes[name].start(None)
         for part in parts:
             gathered.merge(part)
-        return gathered.result()
+        return gathered
 
     def go(self, track: Track = silent, names: Sequence[str] | None = None) -> None:
         """Do passes here and now, block after block, all of them by default; those already known are left out."""
@@ -138,7 +138,7 @@ class Chain:
                             self.known[part_name(name, number)] = part
                         self.known[name] = {}
                     else:
-                        self.known[name] = self.fold(name, parts)
+                        self.known[name] = self.merged(name, parts).result()
 
 
 def dealt(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads: int) -> Generator[T]:

@@ -21,7 +21,7 @@ from flgpr.io import Bundle, BundleError, canonical_json, write_bundle, write_wh
 from flgpr.io.bundle import PARTIAL
 
 SUFFIX = ".arrays"
-_JOB, _LOCK = "job.json", "lock"
+_JOB, _LOCK, _FOLDING = "job.json", "lock", "folding"
 KEEP_EVERY = 2.0
 """Seconds of work on a block that a stop may cost besides the scan in flight."""
 
@@ -74,6 +74,17 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         for path in self.folder.glob(f"{stage}-*{SUFFIX}"):
             path.unlink()
 
+    @contextmanager
+    def folding(self) -> Iterator[bool]:
+        """Tell whether nobody else folds parts here; nobody else does while the context lasts."""
+        with (self.folder / _FOLDING).open("ab") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                yield False
+            else:
+                yield True
+
     def drop_damaged(self) -> list[str]:
         """Delete what is not whole, and give its names."""
         bad = []
@@ -105,8 +116,11 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         return self.folder / f"{name}{SUFFIX}"
 
     def size(self, name: str) -> int:
-        """Bytes of a group."""
-        return self.path(name).stat().st_size
+        """Bytes of a group, none where another has just folded and deleted it."""
+        try:
+            return self.path(name).stat().st_size
+        except FileNotFoundError:
+            return 0
 
 
 class Kept:
@@ -169,7 +183,7 @@ def _prepare(folder: Path, job: bytes) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    return path.is_file() and (path.name in (_JOB, _LOCK) or path.suffix in (SUFFIX, PARTIAL))
+    return path.is_file() and (path.name in (_JOB, _LOCK, _FOLDING) or path.suffix in (SUFFIX, PARTIAL))
 
 
 def finish(folder: Path) -> None:

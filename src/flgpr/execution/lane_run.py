@@ -27,7 +27,7 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
-from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, kept_pass, open_chain
+from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, folded, kept_pass, open_chain
 from flgpr.io import inside, lane_text, read_limited, read_table, seal, sha256, unseal, write_table
 from flgpr.io.files import replace_folder, write_whole
 from flgpr.model import Lane
@@ -114,7 +114,8 @@ class _Drive:
             shared = kept_pass(job, stage)
             if shared is not None and self._taken(job, work, stage, shared):
                 continue
-            missing = [number for number in every if part_name(stage, number) not in work]
+            begun = folded(work, stage)
+            missing = [number for number in every if number >= begun and part_name(stage, number) not in work]
             spent = []
             pieces = [(job, stage, number) for number in missing]
             with closing(self.executor.run(do_part, pieces, self.threads)) as parts:

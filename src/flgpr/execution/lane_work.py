@@ -14,10 +14,12 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
+import numpy as np
 
 import flgpr
 from flgpr.chain.lane_chain import LaneChain
@@ -33,6 +35,8 @@ from flgpr.report import report_html
 from flgpr.results.description import describe_run
 from flgpr.results.result import add_files, read_result, write_result
 
+FOLD_BYTES = 1 << 28
+"""Parts of this size are folded together as they come: those of a long run would fill the disk."""
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pandas")
 _OPENING, _ONE_AT_A_TIME = threading.Lock(), threading.Lock()
 
@@ -153,11 +157,44 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
     with _ONE_AT_A_TIME if mine.threads == 1 else nullcontext():  # but for threads that blocks are dealt to
         chain, work = _open(job)
         name = part_name(stage, number)
-        if name not in work:
+        if name not in work and number >= folded(work, stage):
             kept = Kept(work, name)
             work[name] = chain.part(stage, number, kept)
             kept.drop()
-        return report(Path(job.output).name, stage, number, begun, work.size(name))
+        size = work.size(name)
+        _fold_ahead(chain, work, stage)
+        return report(Path(job.output).name, stage, number, begun, size)
+
+
+def folded(work: Checkpoint, stage: str) -> int:
+    """Tell how many blocks of a stage, the first ones, are folded before the others are done."""
+    path = work.path(_so_far(stage))
+    return int(Bundle(path)["next"]) if path.is_file() else 0
+
+
+def _so_far(stage: str) -> str:
+    return f"{stage}-so-far"
+
+
+def _fold_ahead(chain: LaneChain, work: Checkpoint, stage: str) -> None:
+    """Fold the first blocks of a stage that are done, if they are large together, with the bits of one fold of all.
+
+    Only where all blocks are gone through, and what is gathered of them is no larger than that of one.
+    """
+    if not chain.passes[stage].whole or chain.passes[stage].stored:
+        return
+    with work.folding() as alone:
+        if not alone:
+            return
+        begun, so_far = folded(work, stage), _so_far(stage)
+        ready = list(takewhile(lambda number: part_name(stage, number) in work, chain.numbers(stage)[begun:]))
+        size = sum(work.size(part_name(stage, number)) for number in ready)
+        if not ready or size < max(FOLD_BYTES, 2 * work.size(so_far)):
+            return
+        gathered = chain.merged(stage, _parts(work, stage, ready))
+        work[so_far] = {**gathered.state(True), "next": np.array(begun + len(ready))}
+        for number in ready:
+            del work[part_name(stage, number)]
 
 
 def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
@@ -167,7 +204,7 @@ def do_fold(job: LaneJob, stage: str, numbers: Sequence[int]) -> Report:
         chain, work = _open(job)
         stored = chain.passes[stage].stored
         if stage not in work:
-            work[stage] = {} if stored else chain.fold(stage, _parts(work, stage, numbers))
+            work[stage] = {} if stored else chain.merged(stage, _parts(work, stage, numbers)).result()
         if not stored:
             work.drop_parts(stage)
         return report(Path(job.output).name, stage, -1, begun, work.size(stage))
@@ -191,8 +228,13 @@ def do_finish(job: LaneJob) -> Report:
 
 
 def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arrays]:
+    """Give what was gathered of some blocks; of those that are folded already, once, all of them together."""
+    begun = folded(work, stage)
+    if begun:
+        yield {name: array for name, array in Bundle(work.path(_so_far(stage))).items() if name != "next"}
     for number in numbers:
-        yield dict(Bundle(work.path(part_name(stage, number))))
+        if number >= begun:
+            yield dict(Bundle(work.path(part_name(stage, number))))
 
 
 def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
