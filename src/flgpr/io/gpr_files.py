@@ -376,15 +376,13 @@ def _read_segy(path: Path, limit: int) -> dict[str, Any]:
         "the header tells no time zero: it is put at the first sample",
     ]
     named = {"scalar": ("i2", 70), "x": ("i4", 72), "y": ("i4", 76), "unit": ("i2", 88), "late": ("i2", 108)}
-    kind = np.dtype(
-        {
-            "names": [*named, "samples"],
-            "formats": [*(order + one for one, _ in named.values()), (order + kinds[code], samples)],
-            "offsets": [*(at for _, at in named.values()), 240],
-            "itemsize": 240 + samples * np.dtype(kinds[code]).itemsize,
-        }
-    )
-    table = _records(path, 3600 + 3200 * extended, kind, None, notes, limit)
+    layout: Any = {
+        "names": [*named, "samples"],
+        "formats": [*(order + one for one, _ in named.values()), (order + kinds[code], samples)],
+        "offsets": [*(at for _, at in named.values()), 240],
+        "itemsize": 240 + samples * np.dtype(kinds[code]).itemsize,
+    }
+    table = _records(path, 3600 + 3200 * extended, np.dtype(layout), None, notes, limit)
     if table["late"].any():
         notes.append("the delay of the recording is not applied; give the time zero")
     scalar = table["scalar"].astype(np.float64)

@@ -148,7 +148,8 @@ def _make_grid(first: FloatArray, cell: float, shape: NDArray[Any]) -> Grid:
 
 
 def _time_window(grid: Grid, antennas: FloatArray, index: float, centre: float) -> float:
-    corners = np.array([[x, y] for x in (0, grid.size[0]) for y in (0, grid.size[1])]) + np.asarray(grid.origin)[:2]
+    ends = [(low, low + size) for low, size in zip(grid.origin[:2], grid.size[:2], strict=True)]
+    corners = np.array([(x, y) for x in ends[0] for y in ends[1]])
     across = np.linalg.norm(antennas[..., None, :2] - corners, axis=-1).max()
     high, deep = antennas[..., 2].max(), -grid.origin[2]
     path = 2 * math.hypot(across, high) + 2 * index * deep
