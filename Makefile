@@ -53,23 +53,27 @@ docs: $(VENV)/.docs
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-# The demo's kernels are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
-$(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt numba
-	rm -f $@
-	{ $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e . >&2 && touch $@; } \
-	    | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead; test -e $@
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-$(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[benchmark]'
-	touch $@
+# Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
+define install_and_compile
+	$(PIP) numba
+	rm -f $@
+	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead; test -e $@
+endef
+
+$(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(call install_and_compile,)
 
 $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(call install_and_compile,[test])
+
+$(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[benchmark]'
 	touch $@
 
 $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(PIP) -e '.[docs]'
 	touch $@
 
 clean:
