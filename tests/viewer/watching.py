@@ -35,11 +35,11 @@ def viridis(share):
 
 
 class Watched:
-    """A page whose requests and errors are kept; one with a clock must be ``alone``, for it sets that of all others."""
+    """A page whose requests and errors are kept; a script may be run in it before its own."""
 
-    def __init__(self, browser, viewer, size=(1280, 800), scheme="light", alone=False):
-        self.alone = browser.browser.new_context(reduced_motion="reduce") if alone else None
-        self.page = (self.alone or browser).new_page()
+    def __init__(self, browser, viewer, size=(1280, 800), scheme="light", script=""):
+        self.page = browser.new_page()
+        self.page.add_init_script(script)
         self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.page.emulate_media(color_scheme=scheme)
         self.requests, self.errors, self.closed = [], [], False
@@ -55,7 +55,7 @@ class Watched:
         if self.closed:
             return
         self.closed = True
-        (self.alone or self.page).close()
+        self.page.close()
         assert self.errors == []
         own = [url for url in self.requests if not url.startswith(("blob:", "data:"))]
         assert own
