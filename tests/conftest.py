@@ -31,6 +31,8 @@ HEAVY = (
     "test_workers", "test_flsar2004_study", "test_live_page", "test_drive_page", "test_fuse2018_study", "test_live_run",
     "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
     "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
+    "test_kills", "test_rail", "test_cli", "test_plugin", "test_server", "test_verdicts", "test_notebook",
+    "test_operator_page", "test_score_pages",
 )  # fmt: skip
 """Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
@@ -67,6 +69,15 @@ def built_commands():
     """Build the command line once, not for every command that a test calls."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("typer.testing._get_command", functools.cache(typer.main.get_command), raising=False)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_seals(request):
+    """Nobody guesses at these passphrases: a key that costs little will do, but where sealing itself is tested."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.stem != "test_scoring_blind":
+            patch.setattr("flgpr.scoring.blind._COST", 2**8)
         yield
 
 

@@ -320,19 +320,16 @@ class Folding(Processes):
         return super().run(fold_often if work is lane_work.do_part else work, arguments, threads)
 
 
-@pytest.mark.parametrize("executor", [Here(), Folding(2)])
-def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, executor, tmp_path):
+def test_parts_that_are_folded_as_they_come_do_not_change_a_byte(lane, tmp_path):
     """As soon as there are any, beside others at work in other processes."""
-    with pytest.MonkeyPatch.context() as patch, executor:
-        patch.setattr(lane_work, "FOLD_BYTES", 1)
+    with Folding(2) as executor:
         detect_lane(small_job(lane, tmp_path / "result"), executor)
     assert content(tmp_path / "result") == lane.content
 
 
-@pytest.mark.parametrize("threads", [1, 4])
-def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path, monkeypatch):
+def test_the_work_folder_of_many_blocks_holds_few_parts(lane, tmp_path, monkeypatch):
     """Nine blocks, folded once they are twice as large as what is folded already: more than once."""
-    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 4)
     monkeypatch.setattr(passes, "BLOCK", 4)
     held, sizes = {"signature": [], "gain": [], "view": []}, []
 
@@ -347,7 +344,7 @@ def test_the_work_folder_of_many_blocks_holds_few_parts(lane, threads, tmp_path,
         monkeypatch.setattr(lane_work, "FOLD_BYTES", 1)
         detect_lane(small_job(lane, tmp_path / "folded"), executor, note=note)
     assert content(tmp_path / "folded") == content(tmp_path / "plain")
-    assert max(held["signature"] + held["gain"]) <= 4 + threads < max(held["view"])
+    assert max(held["signature"] + held["gain"]) <= 8 < max(held["view"])
     assert len(set(sizes)) > 1
     assert held["signature"][-1] == held["gain"][-1] == held["view"][-1] == 0
 

@@ -22,14 +22,6 @@ def nobody():
     raise AssertionError("a passphrase was asked for in vain")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quick_seals():
-    """Nobody guesses at these passphrases: a key that costs little will do."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flgpr.scoring.blind._COST", 2**8)
-        yield
-
-
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
     """A planned lane, a registered recipe and one that is not, two alarm lists."""
