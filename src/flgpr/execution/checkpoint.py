@@ -9,7 +9,7 @@ import fcntl
 import shutil
 import time
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +74,9 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         for path in self.folder.glob(f"{stage}-*{SUFFIX}"):
             path.unlink()
 
-    @contextmanager
-    def folding(self) -> Iterator[bool]:
+    def folding(self) -> AbstractContextManager[bool]:
         """Tell whether nobody else folds parts here; nobody else does while the context lasts."""
-        with (self.folder / _FOLDING).open("ab") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                yield False
-            else:
-                yield True
+        return _locked(self.folder / _FOLDING)
 
     def drop_damaged(self) -> list[str]:
         """Delete what is not whole, and give its names."""
@@ -151,17 +144,27 @@ class Kept:
 
 
 @contextmanager
+def _locked(path: Path) -> Iterator[bool]:
+    """Tell whether nobody else holds the lock of a file; nobody else does while the context lasts."""
+    with path.open("ab") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+        else:
+            yield True
+
+
+@contextmanager
 def begin(folder: Path, job: dict[str, Any]) -> Iterator[Checkpoint]:
     """Begin a job in a work folder, or go on with it; no other process can begin while the context lasts.
 
     ``job`` holds all that the outcome depends on, as JSON. What belongs to another job, or is damaged, is deleted.
     """
     folder.mkdir(exist_ok=True)
-    with (folder / _LOCK).open("ab") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise WorkError(f"{folder}: another process is at work here") from None
+    with _locked(folder / _LOCK) as alone:
+        if not alone:
+            raise WorkError(f"{folder}: another process is at work here")
         _prepare(folder, canonical_json({"format": "flgpr-work", "version": 1, "job": job}) + b"\n")
         checkpoint = Checkpoint(folder)
         checkpoint.drop_damaged()

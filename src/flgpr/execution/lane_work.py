@@ -179,7 +179,8 @@ def _so_far(stage: str) -> str:
 def _fold_ahead(chain: LaneChain, work: Checkpoint, stage: str) -> None:
     """Fold the first blocks of a stage that are done, if they are large together, with the bits of one fold of all.
 
-    Only where all blocks are gone through, and what is gathered of them is no larger than that of one.
+    Only where all blocks are gone through. Sums are then no larger than those of one block; what grows with scans is
+    folded when there is twice as much of it, so that it is not written over and over.
     """
     if not chain.passes[stage].whole or chain.passes[stage].stored:
         return
