@@ -55,11 +55,11 @@ $(VENV)/bin/python:
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-# Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
+# Kernels are compiled while pip installs the rest, which leaves a processor idle: the compiler stops when the pipe from pip is closed.
 define install_and_compile
 	$(PIP) numba
 	rm -f $@
-	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead; test -e $@
+	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead training; test -e $@
 endef
 
 $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt

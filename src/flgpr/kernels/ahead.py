@@ -1,4 +1,4 @@
-"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``.
+"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``, with trainings if told so.
 
 A first detection on a machine waits for the compiler longer than for anything else. Two processes share that work
 by the code that either keeps on disk.
@@ -21,6 +21,7 @@ import numpy as np
 from numba import config, typeof
 from numpy.typing import NDArray
 
+from flgpr.kernels import relevance
 from flgpr.kernels.background import (
     add_clipped,
     gain_and_limit,
@@ -86,6 +87,19 @@ def compile_usual() -> None:
         getattr(kernel, "kernel", kernel).compile(tuple(map(typeof, arguments)))
 
 
+def compile_training() -> None:
+    """Compile what trains relevance vector machines, which takes longer than all that a detection calls."""
+    rows, target, every = np.eye(2), np.array([0.0, 1.0]), np.ones(2, np.bool_)
+    fixed = (rows, relevance.single(rows), target, 0.0, every, 0.0)
+    relevance.climb(*fixed, 1)
+    for k in (1, 2):  # a matrix of one element has a layout of its own
+        start = (np.arange(k), np.ones(k), np.zeros(k))
+        fit = relevance.ascend(*fixed, *start, every, 1e-3, 0)
+        relevance.exchange(*fixed, fit, 1e-3, 0)
+        relevance.entries(rows, every, fit.active, relevance.laplace(rows[:k], target, 0.0, *start[1:]), 0.0)
+        relevance.penalised(fit, 0.0)
+
+
 @contextmanager
 def compiled_beside() -> Iterator[None]:
     """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
@@ -130,3 +144,5 @@ if __name__ == "__main__":
     compile_usual()
     if _writable(cache_folder(Path(__file__)).parent):
         cache_folder(Path(__file__)).mkdir(exist_ok=True)  # the note that all is done
+    if "training" in sys.argv[1:]:
+        compile_training()

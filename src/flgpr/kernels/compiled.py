@@ -7,13 +7,14 @@ environment or clone would compile everything again. Here the folder is named by
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import re
 import shutil
 import time
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -21,9 +22,11 @@ from uuid import uuid4
 import llvmlite.binding
 import numba
 from numba.core import caching, config
+from numba.core.compiler_lock import global_compiler_lock
 from numba.misc.appdirs import AppDirs
 
 _UNUSED_DAYS = 60  # after which folders of other sources or machines are removed
+_PATIENCE = 120  # seconds for which a process waits for what another compiles, which may have been stopped
 
 
 @cache
@@ -73,7 +76,8 @@ class _BySource(_UserWide):  # type: ignore[misc]
     """Tells numba the folder, for this package's functions alone."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
-        self._folder, self._lineno = cache_folder(Path(py_file)), py_func.__code__.co_firstlineno
+        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+        self._folder = cache_folder(Path(py_file))
 
     def get_cache_path(self) -> str:
         return str(self._folder)
@@ -104,6 +108,40 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         if file := getattr(getattr(kernel, "_cache", None), "_cache_file", None):
             # numba only numbers the files: of two processes, one could leave its code where the other's index points.
             file._data_name = lambda _: f"{file._index_name.removesuffix('.nbi')}.{uuid4().hex[:12]}.nbc"
+            kernel.compile = _once(kernel.compile, Path(file._index_path).with_suffix(".lock"))
         return kernel
 
     return compiled
+
+
+def _once(compile_kernel: Callable[[Any], Any], path: Path) -> Callable[[Any], Any]:
+    """Let one process at a time compile a kernel: those that wait find what it has left on disk."""
+
+    @wraps(compile_kernel)
+    def alone(signature: Any) -> Any:
+        # numba's own lock first, as it is held when a kernel that is being compiled calls for another one.
+        with global_compiler_lock, _held(path):
+            return compile_kernel(signature)
+
+    return alone
+
+
+@contextlib.contextmanager
+def _held(path: Path) -> Iterator[None]:
+    """Hold a file's lock, if this can be had: without it a kernel is compiled twice, no more."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            file = stack.enter_context(path.open("w"))
+            end = time.monotonic() + _PATIENCE
+            while not _taken(file.fileno()) and time.monotonic() < end:
+                time.sleep(0.02)
+            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)  # a fork of this process may have the file open as well
+        yield
+
+
+def _taken(file: int) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
