@@ -1,11 +1,13 @@
 """Compiled kernels are found by every copy of the same sources and give the bits of a fresh compilation."""
 
 import contextlib
+import fcntl
 import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from unittest import mock
@@ -72,6 +74,25 @@ def test_without_a_place_to_keep_it_a_kernel_is_compiled_all_the_same(tmp_path, 
     assert compiled._BySource.from_function(twice, str(shutil.copy(__file__, tmp_path))) is None
     monkeypatch.setattr(compiled._implementation, "_locator_classes", [])
     assert compiled.njit(cache=True)(twice)(21) == 42
+
+
+def test_one_process_compiles_and_the_others_wait_but_not_for_ever(tmp_path, monkeypatch):
+    path, order = tmp_path / "kernel.lock", []
+    compile_once = compiled._once(order.append, path)
+    with path.open("w") as other:  # a lock belongs to an opened file, so that this stands for another process
+        fcntl.flock(other, fcntl.LOCK_EX)
+        waiting = threading.Thread(target=compile_once, args=("waited",))
+        waiting.start()
+        waiting.join(0.2)
+        order.append("the other is done")
+        fcntl.flock(other, fcntl.LOCK_UN)
+        waiting.join()
+        assert order == ["the other is done", "waited"]
+        fcntl.flock(other, fcntl.LOCK_EX)
+        monkeypatch.setattr(compiled, "_PATIENCE", 0.1)
+        compile_once("the other was stopped")
+    compiled._once(order.append, tmp_path / "no-folder" / "kernel.lock")("without a lock")
+    assert order[2:] == ["the other was stopped", "without a lock"]
 
 
 DEMO = """
