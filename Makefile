@@ -55,18 +55,19 @@ $(VENV)/bin/python:
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-# Kernels are compiled while pip installs the rest, which leaves a processor idle: the compiler stops when the pipe from pip is closed.
+# Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
+# $(1): extras to install; $(2): "training" where its kernels are wanted as well.
 define install_and_compile
 	$(PIP) numba
 	rm -f $@
-	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead training; test -e $@
+	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead $(2); test -e $@
 endef
 
 $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(call install_and_compile,)
 
 $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(call install_and_compile,[test])
+	$(call install_and_compile,[test],training)
 
 $(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[benchmark]'

@@ -1,7 +1,7 @@
-"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``, with trainings if told so.
+"""What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``.
 
 A first detection on a machine waits for the compiler longer than for anything else. Two processes share that work
-by the code that either keeps on disk.
+by the code that either keeps on disk. With the argument ``training`` it goes on with what trainings call.
 """
 
 from __future__ import annotations

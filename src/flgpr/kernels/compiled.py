@@ -14,7 +14,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from functools import cache, wraps
+from functools import cache
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -117,7 +117,6 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 def _once(compile_kernel: Callable[[Any], Any], path: Path) -> Callable[[Any], Any]:
     """Let one process at a time compile a kernel: those that wait find what it has left on disk."""
 
-    @wraps(compile_kernel)
     def alone(signature: Any) -> Any:
         # numba's own lock first, as it is held when a kernel that is being compiled calls for another one.
         with global_compiler_lock, _held(path):
