@@ -119,7 +119,7 @@ def _covered(run: xr.Dataset, grid: Grid) -> Lane:
     corners = np.array([[x, y, 0] for x in grid.extent()[:2] for y in grid.extent()[2:]])
     ends = run["pose"].values[[0, -1]].copy()
     ends[:, [2, 4, 5]] = 0
-    places = np.concatenate([vehicle_to_lane(corners, pose) for pose in ends])
+    places = vehicle_to_lane(corners, ends).reshape(-1, 3)
     return Lane(*(float(v) for k in (0, 1) for v in (places[:, k].min(), places[:, k].max())))
 
 

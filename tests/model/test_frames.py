@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from flgpr.model import Grid, lane_to_scan, scan_to_lane, vehicle_to_lane
+from flgpr.model import Grid, lane_to_scan, scan_to_lane, vehicle_to_lane, vehicle_to_scan
 
 
 def test_heading_turns_clockwise_from_down_track():
@@ -28,6 +28,14 @@ def test_scan_frame_round_trip():
     pose = [3.0, 40.0, 5.0, 0.3, 0.1, -0.2]
     points = np.random.default_rng(1).normal(size=(7, 3))
     np.testing.assert_allclose(lane_to_scan(scan_to_lane(points, pose), pose), points, atol=1e-12)
+
+
+@pytest.mark.parametrize("take", [vehicle_to_lane, vehicle_to_scan, scan_to_lane, lane_to_scan])
+def test_many_poses_at_once_are_each_pose_by_itself_to_the_bit(take):
+    rng = np.random.default_rng(2)
+    points, poses = rng.normal(size=(4, 7, 3)), rng.normal(size=(5, 6))
+    want = [[take(some, pose) for pose in poses] for some in points]
+    np.testing.assert_array_equal(take(points[:, None], poses), want)
 
 
 def test_grid_spans_its_limits():

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model import check_run
 from flgpr.model.arrays import FloatArray
-from flgpr.model.frames import attitude_matrix, heading_matrix
+from flgpr.model.frames import pose_matrix
 from flgpr.model.phase import lengthen
 from flgpr.model.track import check_track, poses_at
 
@@ -68,10 +68,10 @@ def _fit(antenna: pd.DataFrame, reference: pd.DataFrame, latency: float) -> Leve
         return None
     pose = poses_at(reference, time[inside])
     apart = poses_at(shifted, time[inside])[:, :3] - pose[:, :3]
-    turns = np.concatenate([heading_matrix(p[3]) @ attitude_matrix(p[4], p[5]) for p in pose])
+    turns = pose_matrix(pose).reshape(-1, 3)
     lever, *_ = np.linalg.lstsq(turns, apart.ravel(), rcond=None)
     rest = apart.ravel() - turns @ lever
-    return LeverFit(lever, latency, float(np.sqrt(np.mean(rest**2) * 3)))
+    return LeverFit(np.asarray(lever, dtype=np.float64), latency, float(np.sqrt(np.mean(rest**2) * 3)))
 
 
 def vehicle_velocity(run: xr.Dataset) -> FloatArray:
@@ -80,8 +80,7 @@ def vehicle_velocity(run: xr.Dataset) -> FloatArray:
     if len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise ValueError("run must have two scans or more with increasing times to tell a velocity")
     lane = np.gradient(pose[:, :3], time, axis=0)
-    turn = np.stack([heading_matrix(p[3]) @ attitude_matrix(p[4], p[5]) for p in pose])
-    return np.asarray(np.einsum("sij,si->sj", turn, lane), dtype=np.float64)
+    return np.asarray(np.einsum("sij,si->sj", pose_matrix(pose), lane), dtype=np.float64)
 
 
 def remove_in_scan_motion(

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.kernels.biases import sum_over_biases
 from flgpr.model import SPEED_OF_LIGHT, antennas_in_lane, complete_scans, way_weights
 from flgpr.model.aperture import half_steps
 from flgpr.model.arrays import FloatArray
@@ -78,28 +78,16 @@ def fields_over_bias(
         raise ValueError(f"run must have a scan without missing sweeps, got none among {run.sizes['scan']}")
     ways = [np.asarray(pose, dtype=np.float64)[scans] for pose in poses]
     weights = [way_weights(pose[:, :3]) for pose in ways]
-    field = np.zeros((len(ways), signal.shape[1], len(places), last - first + 1), np.complex64)
+    field = np.zeros((len(ways), len(places), signal.shape[1], last - first + 1), np.complex64)
     block = max(1, _TABLE // (size * signal.shape[1] * signal.shape[2]))
     for begin in range(0, scans.size, block):
         part = slice(begin, begin + block)
         table = _profiles(signal[scans[part]], tones, spacing, slot, size)
         table = np.concatenate([table, np.take(table, np.arange(last - first + 2), axis=-1, mode="wrap")], axis=-1)
-        rows = np.arange(table.shape[1])
-        windows = [sliding_window_view(one, last - first + 2, axis=1) for one in table]
         for way, weight, out in zip(ways, weights, field, strict=True):
-            tx, rx = antennas_in_lane(run, way[part])
-            share = np.repeat(weight[part], signal.shape[2])
-            for k, point in enumerate(places):
-                path = np.linalg.norm(tx - point, axis=1) + np.linalg.norm(rx - point, axis=1)
-                cell = np.floor(path / step)
-                between = path / step - cell
-                turned = share * path_phase([middle], -path)[:, 0]
-                at = (cell.astype(np.int64) + first) % size
-                for window, total in zip(windows, out[:, k], strict=True):
-                    near = window[rows, at]
-                    total += (turned * (1 - between)).astype(np.complex64) @ near[:, :-1]
-                    total += (turned * between).astype(np.complex64) @ near[:, 1:]
-    return field, np.asarray(np.arange(first, last + 1) * (0.5 * step), dtype=np.float64)
+            ends, share = antennas_in_lane(run, way[part]), np.repeat(weight[part], signal.shape[2])
+            sum_over_biases(table, *ends, share, places, step, middle / SPEED_OF_LIGHT, first, out)
+    return field.swapaxes(1, 2), np.asarray(np.arange(first, last + 1) * (0.5 * step), dtype=np.float64)
 
 
 def lattice(frequency: ArrayLike) -> tuple[float, NDArray[np.int64]]:

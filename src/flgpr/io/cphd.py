@@ -147,10 +147,7 @@ def _channel(
 ) -> tuple[NDArray[np.complex64], dict[str, NDArray[Any]]]:
     frequency = run["frequency"].values
     pose = run["pose"].values
-    tx, rx = (
-        np.stack([vehicle_to_lane(run[name].values[pair], one) for one in pose])
-        for name in ("tx_position", "rx_position")
-    )
+    tx, rx = (vehicle_to_lane(run[name].values[pair, None], pose)[:, 0] for name in ("tx_position", "rx_position"))
     range_tx, range_rx = (np.linalg.norm(antenna - center, axis=1) for antenna in (tx, rx))
     valid = run["valid"].values[:, polarization, pair]
     signal = run["signal"].values[:, polarization, pair]

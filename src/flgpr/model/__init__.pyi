@@ -12,6 +12,7 @@ from flgpr.model.frames import attitude_matrix as attitude_matrix
 from flgpr.model.frames import ground_points as ground_points
 from flgpr.model.frames import heading_matrix as heading_matrix
 from flgpr.model.frames import lane_to_scan as lane_to_scan
+from flgpr.model.frames import pose_matrix as pose_matrix
 from flgpr.model.frames import scan_to_lane as scan_to_lane
 from flgpr.model.frames import vehicle_to_lane as vehicle_to_lane
 from flgpr.model.frames import vehicle_to_scan as vehicle_to_scan

@@ -19,7 +19,7 @@ _LARGEST = 5e8  # bytes of a run that is taken as one aperture
 def antennas_in_lane(run: xr.Dataset, poses: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Places (scan·pair, 3) of a run's antennas, transmitting and receiving, at poses (scan, 6) of the lane, m."""
     ends = np.stack([run[name].values for name in ("tx_position", "rx_position")])
-    tx, rx = np.concatenate([vehicle_to_lane(ends, pose) for pose in np.asarray(poses)], axis=1)
+    tx, rx = vehicle_to_lane(ends[:, None], poses).reshape(2, -1, 3)
     return tx, rx
 
 

@@ -19,18 +19,43 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def attitude_matrix(pitch: float, roll: float) -> NDArray[np.float64]:
-    """Rotation Rx(pitch)·Ry(roll), (3, 3), from the vehicle frame to level axes along the vehicle."""
-    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
-    rx = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
-    ry = np.array([[cr, 0.0, sr], [0.0, 1.0, 0.0], [-sr, 0.0, cr]])
-    return rx @ ry
+def attitude_matrix(pitch: ArrayLike, roll: ArrayLike) -> NDArray[np.float64]:
+    """Rotations Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to level axes along the vehicle."""
+    (cp, sp), (cr, sr) = _cos_sin(pitch), _cos_sin(roll)
+    m = np.zeros((*cp.shape, 3, 3))
+    m[..., 0, 0], m[..., 0, 2] = cr, sr
+    m[..., 1, 0], m[..., 1, 1], m[..., 1, 2] = sp * sr, cp, -sp * cr
+    m[..., 2, 0], m[..., 2, 1], m[..., 2, 2] = -cp * sr, sp, cp * cr
+    return m
 
 
-def heading_matrix(heading: float) -> NDArray[np.float64]:
-    """Rotation Rz(-heading), (3, 3), from level axes along the vehicle to the lane frame; clockwise from +y."""
-    c, s = math.cos(heading), math.sin(heading)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+def heading_matrix(heading: ArrayLike) -> NDArray[np.float64]:
+    """Rotations Rz(-heading), (..., 3, 3), from level axes along the vehicle to the lane frame; clockwise from +y."""
+    c, s = _cos_sin(heading)
+    m = np.zeros((*c.shape, 3, 3))
+    m[..., 0, 0] = m[..., 1, 1] = c
+    m[..., 0, 1], m[..., 1, 0], m[..., 2, 2] = s, -s, 1.0
+    return m
+
+
+def pose_matrix(pose: ArrayLike) -> NDArray[np.float64]:
+    """Rotations Rz(-heading)·Rx(pitch)·Ry(roll), (..., 3, 3), from the vehicle frame to lane axes of poses (..., 6)."""
+    p = np.asarray(pose, dtype=np.float64)
+    return heading_matrix(p[..., 3]) @ attitude_matrix(p[..., 4], p[..., 5])
+
+
+def _cos_sin(angle: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cosine and sine by the mathematical library: NumPy's differ between processors in the last bit."""
+    every = np.asarray(angle, dtype=np.float64)
+    of = every.ravel().tolist()
+    return np.reshape([*map(math.cos, of)], every.shape), np.reshape([*map(math.sin, of)], every.shape)
+
+
+def _shift(pose: NDArray[np.float64], components: list[int]) -> NDArray[np.float64]:
+    """Those components of the place, zero in the others: (3,) of one pose, (..., 1, 3) of several."""
+    shift = np.zeros((*pose.shape[:-1], 3))
+    shift[..., components] = pose[..., components]
+    return shift if pose.ndim == 1 else shift[..., None, :]
 
 
 def attitude_angles(rotation: ArrayLike) -> NDArray[np.float64]:
@@ -51,22 +76,25 @@ def ground_points(table: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def vehicle_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-    """Take points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,)."""
+    """Take points (..., 3), m, from the vehicle frame to the scan frame of a pose (6,).
+
+    This and its kin take points (..., point, 3) for poses (..., 6) as well, whose leading axes broadcast.
+    """
     p = np.asarray(pose, dtype=np.float64)
-    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[4], p[5]).T
-    return level + np.array([0.0, 0.0, p[2]])
+    level = np.asarray(position, dtype=np.float64) @ attitude_matrix(p[..., 4], p[..., 5]).swapaxes(-1, -2)
+    return level + _shift(p, [2])
 
 
 def scan_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
     """Take points (..., 3), m, from the scan frame of a pose (6,) to the lane frame."""
     p = np.asarray(pose, dtype=np.float64)
-    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[3]).T + np.array([p[0], p[1], 0.0])
+    return np.asarray(position, dtype=np.float64) @ heading_matrix(p[..., 3]).swapaxes(-1, -2) + _shift(p, [0, 1])
 
 
 def lane_to_scan(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
     """Take points (..., 3), m, from the lane frame to the scan frame of a pose (6,), undoing :func:`scan_to_lane`."""
     p = np.asarray(pose, dtype=np.float64)
-    return (np.asarray(position, dtype=np.float64) - np.array([p[0], p[1], 0.0])) @ heading_matrix(p[3])
+    return (np.asarray(position, dtype=np.float64) - _shift(p, [0, 1])) @ heading_matrix(p[..., 3])
 
 
 def vehicle_to_lane(position: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:

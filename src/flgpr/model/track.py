@@ -126,7 +126,7 @@ def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0),
 def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
     """Rotation (fix, 3, 3) from the vehicle frame to lane axes at every fix: ``Rz(-heading)·Rx(pitch)·Ry(roll)``."""
     heading, pitch, roll = (track[name].to_numpy(dtype=np.float64) for name in ("heading", "pitch", "roll"))
-    return np.stack([heading_matrix(h) @ attitude_matrix(p, r) for h, p, r in zip(heading, pitch, roll, strict=True)])
+    return heading_matrix(heading) @ attitude_matrix(pitch, roll)
 
 
 def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Sensor, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.gprmax_grid import Grid, GridPoint, RelaxingMedium, fit_relaxation, rectangles
 from flgpr.simulate.roughness import surface_heights
@@ -69,7 +69,7 @@ def make_decks(
     cell = min(wavelength / slowest, wavelength) / cells_per_wavelength
     digits = 10.0 ** (math.floor(math.log10(cell)) - 1)
     cell = round(math.floor(cell / digits + 1e-9) * digits, 9)  # rounded down, so that files and grids are readable
-    antennas = np.stack([vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), pose) for pose in poses])
+    antennas = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), poses)
     grid = _grid(scene, world, antennas, cell)
     count = math.prod(grid.shape)
     if count > max_cells:
@@ -319,7 +319,7 @@ def _runs(
     free_files: dict[str, str] = {}
     first, second = sensor.pair_indices()
     for scan, pose in enumerate(poses):
-        turn = heading_matrix(pose[3]) @ attitude_matrix(pose[4], pose[5])
+        turn = pose_matrix(pose)
         directions = {"H": turn[:, 0], "V": turn @ np.array([0.0, math.sin(sensor.tilt), math.cos(sensor.tilt)])}
         places = antennas[scan]
         air = _air_grid(grid, places)

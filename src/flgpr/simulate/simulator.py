@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
-from flgpr.model import SPEED_OF_LIGHT, Sensor, attitude_matrix, heading_matrix, make_run, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Sensor, make_run, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import TILES_KEPT, SurfaceField
@@ -219,7 +219,7 @@ def simulate(scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> tu
 def array_state(sensor: Sensor, pose: FloatArray) -> ArrayState:
     """Place a sensor's antennas in the lane frame for a pose (6,)."""
     first, second = sensor.pair_indices()
-    turn = heading_matrix(pose[3]) @ attitude_matrix(pose[4], pose[5])
+    turn = pose_matrix(pose)
     position = vehicle_to_lane(np.concatenate([sensor.tx, sensor.rx]), pose)
     axis = turn @ np.array([0.0, math.cos(sensor.tilt), -math.sin(sensor.tilt)])
     antenna = sensor.antenna
