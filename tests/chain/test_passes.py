@@ -140,7 +140,6 @@ class Slow(Chain):
 def threads(request, monkeypatch):
     """As on a machine of so many processors, whatever numba's own threads do."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: request.param)
-    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
     return request.param
 
 
@@ -153,16 +152,9 @@ def test_threads_that_take_blocks_give_the_bits_of_one(threads):
     assert len(several.workers) == threads + 1  # the thirteenth block is left for this one
 
 
-def test_a_single_caller_at_a_time_where_numbas_threads_serve_no_more(threads, monkeypatch):
-    monkeypatch.setattr(numba, "threading_layer", lambda: "workqueue")
-    names = dealt(lambda: threading.current_thread().name, [()] * 9, threads)
-    assert set(names) == {"MainThread"}
-
-
 @pytest.mark.parametrize(("pieces", "left"), [(1, 1), (2, 0), (5, 1), (8, 0), (10, 2), (11, 0)])
 def test_what_would_leave_most_threads_without_a_piece_is_shared(pieces, left, monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 4)
-    monkeypatch.setattr(numba, "threading_layer", lambda: "omp")
     names = list(dealt(lambda _: threading.current_thread().name, [(number,) for number in range(pieces)], 4))
     assert [name == "MainThread" for name in names] == [False] * (pieces - left) + [True] * left
 

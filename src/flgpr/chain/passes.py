@@ -150,7 +150,7 @@ def dealt(work: Callable[..., T], arguments: Sequence[tuple[Any, ...]], threads:
     """
     kernels = numba.get_num_threads()
     threads = min(threads, kernels, len(arguments))
-    if threads > 1 and numba.threading_layer() != "workqueue":  # which serves a single caller at a time
+    if threads > 1:
         left = len(arguments) % threads
         count = len(arguments) - (left if 2 * left <= threads else 0)
         yield from _at_once(work, arguments[:count], threads, kernels // threads)

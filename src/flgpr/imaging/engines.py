@@ -171,7 +171,7 @@ class PreciseEngine(Engine):
         pairs, bands, bins = out.shape[1], self._weight.shape[0], self._bin.size
         table = np.empty((pairs, bins, bands), np.complex128)
         for scene, rows in zip(image, out, strict=True):
-            forward_precise(table, self._geometry, scene)
+            forward_precise(scene, self._geometry, table)
             slots = np.zeros((self._spectrum.size, pairs, bands), np.complex128)
             np.add.at(slots, self._bin, (table * self._spectrum.factor[:, None]).transpose(1, 0, 2))
             slots = fft.fft(slots, axis=0)

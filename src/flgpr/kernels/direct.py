@@ -6,10 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import shared
 
 _TWO_PI = 2.0 * math.pi
 
@@ -19,8 +19,8 @@ def _amplitude(gain: Any, a: int, b: int, p: int) -> float:
     return gain[a, p] * gain[b, p] if gain.shape[1] > 0 else 1.0
 
 
-@njit(parallel=True, cache=True)
-def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out):  # type: ignore[no-untyped-def]
+@shared(axis=2, cache=True)
+def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
     """Sum ``weight·gain·data·exp(+j2π·wavenumber·L)`` over pairs and tones.
 
     ``data`` (channel, pair, tone), ``weight`` (subband, tone), ``wavenumber`` f/c (tone,) 1/m, ``path``
@@ -29,7 +29,7 @@ def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out):  
     """
     channels, pairs, tones = data.shape
     bands = weight.shape[0]
-    for p in prange(out.shape[2]):
+    for p in range(begin, end):
         total = np.zeros((channels, bands), np.complex128)
         for q in range(pairs):
             length = path[tx[q], p] + path[rx[q], p] - offset[q]
@@ -47,12 +47,12 @@ def adjoint_direct(data, weight, wavenumber, path, tx, rx, offset, gain, out):  
                 out[c, s, p] = total[c, s]
 
 
-@njit(parallel=True, cache=True)
-def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out):  # type: ignore[no-untyped-def]
+@shared(axis=1, cache=True)
+def forward_direct(image, weight, wavenumber, path, tx, rx, offset, gain, out, begin, end):  # type: ignore[no-untyped-def]
     """Transpose of :func:`adjoint_direct`: ``image`` (channel, subband, pixel) to ``out`` (channel, pair, tone)."""
     channels, bands, count = image.shape
     tones = wavenumber.shape[0]
-    for q in prange(tx.shape[0]):
+    for q in range(begin, end):
         total = np.zeros((channels, tones), np.complex128)
         for p in range(count):
             length = path[tx[q], p] + path[rx[q], p] - offset[q]
@@ -111,10 +111,10 @@ def _locate(geometry, q, p, taps):  # type: ignore[no-untyped-def]
     return bin_, size * complex(math.cos(angle), math.sin(angle))
 
 
-@njit(parallel=True, cache=True)
-def adjoint_precise(table, geometry, out):  # type: ignore[no-untyped-def]
+@shared(axis=1, cache=True)
+def adjoint_precise(table, geometry, out, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``out`` (channel, pixel) from the profiles ``table`` (pair, bin, channel)."""
-    for p in prange(out.shape[1]):
+    for p in range(begin, end):
         taps = np.empty(geometry.weight.shape[0])
         total = np.zeros(out.shape[0], np.complex128)
         for q in range(table.shape[0]):
@@ -126,10 +126,10 @@ def adjoint_precise(table, geometry, out):  # type: ignore[no-untyped-def]
             out[c, p] = total[c]
 
 
-@njit(parallel=True, cache=True)
-def forward_precise(table, geometry, image):  # type: ignore[no-untyped-def]
+@shared(cache=True)
+def forward_precise(image, geometry, table, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``table`` from ``image`` (channel, pixel): the transpose of :func:`adjoint_precise`."""
-    for q in prange(table.shape[0]):
+    for q in range(begin, end):
         taps = np.empty(geometry.weight.shape[0])
         table[q] = 0
         for p in range(image.shape[1]):

@@ -6,10 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import float32, prange, uint32, uint64
+from numba import float32, uint32, uint64
 
 from flgpr.kernels.compiled import njit
 from flgpr.kernels.layout import BLOCK
+from flgpr.kernels.threads import shared
 
 _TURN32 = 4294967296.0
 
@@ -110,12 +111,12 @@ def antenna_rows(
             sine[at + k] *= gain[first + k]
 
 
-@njit(parallel=True, error_model="numpy", cache=True)
-def antenna_paths(pixels: Any, positions: Any, medium: Any, out: Any) -> None:
+@shared(axis=1, cache=True)
+def antenna_paths(pixels, positions, medium, out, begin, end):  # type: ignore[no-untyped-def]
     """Optical paths ``out`` (antenna, pixel), m, in double precision; arguments as in :func:`antenna_rows`."""
     index, ground = medium[0], medium[1]
     square = (ground / index) ** 2
-    for p in prange(pixels.shape[1]):
+    for p in range(begin, end):
         for a in range(positions.shape[0]):
             x, y, z = pixels[0, p] - positions[a, 0], pixels[1, p] - positions[a, 1], pixels[2, p]
             if ground > 0.0:

@@ -52,8 +52,10 @@ def share(count: int, run: Callable[[int, int], None], step: int | None = None, 
                 helper.result()
 
 
-def shared(**options: Any) -> Callable[[Callable[..., None]], Any]:
-    """Compile a kernel and let threads share what it fills: the rows ``begin`` to ``end`` of the argument before these.
+def shared(axis: int = 0, **options: Any) -> Callable[[Callable[..., None]], Any]:
+    """Compile a kernel and let threads share what it fills: from ``begin`` to ``end`` of the argument before these.
+
+    These are indices along its ``axis``.
 
     numba's parallel loops would do it, too, but take two to five times as long to compile. As in these, a division by
     zero is no error: asking for it keeps the compiler from vector code.
@@ -64,7 +66,7 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Any]:
 
         @wraps(function)
         def call(*arguments: Any) -> None:
-            share(len(arguments[-1]), partial(kernel, *arguments))
+            share(arguments[-1].shape[axis], partial(kernel, *arguments))
 
         call.kernel = kernel  # type: ignore[attr-defined]
         return call

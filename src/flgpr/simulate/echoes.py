@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate import bodies
@@ -264,12 +263,14 @@ def sum_echoes(echoes: Echoes, array: ArrayState, frequency: FloatArray) -> NDAr
     return out * np.float32(math.sqrt(4 * np.pi))
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def _sum(path, spectrum, weight, gain, cosine, moved, tx, rx, first, step, growth, mixed, out):  # type: ignore[no-untyped-def]
+@shared(axis=1, cache=True)
+def _sum(  # type: ignore[no-untyped-def]
+    path, spectrum, weight, gain, cosine, moved, tx, rx, first, step, growth, mixed, out, begin, end
+):
     """Add up echoes tone by tone; phases and beams go on from tone to tone by their second differences."""
     tones = spectrum.shape[2]
     middle = tones // 2
-    for q in prange(tx.shape[0]):
+    for q in range(begin, end):
         a, b = tx[q], rx[q]
         for e in range(path.shape[0]):
             ah, av, aw = gain[a, e, 0], gain[a, e, 1], gain[a, e, 2]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import share
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.simulate.scene import Target, Thing
@@ -22,7 +23,7 @@ _PAIRS = 8  # pairs over which a shadow is averaged
 _REACH = 6.0  # argument beyond which the Fresnel integral has arrived
 _FINE = 128  # its samples per unit
 _LEAST = 0.05  # change of the two-way amplitude that counts
-_MANY = 500  # points that a thread takes at once
+_MANY = 500  # points from which on threads share them: to wake these takes longer than few points
 _ROCK = 0.05  # m: lower rocks throw no shadow
 _SINE, _COSINE = fresnel(np.linspace(-_REACH, _REACH, round(2 * _REACH * _FINE) + 1))
 _TABLE = (_COSINE - 1j * _SINE) / (1 - 1j) + 0.5  # G(v) as below
@@ -86,8 +87,8 @@ class Shadows:
         if len(self._strips):
             passed = 10 ** (-self._foliage[:, None] * np.sqrt(nodes / 0.87e9) / 20)
             ways = (self._antennas, self._tx, self._rx)
-            shade = _shade_blocks if len(points) > _MANY else _shade  # waking threads takes longer than few points
-            shade(points, *ways, self._strips, passed, SPEED_OF_LIGHT / nodes, _TABLE, values)
+            known = (points, *ways, self._strips, passed, SPEED_OF_LIGHT / nodes, _TABLE, values)
+            share(len(points), partial(_shade, *known), alone=len(points) <= _MANY)
 
     def factors(self, points: FloatArray, nodes: FloatArray) -> NDArray[np.complex64]:
         """Two-way factor of the field at points (point, 3) of the lane frame, for every node (point, node)."""
@@ -136,10 +137,8 @@ def _passes(point: Any, antenna: Any, strip: Any, passed: Any, wavelength: Any, 
         out[n] = 1 - (1 - passed[n]) * width * _arrived(above * scale, table)
 
 
-@njit(cache=True, error_model="numpy")
-def _shade(
-    points: Any, antennas: Any, tx: Any, rx: Any, strips: Any, passed: Any, wavelength: Any, table: Any, out: Any
-) -> None:
+@njit(nogil=True, cache=True, error_model="numpy")
+def _shade(points, antennas, tx, rx, strips, passed, wavelength, table, out, begin, end):  # type: ignore[no-untyped-def]
     """Multiply ``out`` (point, channel, node) by the mean over pairs of the factors of both ways, strip by strip."""
     cx, cy, cz = antennas[:, 0].mean(), antennas[:, 1].mean(), antennas[:, 2].mean()
     aperture = np.abs(antennas[:, 0] - cx).max() + np.abs(antennas[:, 1] - cy).max()
@@ -147,7 +146,7 @@ def _shade(
     longest = wavelength.max()
     away = np.hypot(strips[:, 0] - cx, strips[:, 1] - cy)
     reach = strips[:, 4] + np.sqrt(longest * away) + aperture
-    for i in range(points.shape[0]):
+    for i in range(begin, end):
         dx, dy, dz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
         flat = math.sqrt(dx * dx + dy * dy)
         ux, uy = dx / flat, dy / flat
@@ -171,12 +170,3 @@ def _shade(
                     total += one_way[tx[q], n] * one_way[rx[q], n]
                 for c in range(out.shape[1]):
                     out[i, c, n] *= total / tx.size
-
-
-@njit(parallel=True, cache=True, error_model="numpy")
-def _shade_blocks(
-    points: Any, antennas: Any, tx: Any, rx: Any, strips: Any, passed: Any, wavelength: Any, table: Any, out: Any
-) -> None:
-    for block in prange(-(-points.shape[0] // _MANY)):
-        some = slice(block * _MANY, (block + 1) * _MANY)
-        _shade(points[some], antennas, tx, rx, strips, passed, wavelength, table, out[some])

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numba import prange
 from numpy.typing import NDArray
 
 from flgpr.kernels.compiled import njit
+from flgpr.kernels.threads import shared
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
 
@@ -78,10 +78,11 @@ def _antenna_gain(kx: Any, ky: Any, kz: Any, boresight: Any, horizontal: Any, ve
     return to_h, to_v, v_to_v
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@shared(cache=True)
 def antenna_terms(  # type: ignore[no-untyped-def]
-    points, antennas, boresight, horizontal, vertical, exponent, beams, wavenumber, extra, drift, distance, phasor, gain
-):
+    points, antennas, boresight, horizontal, vertical, exponent, beams, wavenumber, extra, drift, distance, phasor,
+    gain, begin, end,
+):  # fmt: skip
     """Fill path (antenna, point) m, carrier phasor, and gain over distance (antenna, point, 3 or lane) of every ray.
 
     ``extra`` (point,) is path beyond the straight line, m; it delays and does not spread. ``drift`` (3,) is how far
@@ -89,7 +90,7 @@ def antenna_terms(  # type: ignore[no-untyped-def]
     ``beams`` (cosine, lane) are tabulated patterns; where there is none, ``exponent`` holds.
     """
     lanes, steps = beams.shape[1], beams.shape[0] - 2
-    for a in prange(antennas.shape[0]):
+    for a in range(begin, end):
         for i in range(points.shape[0]):
             dx, dy = points[i, 0] - antennas[a, 0], points[i, 1] - antennas[a, 1]
             dz = points[i, 2] - antennas[a, 2]
@@ -122,11 +123,11 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
     own; for dipoles lanes are HH, HV, VH and VV, each for all ranks.
     """
 
-    @njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
-    def spread(coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile):  # type: ignore[no-untyped-def]
+    @shared(cache=True, fastmath=True)
+    def spread(coefficient, ranks, distance, phasor, gain, tx, rx, per_metre, table, profile, begin, end):  # type: ignore[no-untyped-def]
         steps, bins = table.shape[0] - 2, profile.shape[1] - table.shape[1]
         turns = 1.0 / bins
-        for q in prange(tx.shape[0]):
+        for q in range(begin, end):
             value = np.zeros(2 * lanes, np.float32)
             a, b = tx[q], rx[q]
             for i in range(coefficient.shape[0]):
@@ -253,7 +254,7 @@ class Spreader:
     def _to_tones(self, profile: NDArray[np.float32], kinds: int, functions: NDArray[Any]) -> NDArray[np.complex64]:
         """Transform profiles (pair, bin, 2·lane) and give each rank's tones their function: (kind, pair, frequency)."""
         spectra = np.empty((kinds * len(functions), len(profile), self.bins), np.complex64)
-        _fold(profile, WIDTH, spectra)
+        _fold(WIDTH, spectra, profile)
         spectra = scipy.fft.fft(spectra, axis=-1, overwrite_x=True, workers=2)
         tones = np.arange(self.count) - self.centre
         shift = np.exp(2j * np.pi * tones * (WIDTH // 2 - 1) / self.bins) * self._correction
@@ -267,13 +268,14 @@ class Spreader:
         return out
 
 
-@njit(parallel=True, cache=True)
-def _fold(profile: Any, taps: Any, out: Any) -> None:
+@shared(cache=True)
+def _fold(taps, out, profile, begin, end):  # type: ignore[no-untyped-def]
     """Bring profiles (pair, bin + taps, 2·lane) to complex ones (lane, pair, bin), wrapped round at the end."""
     lanes, bins = profile.shape[2] // 2, out.shape[2]
-    for q in prange(profile.shape[0]):
+    for q in range(begin, end):
         for k in range(taps):
-            profile[q, k] += profile[q, bins + k]
+            for c in range(2 * lanes):  # whole rows would be checked for their shapes, which takes long to compile
+                profile[q, k, c] += profile[q, bins + k, c]
         for c in range(out.shape[0]):
             for k in range(bins):
                 out[c, q, k] = complex(profile[q, k, c], profile[q, k, lanes + c])
