@@ -95,11 +95,11 @@ class ProfileEngine(Engine):
         pairs, blocks, size = data.shape[1], -(-out.shape[2] // BLOCK), self._spectrum.size
         geometry = self._located()._replace(pixel_count=out.shape[2])
         for rows, bands, channels in passes(*out.shape[:2]):
-            table, lanes = self._table(channels), self._lanes(channels)
-            tones = (data[rows], self._weight[bands], self._spectrum, table, self._taps, *lanes)
-            share(pairs, partial(transform.compress, *tones), len(lanes[1]) // channels, pairs * channels * size < FEW)
+            table, form = self._table(channels), self._form(channels)
+            tones = (data[rows], self._weight[bands], self._spectrum, table, *form)
+            share(pairs, partial(transform.compress, *tones), form.together, pairs * channels * size < FEW)
             part = out[rows, bands].reshape(-1, out.shape[2])
-            shape = (self._taps, self._powers, lanes[0])
+            shape = (self._taps, self._powers, (0,) * channels)
             few = pairs * channels * out.shape[2] < FEW
             share(blocks, partial(profiles.adjoint, table, self._bins, geometry, part, *shape), alone=few)
 
@@ -110,23 +110,22 @@ class ProfileEngine(Engine):
         pairs, geometry, size = out.shape[1], self._located(), self._spectrum.size
         together = min(SPREAD_PAIRS, -(-pairs // (2 * get_num_threads())))
         for rows, bands, channels in passes(*image.shape[:2]):
-            table, lanes = self._table(channels), self._lanes(channels)
+            table, form = self._table(channels), self._form(channels)
             part = image[rows, bands].reshape(-1, image.shape[2])
-            shape = (self._taps, self._powers, lanes[0])
+            shape = (self._taps, self._powers, (0,) * channels)
             few = pairs * channels * image.shape[2] < FEW
             share(pairs, partial(profiles.forward, table, self._bins, geometry, part, *shape), together, few)
-            tones = (table, self._weight[bands], self._spectrum, out[rows], self._taps, *lanes)
-            share(pairs, partial(transform.expand, *tones), len(lanes[1]) // channels, pairs * channels * size < FEW)
+            tones = (table, self._weight[bands], self._spectrum, out[rows], *form)
+            share(pairs, partial(transform.expand, *tones), form.together, pairs * channels * size < FEW)
         if self._phase is not None:
             out *= self._phase.conj()
 
     def _table(self, channels: int) -> NDArray[np.float32]:
         return aligned(self._geometry.tx.size * self._bins * row_size(self.width, channels), np.float32)
 
-    @staticmethod
-    def _lanes(channels: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Lengths of the rows of pixels and of those of the transform, as the kernels take them."""
-        return (0,) * channels, (0,) * max(channels, 4)
+    def _form(self, channels: int) -> transform.Form:
+        lane = max(channels, 4)
+        return transform.Form(row_size(self.width, channels), self.width, lane // channels, (0,) * lane)
 
     def _located(self) -> Geometry:
         """Return the geometry, from the third use on with all delays and phasors unless they are too large to keep.

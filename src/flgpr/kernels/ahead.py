@@ -58,7 +58,7 @@ def usual() -> list[tuple[Any, tuple[Any, ...]]]:
     cleaned = (_c(2), _d(1), _c(2), _f(2))
     return [
         (eigen_3x3, (_z(3), _d(2), _z(3), *part)),
-        (compress, (*tones, _f(1), rows[4], rows[16], rows[16], *part)),
+        (compress, (*tones, _f(1), 0, 0, 0, rows[16], *part)),
         (adjoint, (*read, rows[4], rows[8], rows[16], *part)),
         (_sample, (_f(3), _d(1), _d(1), _f(2))),
         (locate, (geometry, *part)),
@@ -69,10 +69,10 @@ def usual() -> list[tuple[Any, tuple[Any, ...]]]:
         (mean_of_nodes, (_d(3), _i(2), _i(2), _f(3), *part)),
         (root_mean_square, (_f(3), _d(2), _f(2), *part)),
         (magnitude_over_background, (*cleaned, _f(2), *part)),
-        (compress, (*tones, _f(1), rows[5], rows[4], rows[4], *part)),
+        (compress, (*tones, _f(1), 0, 0, 0, rows[4], *part)),
         (adjoint, (*read, rows[5], rows[9], rows[4], *part)),
         (forward, (*read, rows[5], rows[9], rows[4], *part)),
-        (expand, (_f(1), _f(2), spectrum, _c(3), rows[5], rows[4], rows[4], *part)),
+        (expand, (_f(1), _f(2), spectrum, _c(3), 0, 0, 0, rows[4], *part)),
         (_sample, (_c(3), _d(1), _d(1), _c(2))),
         (subtract_and_divide, (*cleaned, _c(2), *part)),
         (region_statistics, (_f(3), _d(1), _d(1), _d(1), _array(np.int8, 3), _d(4), *part)),

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from flgpr.kernels.compiled import njit
 from flgpr.kernels.lanes import butterfly
-from flgpr.kernels.layout import row_size
 
 _FAST = {"fastmath": True, "error_model": "numpy", "cache": True}
 
@@ -39,6 +38,19 @@ class Spectrum(NamedTuple):
         """Return the spectrum in single precision, which :func:`compress` and :func:`expand` work in."""
         share, factor = self.share.astype(np.float32), self.factor.astype(np.float32)
         return self._replace(share=share, factor=factor, twiddle=self.twiddle.astype(np.complex64))
+
+
+class Form(NamedTuple):
+    """How profiles lie in a table, whose rows are ``row`` numbers, and in the rows of the transform.
+
+    Of ``lane``, as long as a row of the transform, only the length counts. A single channel is transformed for as many
+    pairs ``together`` and has ``width`` bins in a row of the table; of several, one pair is transformed at a time.
+    """
+
+    row: int
+    width: int
+    together: int
+    lane: tuple[int, ...]
 
 
 @njit(**_FAST)
@@ -65,15 +77,15 @@ def fourier(a, b, size, twiddle, channels):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, **_FAST)
-def compress(data, weight, spectrum, table, taps, channels, lane, begin, end):  # type: ignore[no-untyped-def]
+def compress(data, weight, spectrum, table, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
     """Fill ``table`` (pair, bin, row) from ``data`` (polarization, pair, tone) for the pairs ``begin`` up to ``end``.
 
-    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero. A single channel
-    is transformed for as many pairs at once as ``lane`` is long.
+    The channel of a polarization and a sub-band is polarization·subbands + subband; the rest are zero. From
+    ``row`` on, arguments are as in :class:`Form`.
     """
     size, first, factor = spectrum.size, spectrum.first, spectrum.factor
     entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
-    half, together, row, width = len(lane), len(lane) // len(channels), row_size(len(taps), len(channels)), len(taps)
+    half = len(lane)
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
     source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
     for first_pair in range(begin, end, together):
@@ -107,11 +119,11 @@ def compress(data, weight, spectrum, table, taps, channels, lane, begin, end):  
 
 
 @njit(nogil=True, **_FAST)
-def expand(table, weight, spectrum, data, taps, channels, lane, begin, end):  # type: ignore[no-untyped-def]
+def expand(table, weight, spectrum, data, row, width, together, lane, begin, end):  # type: ignore[no-untyped-def]
     """Add the spectra of ``table`` to ``data`` (polarization, pair, tone): the transpose of :func:`compress`."""
     size, first, factor = spectrum.size, spectrum.first, spectrum.factor
     entries, slot, share, twiddle = spectrum.entries, spectrum.slot, spectrum.share, spectrum.twiddle
-    half, together, row, width = len(lane), len(lane) // len(channels), row_size(len(taps), len(channels)), len(taps)
+    half = len(lane)
     lanes, bands, bins = 2 * half, weight.shape[0], factor.shape[0]
     source, work = np.empty(size * lanes, np.float32), np.empty(size * lanes, np.float32)
     for first_pair in range(begin, end, together):
