@@ -129,13 +129,13 @@ def _spreading(lanes: int, dipoles: bool) -> Any:
         turns = 1.0 / bins
         for q in range(begin, end):
             value = np.zeros(2 * lanes, np.float32)
-            a, b = tx[q], rx[q]
-            for i in range(coefficient.shape[0]):
+            a, b = np.uint64(tx[q]), np.uint64(rx[q])  # indices that cannot be negative need no look at their sign
+            for i in range(np.uint64(coefficient.shape[0])):
                 where = (distance[a, i] + distance[b, i]) * per_metre
                 where -= bins * math.floor(where * turns)
-                start = min(int(where), bins - 1)
+                start = np.uint64(min(int(where), bins - 1))
                 place = (where - start) * steps
-                row = int(place)
+                row = np.uint64(place)
                 part = np.float32(place - row)
                 carrier = phasor[a, i] * phasor[b, i]
                 one, other, z = gain[a, i], gain[b, i], coefficient[i]
