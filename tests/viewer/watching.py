@@ -10,7 +10,8 @@ from PIL import Image
 CHROMIUM = shutil.which("chromium") or ""
 FLAGS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--process-per-site",
+    "--disable-background-networking", "--disable-component-update", "--process-per-site", "--in-process-gpu",
+    "--num-raster-threads=1", "--disable-extensions", "--disable-component-extensions-with-background-pages",
 ]  # fmt: skip
 DRAG = """(steps) => new Promise((done) => {
     const canvas = document.getElementById('lane'), times = [];
