@@ -26,9 +26,11 @@ from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
 from flgpr.io.files import canonical_json, inside, read_limited, replace_folder, sha256, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
+from flgpr.model.run import check_poses
 
 FORMAT, VERSION = "flgpr-run", 1
 _COMMIT = "commit.json"
+_AHEAD = 64  # scans by which the array grows: its description is written anew each time
 _VARIABLES = ("signal", "valid", "tx_position", "rx_position", "pose")
 
 
@@ -142,7 +144,9 @@ class RunWriter:
         except (TypeError, ValueError) as error:
             raise ValueError(f"attrs must be writable as JSON: {error}") from None
         self._shape = (len(self._polarization), len(self._tx), self._frequency.size)
-        self._check(np.zeros(6))
+        probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
+        # Refused at once, not when the last scan is written.
+        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
         self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
         about = {
@@ -203,13 +207,13 @@ class RunWriter:
             raise ValueError(
                 f"signal must have the shape (polarization, pair, frequency) {self._shape}, got {block.shape}"
             )
-        place = np.asarray(pose, dtype=np.float64)
-        self._check(place)
+        place = check_poses(np.asarray(pose)[None], 1)[0]
         count = len(self)
         if math.isinf(time) or (count and time < self._journal.scans[-1].time):
             before = f" after {self._journal.scans[-1].time:g}" if count else ""
             raise ValueError(f"time must be finite, or NaN, and not decrease from scan to scan, got {time:g}{before}")
-        self._signal.resize((count + 1, *self._shape))
+        if count == self._signal.shape[0]:
+            self._signal.resize((count + _AHEAD, *self._shape))
         self._signal[count] = block
         chunk = self._chunk(count)
         sync_file(chunk)
@@ -233,7 +237,7 @@ class RunWriter:
             np.stack([scan.pose for scan in scans]),
             [scan.time for scan in scans],
         )
-        self._signal.resize((len(scans), *self._shape))  # a scan that append failed at does not count
+        self._signal.resize((len(scans), *self._shape))  # what was made ahead, or append failed at, does not count
         for name in ("valid", "tx_position", "rx_position", "pose", "frequency", "time"):
             values = self._frequency if name == "frequency" else run[name].values
             self._array(name, values.shape, values.shape, str(values.dtype), run[name].dims)[...] = values
@@ -250,11 +254,6 @@ class RunWriter:
             raise FileExistsError(
                 f"path must not exist yet, got {self.path}: move it away (overwrite=True replaces it)"
             )
-
-    def _check(self, pose: NDArray[np.float64]) -> None:
-        """Refuse at once what could not be committed, not when the last scan is written."""
-        probe = np.broadcast_to(np.complex64(0), (1, *self._shape))
-        make_run(probe, self._frequency, self._polarization, self._tx, self._rx, pose[None])
 
     def _discard(self) -> None:
         """Throw away what was written: out of the name first, for the next writer may take that at once."""
@@ -320,9 +319,9 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
     attrs = {str(key): value for key, value in run.attrs.items()}
     fixed = path, frequency, polarization, tx_position, rx_position, attrs, overwrite
     with RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed) as writer:
+        pose, time = run["pose"].values, run["time"].values
         for scan in range(len(writer), run.sizes["scan"]):
-            one = run.isel(scan=scan)
-            writer.append(one["signal"].values, one["pose"].values, float(one["time"]))
+            writer.append(run["signal"][scan].values, pose[scan], float(time[scan]))
     return Path(path)
 
 

@@ -78,7 +78,7 @@ def make_run(
             "valid": (("scan", "polarization", "pair"), valid),
             "tx_position": (("pair", "axis"), _positions(tx_position, "tx_position", pairs)),
             "rx_position": (("pair", "axis"), _positions(rx_position, "rx_position", pairs)),
-            "pose": (("scan", "component"), _poses(pose, scans)),
+            "pose": (("scan", "component"), check_poses(pose, scans)),
         },
         coords={
             "frequency": ("frequency", check_frequency(frequency, tones)),
@@ -128,7 +128,7 @@ def check_run(run: xr.Dataset) -> xr.Dataset:
     _polarization_labels(run["polarization"].values, run.sizes["polarization"])
     _positions(run["tx_position"].values, "tx_position", run.sizes["pair"])
     _positions(run["rx_position"].values, "rx_position", run.sizes["pair"])
-    _poses(run["pose"].values, run.sizes["scan"])
+    check_poses(run["pose"].values, run.sizes["scan"])
     return run
 
 
@@ -147,7 +147,8 @@ def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
     return array
 
 
-def _poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
+def check_poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
+    """Validate poses (scan, 6) of so many scans: finite, angles in radians; give them as float64."""
     if value is None:
         raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got None")
     array = np.asarray(value, dtype=np.float64)
