@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
-from flgpr.model import SPEED_OF_LIGHT, Sensor, make_run, pose_matrix, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Sensor, Tones, make_run, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import TILES_KEPT, SurfaceField
@@ -32,10 +32,11 @@ from flgpr.simulate.layers import (
     through_grass,
 )
 from flgpr.simulate.roughness import surface_backscatter, surface_heights
-from flgpr.simulate.scene import Scene, Target, Thing
+from flgpr.simulate.scene import Scene, Soil, Surface, Target, Thing
 from flgpr.simulate.shadow import Shadows, Strip, strips_of
 from flgpr.simulate.spread import ArrayState, Spreader
 from flgpr.simulate.subsurface import subsurface_layers
+from flgpr.simulate.tables import Grass
 from flgpr.simulate.targets import add_target
 from flgpr.simulate.terrain import Terrain
 from flgpr.simulate.world import MARGIN, draw_track, draw_world
@@ -187,27 +188,27 @@ class Simulator:
     def _make_layers(self) -> list[Layer]:
         """Make all that is summed as point scatterers; further layers are added to this list."""
         layers: list[Layer] = []
-        surface = self.scene.surface
+        surface, grass = self.scene.surface, self.scene.grass
         density = surface.density or PER_CELL / finest_cell(self.sensor)
         if surface.echo:
             field = SurfaceField(surface, self.world.patches, density, self.seed)
-            layers.append(SurfaceLayer(field, self._surface_spectra()))
-        grass = self.scene.grass
+            spectra = _surface_spectra(surface, self.scene.soil, grass, self.sensor.tones)
+            layers.append(SurfaceLayer(field, spectra))
         if grass.grown:
             layers.append(GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency))
         return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density / 4, self.seed)
 
-    def _surface_spectra(self) -> SineSpectra:
-        """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross."""
-        surface = self.scene.surface
-        sines = np.linspace(0.02, 0.999, 256)
-        eps = self._ground.media[0]
-        shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
-        hh, vv = surface_backscatter(self.frequency[None, :], sines[:, None], eps, *shape)
-        spectra = np.sqrt([hh, vv, hh])
-        if self.scene.grass.grown:
-            spectra = spectra * through_grass(self.scene.grass, self.frequency, sines)
-        return SineSpectra(sines, spectra, _RANKS)
+
+@functools.lru_cache(maxsize=16)
+def _surface_spectra(surface: Surface, soil: Soil, grass: Grass, tones: Tones) -> SineSpectra:
+    """Factor sqrt(σ⁰(f, θ)) of HH, VV and cross: the same on every lane of a site."""
+    frequency, sines = tones.axis(), np.linspace(0.02, 0.999, 256)
+    shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
+    hh, vv = surface_backscatter(frequency[None, :], sines[:, None], soil.media(frequency)[0], *shape)
+    spectra = np.sqrt([hh, vv, hh])
+    if grass.grown:
+        spectra = spectra * through_grass(grass, frequency, sines)
+    return SineSpectra(sines, spectra, _RANKS)
 
 
 def simulate(scene: Scene, sensor: Sensor, seed: int, errors: bool = True) -> tuple[xr.Dataset, pd.DataFrame]:
