@@ -167,8 +167,8 @@ def inside(root: Path, name: str) -> Path:
     pure = PurePosixPath(name)
     if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:
         raise ValueError(f"{root}: names must be relative and stay inside, got {name!r}")
-    path = root / pure
-    if not any(map(os.path.islink, (path, *path.parents[: len(pure.parts) - 1]))):
+    path, at = root / pure, str(root)
+    if not any(os.path.islink(at := f"{at}{os.sep}{part}") for part in pure.parts):
         return path  # nothing below the folder leads elsewhere
     try:
         real = path.resolve()
