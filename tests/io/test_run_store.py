@@ -130,6 +130,15 @@ def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path
     assert not left.exists()
 
 
+@pytest.mark.parametrize("ahead", [1, 3, 4, 64])
+def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(ahead, small_run, tmp_path, monkeypatch):
+    want = bytes_of(save_run(small_run, tmp_path / "a.zarr"))
+    monkeypatch.setattr("flgpr.io.run_store._AHEAD", ahead)
+    stop_after(small_run, tmp_path / "b.zarr", 2)
+    assert bytes_of(save_run(small_run, tmp_path / "b.zarr", resume=True)) == want
+    assert zarr.open_group(tmp_path / "b.zarr", mode="r")["signal"].shape[0] == small_run.sizes["scan"]
+
+
 def test_another_run_is_not_gone_on_with(small_run, tmp_path):
     same = (tmp_path / "a.zarr", *parts(small_run), small_run.attrs)
     stop_after(small_run, tmp_path / "a.zarr", 2, inputs={"scene": "one"})
