@@ -56,9 +56,9 @@ $(VENV)/bin/python:
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 # Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
-# $(1): extras to install; $(2): "training" where its kernels are wanted as well.
+# $(1): extras to install; $(2): "training" where its kernels are wanted as well, for whose linear algebra numba asks SciPy.
 define install_and_compile
-	$(PIP) numba
+	$(PIP) numba $(if $(2),scipy)
 	rm -f $@
 	{ $(PIP) -e '.$(1)' >&2 && touch $@; } | PYTHONPATH=src $(BIN)/python -P -m flgpr.kernels.ahead $(2); test -e $@
 endef
