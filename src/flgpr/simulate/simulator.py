@@ -76,7 +76,6 @@ class Simulator:
         self.response = system_response(sensor, self.frequency)
         self._errors = Impairments(sensor, seed) if errors else None
         self._drift = sweep_drift(self.pose, self.time, sensor.errors.sweep_time if errors else 0.0)
-        self._threads = ThreadpoolController()
         self._skeleton = Skeleton(self._layers, self._view(self._array(0), self.pose[0]), self.frequency)
 
     def __len__(self) -> int:
@@ -86,7 +85,7 @@ class Simulator:
         """Simulate any scan: (polarization, pair, frequency) of received over transmitted wave."""
         array = self._array(index)
         view = self._view(array, self.pose[index])
-        with self._threads.limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
+        with _threads().limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         layers = layers if array.dipoles else layers[[0, 2, 2, 1]]  # HH, HV, VH, VV
@@ -96,7 +95,7 @@ class Simulator:
         """Simulate what the targets' bodies alone add to a scan, in the ground and the holes that they lie in."""
         array = self._array(index)
         view = self._view(array, self.pose[index])
-        with self._threads.limit(limits=1, user_api="blas"):
+        with _threads().limit(limits=1, user_api="blas"):
             channels = sum_echoes(self._single_echoes(view, things=False), array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
 
@@ -197,6 +196,11 @@ class Simulator:
         if grass.grown:
             layers.append(GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency))
         return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density / 4, self.seed)
+
+
+@functools.cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 @functools.lru_cache(maxsize=16)
