@@ -138,7 +138,7 @@ class Slow(Chain):
 
 @pytest.fixture(params=[2, 4])
 def threads(request, monkeypatch):
-    """As on a machine of so many processors, whatever numba's own threads do."""
+    """As on a machine of so many processors."""
     monkeypatch.setattr(numba, "get_num_threads", lambda: request.param)
     return request.param
 

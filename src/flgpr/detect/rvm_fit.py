@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.metrics.pairwise import pairwise_kernels
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from flgpr.kernels import relevance
+from flgpr.kernels.threads import blas_on_one_thread
 
 FloatArray = NDArray[np.float64]
 Kernel = str | Callable[[FloatArray, FloatArray], Any]
@@ -86,15 +85,10 @@ def fit_sparse(
             return plain
         rate, start = 2 * len(plain.alpha) / float((1 / plain.alpha).sum()), None if start is None else plain
     # These matrices are small: threads that wait for one another cost more than they bring.
-    with _threads().limit(limits=1, user_api="blas"):
+    with blas_on_one_thread():
         if algorithm == "ard":
             return _prune(rows, t, offset, rate, tol, max_iter)
         return _ascend(rows, t, offset, rate, n_starts, start, tol, max_iter)
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
 
 
 def _ascend(

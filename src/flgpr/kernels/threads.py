@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial, wraps
+from contextlib import AbstractContextManager
+from functools import cache, partial, wraps
 from typing import Any
 
 from numba import config, get_num_threads
@@ -50,6 +51,18 @@ def share(count: int, run: Callable[[int, int], None], step: int | None = None, 
         for helper in helpers:
             if not helper.cancel():
                 helper.result()
+
+
+def blas_on_one_thread() -> AbstractContextManager[Any]:
+    """Keep the threads of the linear algebra out of work on small matrices or beside our kernels' own threads."""
+    return _libraries().limit(limits=1, user_api="blas")
+
+
+@cache
+def _libraries() -> Any:
+    from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]  # detections need none
+
+    return ThreadpoolController()
 
 
 def shared(axis: int = 0, **options: Any) -> Callable[[Callable[..., None]], Any]:

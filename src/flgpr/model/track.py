@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.model.constants import POSE_COMPONENTS
-from flgpr.model.frames import attitude_matrix, heading_matrix
+from flgpr.model.frames import pose_matrix
 from flgpr.model.tables import Column
 
 TRACK_COLUMNS = (
@@ -125,8 +125,7 @@ def reference_track(track: pd.DataFrame, lever_arm: ArrayLike = (0.0, 0.0, 0.0),
 
 def attitudes(track: pd.DataFrame) -> NDArray[np.float64]:
     """Rotation (fix, 3, 3) from the vehicle frame to lane axes at every fix: ``Rz(-heading)·Rx(pitch)·Ry(roll)``."""
-    heading, pitch, roll = (track[name].to_numpy(dtype=np.float64) for name in ("heading", "pitch", "roll"))
-    return heading_matrix(heading) @ attitude_matrix(pitch, roll)
+    return pose_matrix(track[list(POSE_COMPONENTS)])
 
 
 def course(position: ArrayLike, least: float = 0.05) -> NDArray[np.float64]:

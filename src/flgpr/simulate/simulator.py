@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
+from flgpr.kernels.threads import blas_on_one_thread
 from flgpr.model import SPEED_OF_LIGHT, Sensor, Tones, make_run, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
@@ -85,7 +85,7 @@ class Simulator:
         """Simulate any scan: (polarization, pair, frequency) of received over transmitted wave."""
         array = self._array(index)
         view = self._view(array, self.pose[index])
-        with _threads().limit(limits=1, user_api="blas"):  # whose threads would spin on beside our kernels'
+        with blas_on_one_thread():  # whose threads would spin on beside our kernels'
             layers = sum_layers(self._layers, view, self._spreader, self._skeleton)
             channels = sum_echoes(self._single_echoes(view), array, self.frequency)
         layers = layers if array.dipoles else layers[[0, 2, 2, 1]]  # HH, HV, VH, VV
@@ -95,7 +95,7 @@ class Simulator:
         """Simulate what the targets' bodies alone add to a scan, in the ground and the holes that they lie in."""
         array = self._array(index)
         view = self._view(array, self.pose[index])
-        with _threads().limit(limits=1, user_api="blas"):
+        with blas_on_one_thread():
             channels = sum_echoes(self._single_echoes(view, things=False), array, self.frequency)
         return self._received(channels, index) - self._received(0 * channels, index)
 
@@ -196,11 +196,6 @@ class Simulator:
         if grass.grown:
             layers.append(GrassLayer(grass, grass.density or density / 2, self.seed, self.frequency))
         return layers + subsurface_layers(self.scene, self.world.holes, self._ground, density / 4, self.seed)
-
-
-@functools.cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
 
 
 @functools.lru_cache(maxsize=16)
