@@ -24,6 +24,8 @@ Algorithm = Literal["fast", "ard"]
 ALGORITHMS = ("fast", "ard")
 PRUNE = 1e9
 """Precision at which a weight counts as zero ("ard")."""
+RISE = 1e-3
+"""Smallest rise of the log evidence that makes an exchange."""
 LATE = 5
 """Most functions that enter after the ascents."""
 NEAR = 1e-3
@@ -108,10 +110,29 @@ def _ascend(
     # Starts often end in the same model; to improve it twice would be in vain.
     models = {tuple(np.sort(fit.active)): fit for fit in reversed(fits)}
     different = list(models.values())[::-1][: max(1, n_starts // 3)]
-    improved = [relevance.exchange(*fixed, fit, tol, max_iter) for fit in different]
+    improved = [_exchange(fixed, fit, tol, max_iter) for fit in different]
     iterations += sum(new.iterations - old.iterations for new, old in zip(improved, different, strict=True))
     best = _complete(fixed, max(improved, key=lambda fit: relevance.penalised(fit, rate)), tol, max_iter)
     return _sorted(best, iterations, rate)
+
+
+def _exchange(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:
+    """Leave a local maximum: take out one basis function after another and ascend anew, another one entering first."""
+    *_, allowed, rate = fixed
+    tried, place, iterations, best = 0, 0, fit.iterations, fit
+    while tried < len(best.active):
+        place %= len(best.active)
+        kept = np.arange(len(best.active)) != place
+        first = allowed.copy()
+        first[best.active[place]] = False
+        start = (best.active[kept], best.alpha[kept], best.mean[kept])
+        trial = relevance.ascend(*fixed, *start, first, tol, max_iter)
+        iterations += trial.iterations
+        if trial.converged and relevance.penalised(trial, rate) > relevance.penalised(best, rate) + RISE:
+            best, tried = trial, 0
+        else:
+            tried, place = tried + 1, place + 1
+    return best._replace(iterations=iterations)
 
 
 def _complete(fixed: tuple[Any, ...], fit: relevance.Ascent, tol: float, max_iter: int) -> relevance.Ascent:

@@ -18,7 +18,6 @@ _DROP = 0.5  # fall of the log evidence below its highest that a step may cost
 _LOGIT = np.log(0.95 / 0.05)  # log odds that the first function is fitted to
 _STILL = 1e-3  # change of log α that is no action any more
 _CONFIRM = 3  # candidates looked at in double precision
-_RISE = 1e-3  # smallest rise of the log evidence that makes an exchange
 
 
 class Posterior(NamedTuple):
@@ -143,7 +142,6 @@ def _gains(s: Any, q: Any, allowed: Any, active: Any, rate: float) -> Any:
     return gain
 
 
-@njit(cache=True)
 def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -> Any:
     """Gain, sparsity S and quality Q of all basis functions; the gain is 0 where one is in the model or not allowed.
 
@@ -151,9 +149,8 @@ def entries(rows: Any, allowed: Any, active: Any, posterior: Any, rate: float) -
     """
     covariance, residual, curvature = posterior.covariance, posterior.residual, posterior.curvature
     s = (rows * rows) @ curvature
-    if active.size:
-        cross = (rows[active] * curvature) @ rows.T
-        s -= (cross * (covariance @ cross)).sum(axis=0)
+    cross = (rows[active] * curvature) @ rows.T
+    s -= (cross * (covariance @ cross)).sum(axis=0)
     q = rows @ residual
     return _gains(s, q, allowed, active, rate), s, q
 
@@ -169,7 +166,12 @@ def ranking(coarse: Any, allowed: Any, active: Any, posterior: Any, rate: float)
     factors[k] = residual
     sums = (factors @ coarse[0].T).astype(np.float64)
     s = (coarse[1] @ curvature.astype(np.float32)).astype(np.float64)
-    s -= (sums[:k] * (covariance @ sums[:k])).sum(axis=0)
+    explained = covariance @ sums[:k]
+    for i in range(s.size):
+        total = 0.0
+        for j in range(k):
+            total += sums[j, i] * explained[j, i]
+        s[i] -= total
     return _gains(s, sums[k], allowed, active, rate)
 
 
@@ -225,7 +227,9 @@ def _sweep(alpha: Any, mean: Any, covariance: Any, rate: float) -> float:
             factor = (new - alpha[j]) / (1 + (new - alpha[j]) * own)
             alpha[j] = new
         mean -= factor * mean[j] * column
-        covariance -= factor * np.outer(column, column)
+        for i in range(alpha.size):
+            for k in range(alpha.size):
+                covariance[k, i] -= factor * (column[k] * column[i])
     return change
 
 
@@ -316,11 +320,13 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
     It begins with the function whose sums over the examples of either label differ most, for its norm. Slower than
     :func:`ascend` and along another way, so that it ends in other maxima. Returns active indices, precisions and mode.
     """
-    slant = np.abs(rows @ (target - 0.5)) / np.sqrt((rows * rows).sum(axis=1) + _TINY)
-    first = int(np.where(allowed, slant, -1.0).argmax())
+    slant = rows @ (target - 0.5)
+    for i in range(slant.size):
+        slant[i] = abs(slant[i]) / np.sqrt((rows[i] * rows[i]).sum() + _TINY) if allowed[i] else -1.0
+    first = int(slant.argmax())
     row = rows[first]
     # Least squares for log odds of a probability of 0.95 for the own label (Tipping's initial weight).
-    weight = (row * np.where(target > 0.5, _LOGIT, -_LOGIT)).sum() / ((row * row).sum() + _TINY)
+    weight = (row * np.copysign(_LOGIT, target - 0.5)).sum() / ((row * row).sum() + _TINY)
     active, alpha, mean = np.full(1, first), np.full(1, 1 / max(weight * weight, 1e-6)), np.full(1, weight)
     for _ in range(max_iter):
         posterior = laplace(rows[active], target, offset, alpha, mean)
@@ -357,39 +363,6 @@ def climb(rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate
     return active, alpha, mean
 
 
-@njit(cache=True)
-def exchange(
-    rows: Any, coarse: Any, target: Any, offset: float, allowed: Any, rate: float,
-    fit: Any, tolerance: float, max_iter: int,
-) -> Any:  # fmt: skip
-    """Leave a local maximum: take out one basis function after another and ascend anew, another one entering first.
-
-    ``fit`` is what :func:`ascend` returns, and so is the result, whose evidence (less the prior's penalty) is no lower.
-    """
-    # One layout, whatever Python handed over: a matrix of one element has both.
-    covariance = np.asfortranarray(fit.covariance)
-    best = Ascent(fit.active, fit.alpha, fit.mean, covariance, fit.evidence, fit.iterations, fit.converged)
-    tried, place = 0, 0
-    iterations = fit.iterations
-    while tried < best.active.size:
-        place = place % best.active.size
-        kept = np.ones(best.active.size, np.bool_)
-        kept[place] = False
-        first = allowed.copy()
-        first[best.active[place]] = False
-        trial = ascend(
-            rows, coarse, target, offset, allowed, rate,
-            best.active[kept], best.alpha[kept], best.mean[kept], first, tolerance, max_iter,
-        )  # fmt: skip
-        iterations += trial.iterations
-        if trial.converged and penalised(trial, rate) > penalised(best, rate) + _RISE:
-            best, tried = trial, 0
-        else:
-            tried, place = tried + 1, place + 1
-    return Ascent(best.active, best.alpha, best.mean, best.covariance, best.evidence, iterations, best.converged)
-
-
-@njit(cache=True)
-def penalised(fit: Any, rate: float) -> float:
+def penalised(fit: Ascent, rate: float) -> float:
     """Log evidence with the log prior of the variances, up to a constant."""
     return fit.evidence - 0.5 * rate * (1 / fit.alpha).sum()
