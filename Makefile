@@ -56,7 +56,7 @@ $(VENV)/bin/python:
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 # Kernels of a detection are compiled while pip installs the rest: the compiler stops when the pipe from pip is closed.
-# $(1): extras to install; $(2): "training" where its kernels are wanted as well, for whose linear algebra numba asks SciPy.
+# $(1): extras to install; $(2): what else to compile, which for the linear algebra of trainings asks for SciPy.
 define install_and_compile
 	$(PIP) numba $(if $(2),scipy)
 	rm -f $@
@@ -67,7 +67,7 @@ $(VENV)/.core: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(call install_and_compile,)
 
 $(VENV)/.test: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(call install_and_compile,[test],training)
+	$(call install_and_compile,[test],training tolerances)
 
 $(VENV)/.benchmark: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[benchmark]'

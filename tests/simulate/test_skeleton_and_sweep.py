@@ -23,7 +23,7 @@ def few(sensor, beam="aperture", pairs=slice(0, 18, 5)):
     data = sensor.model_dump() | {"antenna": sensor.antenna.model_dump() | {"beam": beam}}
     sensor = Sensor.model_validate(data)
     state = array_state(sensor, POSE)
-    return sensor, dataclasses.replace(state, tx=state.tx[pairs], rx=state.rx[pairs])
+    return sensor, dataclasses.replace(state, tx=state.tx[pairs].copy(), rx=state.rx[pairs].copy())
 
 
 def slow(points, spectrum, frequency, state):

@@ -1,7 +1,8 @@
 """What detections call, compiled by another process: ``python -m flgpr.kernels.ahead``.
 
 A first detection on a machine waits for the compiler longer than for anything else. Two processes share that work
-by the code that either keeps on disk. With the argument ``training`` it goes on with what trainings call.
+by the code that either keeps on disk. With the argument ``training`` it goes on with what trainings call, with
+``tolerances`` with imaging to any tolerance that single precision keeps.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 from threading import Thread
@@ -36,7 +38,7 @@ from flgpr.kernels.filters import _sort, median_of_ranks
 from flgpr.kernels.focus import focus
 from flgpr.kernels.hermitian import eigen_3x3
 from flgpr.kernels.patches import region_statistics
-from flgpr.kernels.profiles import Geometry, adjoint, forward, locate
+from flgpr.kernels.profiles import Geometry, adjoint, forward, locate, polynomial_degree
 from flgpr.kernels.sampling import _sample
 from flgpr.kernels.transform import Spectrum, compress, expand
 
@@ -97,6 +99,15 @@ def compile_training() -> None:
     relevance.entries(rows, every, start[0], relevance.laplace(rows, target, 0.0, *start[1:]), 0.0)
 
 
+def compile_tolerances() -> None:
+    """Compile imaging and its forward model for other tolerances than those of the packaged recipes."""
+    (_, read), *_ = [(kernel, arguments[:4]) for kernel, arguments in usual() if kernel is adjoint]
+    for width, channels in product((5, 6, 4, 7, 3, 9, 8, 2), (1, 16, 4)):
+        rows: Any = ((0,) * width, (0,) * (polynomial_degree(width) + 1), (0,) * channels)
+        for kernel in (adjoint, forward):
+            kernel.compile(tuple(map(typeof, (*read, *rows, 0, 0))))
+
+
 @contextmanager
 def compiled_beside() -> Iterator[None]:
     """Let another process compile what this one will call, until it has done so once or this one leaves the context."""
@@ -143,3 +154,5 @@ if __name__ == "__main__":
         cache_folder(Path(__file__)).mkdir(exist_ok=True)  # the note that all is done
     if "training" in sys.argv[1:]:
         compile_training()
+    if "tolerances" in sys.argv[1:]:
+        compile_tolerances()
