@@ -12,8 +12,11 @@ import time
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
+
 import flgpr
-from flgpr.kernels import ahead, compiled
+from flgpr.imaging import ImagingOperator
+from flgpr.kernels import ahead, compiled, profiles
 
 PROGRAM = """
 import hashlib
@@ -120,6 +123,21 @@ def test_what_is_compiled_ahead_is_what_the_demo_and_a_training_call(tmp_path):
     command = [sys.executable, "-c", DEMO, str(tmp_path / "result")]
     ran = subprocess.run(command, text=True, check=True, capture_output=True)
     assert ran.stdout.split() == [], "more was compiled: add it to flgpr.kernels.ahead"
+
+
+def test_imaging_to_other_tolerances_calls_what_was_compiled_ahead(monkeypatch):
+    named = {kernel: [] for kernel in (profiles.adjoint, profiles.forward)}
+    for kernel, given in named.items():
+        monkeypatch.setattr(ahead, kernel.py_func.__name__, mock.Mock(compile=given.append))
+    ahead.compile_tolerances()
+    tones, ends, ground = np.linspace(0.8e9, 1.8e9, 24), np.ones((2, 4, 3)), np.zeros((2, 2, 3))
+    operator = ImagingOperator(tones, *ends, ground, tolerance=0.1, method="profile")
+    operator.forward(operator.adjoint(np.zeros((1, 4, 24), np.complex64)))
+    for kernel, given in named.items():
+        assert len(set(given)) == 24
+        called = {one for one in kernel.signatures if (len(one[4]), len(one[6])) == (operator.width, 1)}
+        assert called
+        assert called <= set(given)
 
 
 def test_who_compiles_ahead_ends_with_the_process_that_asked_for_it(tmp_path, monkeypatch):
