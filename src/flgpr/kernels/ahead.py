@@ -101,7 +101,7 @@ def compile_training() -> None:
 
 def compile_tolerances() -> None:
     """Compile imaging and its forward model for other tolerances than those of the packaged recipes."""
-    (_, read), *_ = [(kernel, arguments[:4]) for kernel, arguments in usual() if kernel is adjoint]
+    read = next(arguments[:4] for kernel, arguments in usual() if kernel is adjoint)
     for width, channels in product((5, 6, 4, 7, 3, 9, 8, 2), (1, 16, 4)):
         rows: Any = ((0,) * width, (0,) * (polynomial_degree(width) + 1), (0,) * channels)
         for kernel in (adjoint, forward):
