@@ -84,6 +84,7 @@ def live_delay(page, folder):
     scan = {"event": "scan", "scan": 0, "pose": [0, 2, 5, 0, 0, 0]}
     with server("--live", folder) as (url, _):
         page.goto(url)
+        page.click("#to-desk")  # the driver's screen comes first
         for number in range(12):
             name = f"alarm-{number}"
             alarm = {"event": "alarm", "alarm_id": name, "x": 1.0, "y": 5.0 - 0.1 * number, "confidence": 4.5}
