@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr import detect  # what it offers loads scikit-learn, which only what has learnt or learns needs
+from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
@@ -67,12 +68,21 @@ class Classifier:
     def restored(
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> Classifier:
-        """Put together what :meth:`about` and :meth:`arrays` gave."""
-        names = tuple(str(name) for name in about["features"])
-        normalizer, discriminant = detect.HistogramNormalizer(), detect.FisherDiscriminant()
-        normalizer.knots_ = [np.asarray(arrays[f"knots-{i}"], dtype=np.float64) for i in range(len(names))]
-        discriminant.direction_ = np.asarray(arrays["direction"], dtype=np.float64)
-        discriminant.threshold_ = float(about["threshold"])
+        """Put together what :meth:`about` and :meth:`arrays` gave; what breaks a rule is a ValueError that names it."""
+        names = checked_names(about["features"])
+        checked = Checked({"threshold": about["threshold"]}, arrays)
+        direction = checked.array("direction", (len(names),))
+        threshold = checked.number("threshold")
+        knots = [checked.array(f"knots-{i}", (2, None)) for i in range(len(names))]
+        checked.done()
+        for name, one in zip(names, knots, strict=True):
+            if one.shape[1] < 1 or not (np.diff(one[0]) > 0).all():
+                raise ValueError(f"detector's knots of {name!r} must rise, one at least, got {one.shape[1]}")
+        normalizer = detect.HistogramNormalizer()
+        normalizer.knots_ = knots
+        discriminant = detect.FisherDiscriminant()
+        discriminant.direction_ = direction
+        discriminant.threshold_ = threshold
         normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
         discriminant.classes_ = np.array([0, 1])
         return cls(names, normalizer, discriminant, notes)
@@ -84,6 +94,14 @@ class Classifier:
         if whole.any():
             result[whole] = self.discriminant.decision_function(self.normalizer.transform(values[whole]))
         return result
+
+
+def checked_names(names: Any) -> tuple[str, ...]:
+    """Take names of columns from a model's words: different texts, at least one."""
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not texts or not names or len(set(names)) < len(names):
+        raise ValueError(f"detector.features must be a list of different names, got {str(names)[:60]!r}")
+    return tuple(names)
 
 
 def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -42,6 +42,7 @@ from flgpr.tasks.exchange import import_gpr as import_gpr
 from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
 from flgpr.tasks.exchange import map_bytes as map_bytes
 from flgpr.tasks.exchange import track_of as track_of
+from flgpr.tasks.information import model_info as model_info
 from flgpr.tasks.information import run_info as run_info
 from flgpr.tasks.picture import GroundFit as GroundFit
 from flgpr.tasks.picture import Picture as Picture
