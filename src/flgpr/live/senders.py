@@ -35,7 +35,9 @@ class _Sender(threading.Thread):
 
     def __init__(self, connection: socket.socket, inbox: Inbox, limits: SenderLimits) -> None:
         super().__init__(name="sender", daemon=True)
-        self._connection, self._inbox, self._limits = connection, inbox, limits
+        self._connection = connection
+        self._inbox = inbox
+        self._limits = limits
         self._stream = FrameStream()
         self._has_sent = False
         self.has_sent_good = False
@@ -103,7 +105,9 @@ class SocketWatch(threading.Thread):
 
     def __init__(self, path: Path, inbox: Inbox, limits: SenderLimits | None = None) -> None:
         super().__init__(name=f"listen {path}", daemon=True)
-        self._path, self._inbox, self._limits = path, inbox, limits or SenderLimits()
+        self._path = path
+        self._inbox = inbox
+        self._limits = limits or SenderLimits()
         self._senders: list[_Sender] = []
         _make_room(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -193,7 +193,9 @@ class LiveRun:
         for outcome, count in senders.items():
             name = f"senders_{outcome}"
             self._senders[name] += count
-            reason = "as many as may be are connected" if outcome == "refused" else "they sent nothing of use"
+            reason = (
+                "as many as may be are connected" if outcome == "refused" else "they sent nothing of use for too long"
+            )
             words = f"senders {outcome}: {count}, {self._senders[name]} in all; {reason}"
             events.append([{"event": "problem", "name": SOCKET, "words": words}])
 

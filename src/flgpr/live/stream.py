@@ -65,7 +65,7 @@ class FrameStream:
     def _first(self) -> tuple[Arrival, int]:
         if not MAGIC.startswith(self._kept[: len(MAGIC)]):
             raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {bytes(self._kept[: len(MAGIC)])!r}")
-        size, now = frame_size(bytes(self._kept[: head_size()])), time.time()
+        size = frame_size(bytes(self._kept[: head_size()]))
         most = self._described if self.largest is None else self.largest
         if size > most:
             raise ScanFileError(f"frame must have at most {most} bytes, got {size}")
@@ -75,13 +75,16 @@ class FrameStream:
             raise TruncatedFrameError(f"frame must have {size} bytes, got {len(self._kept)}")
         data = bytes(self._kept[:size])
         frame = decode_frame(data)
+        now = time.time()
         self._usual = max(self._usual, size)
         if frame.kind == "run":
             description = {k: v for k, v in frame.header.items() if k != "kind"}
             with contextlib.suppress(ScanFileError):  # whoever takes it tells what is wrong with it
                 self._described = max(largest_frame(parse_description(description)), _LARGEST_DESCRIPTION)
             return Arrival("run", SOCKET, now, value=description), size
-        return (Arrival("end", SOCKET, now) if frame.kind == "end" else Arrival("frame", SOCKET, now, data)), size
+        if frame.kind == "end":
+            return Arrival("end", SOCKET, now), size
+        return Arrival("frame", SOCKET, now, data), size
 
     def _within(self) -> bool:
         """Tell whether a whole frame lies in what is kept, after its beginning."""
