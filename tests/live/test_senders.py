@@ -46,7 +46,8 @@ def sending(path, data=b""):
     with socket.socket(socket.AF_UNIX) as sender:
         sender.settimeout(20)
         sender.connect(str(path))
-        sender.sendall(data)
+        if data:
+            sender.sendall(data)
         yield sender
 
 

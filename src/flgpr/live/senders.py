@@ -15,6 +15,8 @@ from pathlib import Path
 from flgpr.live.stream import FrameStream
 from flgpr.live.watch import Inbox
 
+SENDERS = {"refused": "as many as may be are connected", "ended": "they sent nothing of use for too long"}
+"""Why senders are refused or ended."""
 _LOOK = 0.2  # s between looks at whether it is over
 _BACKLOG = 64  # senders that wait to be accepted; a further one is told by the system to try again
 _PART = 2**20  # bytes that are taken from a sender at once
@@ -59,8 +61,10 @@ class _Sender(threading.Thread):
                     self._has_sent = True
                 paused = now - heard > self._limits.pause
                 taken = self._hand_over(part or b"", paused or not is_open)
-                if taken or not self._stream.waiting:
-                    begun = time.monotonic()  # the time for which it was held back does not count
+                if taken:
+                    heard = begun = time.monotonic()  # the time for which it was held back does not count
+                elif not self._stream.waiting:
+                    begun = now
                 elif now - begun > self._limits.frame:
                     self._hand_over(b"", over=True)
                     begun = time.monotonic()

@@ -36,7 +36,7 @@ from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdat
 from flgpr.live.event_rate import Event
 from flgpr.live.events import EVENT_FILE, EventFile, alarm_event, as_line, view_event
 from flgpr.live.intake import Intake
-from flgpr.live.senders import SocketWatch
+from flgpr.live.senders import SENDERS, SocketWatch
 from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
 from flgpr.live.stream import largest_frame
 from flgpr.live.vehicle import Vehicle
@@ -193,10 +193,7 @@ class LiveRun:
         for outcome, count in senders.items():
             name = f"senders_{outcome}"
             self._senders[name] += count
-            reason = (
-                "as many as may be are connected" if outcome == "refused" else "they sent nothing of use for too long"
-            )
-            words = f"senders {outcome}: {count}, {self._senders[name]} in all; {reason}"
+            words = f"senders {outcome}: {count}, {self._senders[name]} in all; {SENDERS[outcome]}"
             events.append([{"event": "problem", "name": SOCKET, "words": words}])
 
     def _announced(self, arrival: Arrival, events: EventFile) -> None:
