@@ -111,7 +111,8 @@ def detectors(
         "Neyman-Pearson": NeymanPearsonDetector(rank).fit(white),
         "gamma 0.5": DeflectionDetector(rank, ddof, gamma=0.5).fit(white),
         "placed by survey": DeflectionDetector(rank, ddof).fit(training.surveyed),
-        "robust": DeflectionDetector(rank, ddof, moments="clipped").fit(white),
+        "robust": DeflectionDetector(rank, moments="ogk").fit(white),
+        "clipped": DeflectionDetector(rank, moments="clipped").fit(white),
     }
     if other is not None:
         trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(other)
