@@ -200,7 +200,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
     def _learn(self, x: NDArray[Any]) -> tuple[LinearQuadraticForm, NDArray[np.float64], int]:
         """Return the form, all eigenvalues of Â and the number of unseen directions of one class."""
         N, M = x.shape
-        if N <= self.ddof:
+        if self.ddof >= N:
             raise ValueError(f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {N}")
         if self.moments == "sample":
             b_hat = x.mean(axis=0)  # Eq. 8

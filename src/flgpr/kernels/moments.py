@@ -84,7 +84,7 @@ def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the τ-scale of every column: squares about the robust location, of 3 spreads at most (Yohai & Zamar 1988)."""
+    """Return the τ-scale of every column: squares of at most 3 spreads about the location (Yohai & Zamar 1988)."""
     _, spread = _median_and_spread(columns)
     away = (columns - _robust_location(columns)) / spread
     scale: NDArray[np.float64] = spread * np.sqrt(np.mean(np.minimum(away**2, _TAU_SCALE**2), axis=0))
