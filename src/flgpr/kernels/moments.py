@@ -11,6 +11,8 @@ from scipy.stats import chi2
 from sklearn.covariance import ledoit_wolf, oas
 
 Moments = tuple[NDArray[Any], NDArray[Any]]
+LEAST_OGK = 4
+"""Rows that moments by orthogonal pairs need: of three, one that lies far out cannot be told from the others."""
 # Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are left out.
 _TAU_LOCATION = 4.5
 _TAU_SCALE = 3.0
@@ -41,9 +43,11 @@ def ogk_moments(X: NDArray[Any]) -> Moments:
 
     Covariances of pairs come from robust scales of their sums and differences (Gnanadesikan & Kettenring 1972). The
     principal axes of that matrix, with robust scales along them, make a positive semidefinite one. This is done twice;
-    then rows that lie far out are left out, and the rest give mean and covariance. A column in which more than half of
-    the rows are equal is a ValueError: it has no robust scale.
+    then rows that lie far out are left out, and the rest give mean and covariance. Fewer than ``LEAST_OGK`` rows are a
+    ValueError, and so is a column of which more than half is equal: it has no robust scale.
     """
+    if X.shape[0] < LEAST_OGK:
+        raise ValueError(f'moments = "ogk" needs at least {LEAST_OGK} samples, got {X.shape[0]}')
     rows = _composite(X)
     distance = _ogk_distance(rows)
     features = rows.shape[1]

@@ -94,7 +94,8 @@ def signature_humps(recipe: StudyRecipe, looks: Sequence[Look]) -> dict[str, lis
 def visible_mines(recipe: StudyRecipe, image: xr.DataArray) -> list[bool]:
     """Tell which mines of the wide image stand out in HH among the boxes of clutter at their range (Fig. 2).
 
-    A mine is readily visible if its box's peak exceeds the share ``recipe.premises.visible`` of the clutter boxes' peaks.
+    A mine is readily visible if its box's peak exceeds the peaks of a share ``premises.visible`` of the
+    clutter boxes.
     """
     power = (np.abs(image.sel(polarization="HH").values) ** 2).astype(np.float32)
     x, y = image["x"].values, image["y"].values
