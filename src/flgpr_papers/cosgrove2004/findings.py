@@ -192,7 +192,7 @@ def _eigenvalue_statements(cases: Sequence[Case]) -> list[Finding]:
                 f"Eigenvalue {j + 1} is {paper} of the first (dry sand)",
                 f"{paper} (IV-A)",
                 f"σ{j + 1}/σ1, to lie in {low:.3g} to {high:.3g}",
-                interval(ratios[:, j]),
+                interval(ratios[:, j], bounds=_SHARE),
                 (low, high),
             )
         )

@@ -72,18 +72,17 @@ def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> 
 
 
 def _ratio_rows(lanes: Sequence[Case]) -> list[Row]:
-    ours = map(interval, np.array([case["ratios"] for case in lanes]).T)
-    return [
-        (j, f"{paper:g}", *_ratio_in_words(mean, low, high))
-        for j, (paper, (mean, low, high)) in enumerate(zip(PAPER_RATIOS, ours, strict=False), 1)
-    ]
+    ratios = np.array([case["ratios"] for case in lanes])
+    rows = []
+    for j, paper in enumerate(PAPER_RATIOS[: ratios.shape[1]]):
+        ours = interval(ratios[:, j], bounds=(0.0, 1.0))
+        rows.append((j + 1, f"{paper:g}", *_ratio_in_words(*ours)))
+    return rows
 
 
 def _ratio_in_words(mean: float, low: float, high: float) -> tuple[str, str]:
     if np.isnan(mean):
         return "no example reaches it", ""
-    if not np.isfinite(high - low):
-        return f"{mean:.3f}", "no interval"
     return f"{mean:.3f}", f"{low:.3f} to {high:.3f}"
 
 

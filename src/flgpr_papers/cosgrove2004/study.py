@@ -162,7 +162,8 @@ def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointRes
         )
         drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
         drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
-    return dict(sorted(drawn.items()))
+    # The paper's figures come first, in its order.
+    return dict(sorted(drawn.items(), key=lambda item: (not item[0].startswith("figure-"), item[0])))
 
 
 _SEEDS = 2
