@@ -237,7 +237,7 @@ def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
     """Warn who asks for a divisor of sums that the chosen estimator does not form."""
     if moments != "sample" and ddof != 0:
         warnings.warn(
-            f'ddof = {ddof} has no effect with moments = {moments!r}, which has a divisor of its own: leave it 0',
+            f"ddof = {ddof} has no effect with moments = {moments!r}, which has a divisor of its own: leave it 0",
             UserWarning,
             stacklevel=4,
         )
