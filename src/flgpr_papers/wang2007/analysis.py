@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import duplication, label_lanes
+from flgpr.chain.classifier import count_mines, duplication, label_lanes
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
 from flgpr.model import Lane
@@ -106,10 +106,11 @@ class Pool:
     def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool, draw: Draw | None = None) -> Fold:
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
-        targets = sum(len(one.truth) for one in self.results if one.name in set(labels["lane"][train]))
+        training_lanes = set(labels["lane"][train])
+        mines = count_mines(one.truth for one in self.results if one.name in training_lanes)
         weight = np.ones(len(labels), np.int64)
         if duplicate:
-            weight[use] = duplication(labels[use], targets)
+            weight[use] = duplication(labels[use], mines)
         if draw is not None:
             use, weight = use & (draw.alarm > 0), weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
