@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -136,13 +136,28 @@ def label_lanes(
     return pd.concat(parts, ignore_index=True)
 
 
-def duplication(labels: pd.DataFrame, targets: int, label_radius: float = 1.0) -> NDArray[np.int64]:
-    """Weigh labelled alarms (alarm,) (Wang et al. 2007, Eq. 18 and 19), W0 being false alarms over targets.
+def count_mines(truths: Iterable[pd.DataFrame]) -> int:
+    """Count the actual mines of truth tables: simulants are none."""
+    return sum(int((truth["kind"] != "simulant").sum()) for truth in truths)
 
-    ``labels`` are rows of :func:`label_lanes`; ``targets`` counts simulants, too; ``label_radius`` is r_label, m.
+
+def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> NDArray[np.int64]:
+    """Weigh labelled alarms (alarm,) by Eq. 18 and 19 of Wang et al. 2007.
+
+    W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not counted among these
+    (:func:`count_mines`), as the paper speaks of an "actual mine" or a simulant where it defines β.
+
+    Parameters
+    ----------
+    labels : DataFrame
+        Rows of :func:`label_lanes`.
+    mines : int
+        Number of actual mines in the lanes of these alarms.
+    label_radius : float
+        r_label, m.
     """
-    w0 = float((labels["label"] == "false").sum() / max(targets, 1))
-    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
+    W0 = float((labels["label"] == "false").sum() / max(mines, 1))
+    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), W0, labels["beta"], label_radius)
 
 
 def make_training_set(
@@ -164,7 +179,7 @@ def make_training_set(
         used = np.concatenate([truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)])
         keep &= ~np.append(used, False)[labels["target"].to_numpy()]  # those that hit nothing have the number -1
     labels = labels[keep]
-    weight = duplication(labels, sum(len(truth) for *_, truth, _ in lanes), label_radius)
+    weight = duplication(labels, count_mines(truth for *_, truth, _ in lanes), label_radius)
     label = (labels["label"] == "hit").to_numpy().astype(np.int64)
     return TrainingSet(table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str))
 
