@@ -100,18 +100,20 @@ def study_page(paper: str, folder: str, quick: bool) -> dict[str, str]:
     return {"paper": paper, "page": str(run_study(paper, Path(folder), quick))}
 
 
-def verdict_rows(folder: Path) -> list[tuple[str, str, str]]:
-    """Read statement, our figure with its interval, and verdict of a study's findings; open questions are left out."""
+def verdict_rows(folder: Path) -> list[tuple[str, str, str, str]]:
+    """Read statement, the paper's figure, ours with its interval, and the verdict; open questions are left out."""
     rows = []
     for one in read_findings(folder):
-        about = "; ".join(part for part in (one.quantity or one.paper, one.group and f"{one.group} lanes") if part)
-        if one.verdict != OPEN:
-            rows.append((f"{one.claim} ({about})", one.ours, one.verdict))
+        if one.verdict == OPEN:
+            continue
+        about = "; ".join(part for part in (one.quantity, one.group and f"{one.group} lanes") if part)
+        claim = f"{one.claim} ({about})" if about else one.claim
+        rows.append((claim, one.paper, one.ours, one.verdict))
     return rows
 
 
-def verdicts_csv(found: Mapping[str, list[tuple[str, str, str]]]) -> str:
-    """Tabulate the verdicts of all papers: paper, claim, ours, verdict."""
-    rows = [("paper", "claim", "ours", "verdict")]
+def verdicts_csv(found: Mapping[str, list[tuple[str, str, str, str]]]) -> str:
+    """Tabulate the verdicts of all papers: paper, claim, what the paper states, ours, verdict."""
+    rows = [("paper", "claim", "stated", "ours", "verdict")]
     rows += [(name, *row) for name, verdicts in found.items() for row in verdicts]
     return "".join(",".join('"' + cell.replace('"', '""') + '"' for cell in row) + "\n" for row in rows)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.cli.tools import PAPERS
 from flgpr_papers import overview
-from flgpr_papers.kit.findings import Finding, judge, larger, measured, read_findings, write_findings
+from flgpr_papers.kit.findings import NO_VERDICT, Finding, judge, larger, measured, read_findings, write_findings
 
 MADE_UP = {
     "cosgrove2004": [
@@ -47,8 +47,8 @@ def test_parts_of_the_studies_are_made_beforehand():
 
 
 def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
-    page = overview.reproduce("all", tmp_path / "all", quick=True)
-    assert made_up == [("wang2007", True), ("fuse2018", True), ("flsar2004", True), ("cosgrove2004", True)]
+    page = overview.reproduce("all", tmp_path / "all")
+    assert made_up == [("wang2007", False), ("fuse2018", False), ("flsar2004", False), ("cosgrove2004", False)]
     with (tmp_path / "all" / "verdicts.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert [(row["paper"], row["verdict"]) for row in rows] == [
@@ -61,11 +61,20 @@ def test_all_papers_are_run_and_their_verdicts_counted(made_up, tmp_path):
     assert rows[0]["ours"] == "0.20 (0.10 to 0.31)"
     assert "no interval" in rows[1]["ours"]
     html = page.read_text("utf-8")
-    for text in ("Quick run", 'href="wang2007/wang2007.html"', "0.9 &amp; more", "F1 &lt; F2"):
+    assert (rows[3]["claim"], rows[3]["stated"]) == ("less clutter", "26.5 dB")
+    for text in ("<td>26.5 dB</td>", 'href="wang2007/wang2007.html"', "0.9 &amp; more", "F1 &lt; F2"):
         assert text in html
     assert "://" not in html
     counts = html[html.index(">cosgrove2004</a>") :].split("</tr>")[0]
     assert [int(part[0]) for part in counts.split("<td class=n>")[1:]] == [1, 0, 1, 0]
+
+
+def test_a_quick_run_of_all_papers_has_no_verdicts(made_up, tmp_path):
+    html = overview.reproduce("all", tmp_path / "all", quick=True).read_text("utf-8")
+    assert "Quick run" in html
+    assert html.count(f"<td colspan=4>{NO_VERDICT}</td>") == 4
+    with (tmp_path / "all" / "verdicts.csv").open(newline="") as lines:
+        assert {row["verdict"] for row in csv.DictReader(lines)} == {NO_VERDICT}
 
 
 def test_a_paper_that_fails_leaves_what_is_done_and_says_what_is_missing(made_up, tmp_path, monkeypatch):
@@ -106,7 +115,7 @@ def test_differences_are_judged_against_zero():
 
 def test_findings_come_back_as_they_were_written(tmp_path):
     for name in ("flsar2004", "fuse2018", "wang2007"):
-        write_findings(tmp_path, MADE_UP[name], True, seeds=3)
+        write_findings(tmp_path, MADE_UP[name], False, seeds=3)
         assert read_findings(tmp_path) == MADE_UP[name]
     write_findings(tmp_path, MADE_UP["cosgrove2004"], False)
     *whole, one = read_findings(tmp_path)

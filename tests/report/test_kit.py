@@ -15,7 +15,15 @@ from flgpr.report import figure_png, render
 TEMPLATES = [
     one for package in (flgpr, flgpr_papers) for one in Path(package.__file__).parent.rglob("templates/*.html")
 ]
-OVERVIEW = {"papers": {"a2000": "A & B"}, "pages": {}, "found": {}, "quick": False, "verdicts": ("agrees", "disagrees")}
+EXTENDS = ('{% extends "page.html" %}', '{% extends "paper.html" %}')
+OVERVIEW = {
+    "papers": {"a2000": "A & B"},
+    "pages": {},
+    "found": {},
+    "quick": False,
+    "verdicts": ("agrees", "disagrees"),
+    "no_verdict": "no verdict",
+}
 
 
 @pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)
@@ -23,11 +31,11 @@ def test_pages_take_nothing_from_elsewhere(path):
     text = path.read_text(encoding="utf-8")
     assert "://" not in text
     assert "|safe" not in text
-    assert path.name in ("page.html", "parts.html", "study.html") or text.startswith('{% extends "page.html" %}')
+    assert path.name in ("page.html", "parts.html", "study.html") or text.startswith(EXTENDS)
 
 
 def test_a_page_of_another_package_stands_on_the_kit():
-    found = {"a2000": [("x < y", "<b>1</b>", "agrees")]}
+    found = {"a2000": [("x < y", "2 & 3", "<b>1</b>", "agrees")]}
     page = render("overview.html", "flgpr_papers", **OVERVIEW | {"found": found})
     assert page.startswith("<!doctype html>")
     assert "A &amp; B" in page

@@ -11,7 +11,10 @@ together. The rules, fixed before the lanes they judge are made:
 - *all of*: a claim of several parts agrees if every part does, disagrees if one does. The parts' intervals are then
   wide enough to hold all together (Bonferroni).
 
-What an interval does not decide cannot be said.
+What an interval does not decide cannot be said. A quick run decides nothing: its lanes are short and hold a few mines,
+so that its findings have numbers and no verdicts.
+
+The interval of a share ends at 0 and 1, that of a difference of two shares at -1 and 1: no value beyond is possible.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +35,32 @@ from flgpr.io import write_whole
 AGREES, DISAGREES, UNDECIDED, OPEN = "agrees", "disagrees", "cannot say", "open"
 VERDICTS = (AGREES, DISAGREES, UNDECIDED)
 """What is said of a statement; ``OPEN`` is said of a question that the paper does not answer."""
+NO_VERDICT = "no verdict: a quick run is too small"
+"""What is said of a statement in a quick run."""
 Interval = tuple[float, float, float]
 """A value and the ends of its 95 % interval."""
+Bounds = tuple[float, float]
+"""The least and the largest value that a quantity can have."""
+SHARE: Bounds = (0.0, 1.0)
+"""Bounds of a probability or any other share, such as Pd, PD_mean or an area under a ROC."""
+SHARE_DIFFERENCE: Bounds = (-1.0, 1.0)
+"""Bounds of the difference of two shares."""
 MARGIN = 0.15
 """How far a share may lie from the paper's and still be called alike."""
+_MOST_DECIMALS, _MOST_DIGITS = 4, 3  # of a number on a page
 _Z = 1.959964
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of a paper beside ours; a ValueError if it agrees or disagrees and has no interval."""
+    """One statement of a paper beside ours.
+
+    Raises
+    ------
+    ValueError
+        If it agrees or disagrees and has no interval, or not by the stated rule or margin; if the interval leaves
+        ``bounds``.
+    """
 
     #: claim, paper, ours: what the paper says, its figure ("not tried" where the question is ours) and ours with its
     #: interval
@@ -57,10 +76,64 @@ class Finding:
     #: "larger" or "alike", with the limit or the margin and the standard error of the paper's figure, where no rule is
     asks: tuple[str, float, float] | None = None
     parts: tuple[float, ...] = ()  #: the number of every part of a claim of several
+    unit: str = ""  #: of the number, the rule and the margin
+    bounds: Bounds | None = None  #: between which the number must lie, whatever is measured; None: anything is possible
 
     def __post_init__(self) -> None:
         if self.verdict in (AGREES, DISAGREES) and (self.interval is None or np.isnan(self.interval).any()):
             raise ValueError(f"interval of {self.claim!r} must be known if it {self.verdict}, got {self.interval}")
+        if self.bounds is not None and self.interval is not None:
+            low, high = self.bounds
+            if any(math.isfinite(end) and not low <= end <= high for end in self.interval):
+                raise ValueError(f"interval of {self.claim!r} must lie in {low:g} to {high:g}, got {self.interval}")
+        by_rule = self._verdict_by_rule()
+        if self.verdict in (AGREES, DISAGREES) and by_rule not in (None, self.verdict):
+            raise ValueError(
+                f"verdict on {self.claim!r} must be {by_rule!r} by its rule ({self.criterion}), got {self.verdict!r}"
+            )
+
+    def _verdict_by_rule(self) -> str | None:
+        """Judge the number as stated; None without a rule, and for several parts, whose numbers are not all held."""
+        if self.interval is None or self.parts:
+            return None
+        low, high = self.interval[1:]
+        if self.rule is not None:
+            return judge(low, high, self.rule)
+        if self.asks is None:
+            return None
+        kind, limit, _ = self.asks
+        return larger(low, high, limit) if kind == "larger" else alike(low, high, limit)
+
+    @property
+    def criterion(self) -> str:
+        """The rule or the margin in words; empty if the statement is judged in another way."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.rule is not None:
+            return f"{self.rule[0]:g} to {self.rule[1]:g}{unit}"
+        if self.asks is None:
+            return ""
+        kind, limit, _ = self.asks
+        return f"above {limit:g}{unit}" if kind == "larger" else f"within {limit:g}{unit} of the paper's"
+
+
+def clip(interval: Interval, bounds: Bounds) -> Interval:
+    """Cut an interval at what is possible; a side without an end (one sample) keeps none."""
+    low, high = bounds
+    value, *ends = interval
+    lower, upper = (float(np.clip(end, low, high)) if math.isfinite(end) else end for end in ends)
+    return float(np.clip(value, low, high)), lower, upper
+
+
+def for_run(found: Sequence[Finding], quick: bool) -> list[Finding]:
+    """Take the verdicts of a quick run away; numbers, intervals and open questions stay."""
+    if not quick:
+        return list(found)
+    return [one if one.verdict == OPEN else replace(one, verdict=NO_VERDICT) for one in found]
+
+
+def without_paper(found: Sequence[Finding]) -> list[str]:
+    """List the claims that do not say what the paper has: its figure, or where it states them."""
+    return [one.claim for one in found if not one.paper.strip()]
 
 
 def judge(low: float, high: float, rule: tuple[float, float]) -> str:
@@ -114,11 +187,12 @@ def difference_of_shares(a: tuple[int, int], b: tuple[int, int]) -> Interval:
     return p - q, p - q - math.hypot(p - pl, qh - q), p - q + math.hypot(ph - p, q - ql)
 
 
-def less_figure(ours: Interval, figure: float, error: float) -> Interval:
-    """Give ours less a figure of the paper, whose standard error is known or bounded."""
+def less_figure(ours: Interval, figure: float, error: float, bounds: Bounds | None = None) -> Interval:
+    """Give ours less a figure of the paper, whose standard error is known or bounded; the gap is cut at bounds."""
     value, low, high = ours
     gap = value - figure
-    return gap, gap - math.hypot(value - low, _Z * error), gap + math.hypot(high - value, _Z * error)
+    interval = gap, gap - math.hypot(value - low, _Z * error), gap + math.hypot(high - value, _Z * error)
+    return interval if bounds is None else clip(interval, bounds)
 
 
 def share_error(share: float, count: int) -> float:
@@ -159,35 +233,60 @@ def measured(
     rule: tuple[float, float] | None = None,
     verdict: str = OPEN,
     asks: tuple[str, float, float] | None = None,
+    unit: str = "",
+    bounds: Bounds | None = None,
 ) -> Finding:
-    """Make the finding of a number, judged by its rule if there is one."""
+    """Make the finding of a number, cut at its bounds and judged by its rule if there is one."""
+    if bounds is not None:
+        interval = clip(interval, bounds)
     said = verdict if rule is None else judge(*interval[1:], rule)
-    return Finding(claim, paper, in_words(*interval), said, "", quantity, interval, rule, asks=asks)
+    ours = in_words(*interval, unit)
+    return Finding(claim, paper, ours, said, "", quantity, interval, rule, asks=asks, unit=unit, bounds=bounds)
 
 
-def in_words(value: float, low: float, high: float) -> str:
-    """Write a value with its interval, in as many digits as the interval's width has meaning for."""
+def in_words(value: float, low: float, high: float, unit: str = "") -> str:
+    """Write a value with its interval, in as many digits as the interval's width has meaning for.
+
+    There are at most three significant digits of the largest of the three, and at most four decimals.
+    """
     if math.isnan(value):
         return "nothing to measure"
+    after = f" {unit}" if unit else ""
     if not math.isfinite(high - low):
-        return f"{value:.3g} (one sample, no interval)"
-    digits = 3 if not high > low else max(0, 1 - math.floor(math.log10(high - low)))
-    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+        return f"{value:.3g}{after} (one sample, no interval)"
+    digits = decimals((value, low, high), high - low)
+    return f"{value:z.{digits}f}{after} ({low:z.{digits}f} to {high:z.{digits}f})"
+
+
+def decimals(values: Sequence[float], width: float) -> int:
+    """Count the decimals that numbers deserve which are known to a width: its two leading digits, and not too many."""
+    largest = max(abs(value) for value in values)
+    by_width = 1 - math.floor(math.log10(width)) if width > 0 else _MOST_DIGITS
+    by_size = _MOST_DIGITS - 1 - math.floor(math.log10(largest)) if largest > 0 else _MOST_DIGITS
+    return max(0, min(by_width, by_size, _MOST_DECIMALS))
 
 
 def parts_larger(
-    claim: str, paper: str, parts: Mapping[str, Interval], limit: float = 0.0, note: str = "", group: str = ""
+    claim: str,
+    paper: str,
+    parts: Mapping[str, Interval],
+    limit: float = 0.0,
+    note: str = "",
+    group: str = "",
+    bounds: Bounds | None = None,
 ) -> Finding:
     """Make the finding of a claim that several numbers lie above a limit; its number is the least of them.
 
-    The parts' intervals are to hold all together, see :func:`together`.
+    The parts' intervals, cut at the bounds, are to hold all together, see :func:`together`.
     """
-    least = min(parts.values(), key=lambda one: one[1])
-    ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in parts.items())
-    verdict = all_of([larger(low, high, limit) for _, low, high in parts.values()])
-    values = tuple(value for value, _, _ in parts.values())
+    cut = {name: one if bounds is None else clip(one, bounds) for name, one in parts.items()}
+    least = min(cut.values(), key=lambda one: one[1])
+    ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in cut.items())
+    verdict = all_of([larger(low, high, limit) for _, low, high in cut.values()])
+    values = tuple(value for value, _, _ in cut.values())
+    asks = ("larger", limit, 0.0)
     return Finding(
-        claim, paper, ours, verdict, note, interval=least, group=group, asks=("larger", limit, 0.0), parts=values
+        claim, paper, ours, verdict, note, interval=least, group=group, asks=asks, parts=values, bounds=bounds
     )
 
 
@@ -196,15 +295,22 @@ def together(parts: int) -> float:
     return 1 - 0.05 / parts
 
 
-def spread(value: float, draws: ArrayLike, level: float = 0.95) -> Interval:
-    """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice."""
+def spread(value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds | None = None) -> Interval:
+    """Student's interval of a value by the standard deviation of its bootstrap draws, few of which suffice.
+
+    It reaches beyond what a share can be; ``bounds`` cut it there.
+    """
     half = float(stdtrit(np.size(draws) - 1, (1 + level) / 2) * np.std(np.asarray(draws), ddof=1))
-    return value, value - half, value + half
+    interval = value, value - half, value + half
+    return interval if bounds is None else clip(interval, bounds)
 
 
 def write_findings(folder: Path, found: Sequence[Finding], quick: bool, **more: Any) -> None:
-    """Write ``findings.json``, in which a number that is not finite is null, and whatever else is told of the run."""
-    told = {"quick": quick, **more, "findings": [row_of(one) for one in found]}
+    """Write ``findings.json``, in which a number that is not finite is null, and whatever else is told of the run.
+
+    The findings of a quick run have no verdicts.
+    """
+    told = {"quick": quick, **more, "findings": [row_of(one) for one in for_run(found, quick)]}
     write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -228,7 +334,7 @@ def read_findings(folder: Path) -> list[Finding]:
 def finding_of(row: dict[str, Any]) -> Finding:
     """Make a finding of what JSON holds of it."""
     pairs = {
-        name: None if row[name] is None else tuple(math.nan if one is None else one for one in row[name])
-        for name in ("interval", "rule", "asks", "parts")
+        name: None if row.get(name) is None else tuple(math.nan if one is None else one for one in row[name])
+        for name in ("interval", "rule", "asks", "parts", "bounds")
     }
     return Finding(**{**row, **pairs})

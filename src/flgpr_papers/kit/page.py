@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -10,12 +11,32 @@ from matplotlib.figure import Figure
 
 from flgpr.report import figure_png, render
 from flgpr.scoring import Match, chance, clopper_pearson, operating_row, roc_of
-from flgpr_papers.kit.findings import MARGIN, VERDICTS
+from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A figure of the paper drawn from our lanes: same axes, panels, order and polarization."""
+
+    number: str  #: of the paper's figure, "Fig. 8"; empty for a figure that the paper does not have
+    title: str
+    picture: bytes  #: PNG
+    caption: str  #: what the panels show, and what is drawn otherwise than in the paper
+    #: what the paper's figure or text says in numbers beside ours: quantity, paper, here
+    numbers: Sequence[tuple[str, str, str]] = ()
+
+    @property
+    def heading(self) -> str:
+        """Number and title."""
+        return f"{self.number}. {self.title}" if self.number else self.title
 
 
 def study_html(template: str, **values: Any) -> str:
-    """Fill in one of ``flgpr_papers/templates``; the page needs nothing beside it."""
-    return render(template, "flgpr_papers", verdicts=VERDICTS, margin=MARGIN, **values)
+    """Fill in one of ``flgpr_papers/templates``; the page needs nothing beside it.
+
+    The page of a paper extends ``paper.html``, which has the order that all share.
+    """
+    return render(template, "flgpr_papers", verdicts=VERDICTS, no_verdict=NO_VERDICT, open_question=OPEN, **values)
 
 
 def draw(figure: Figure, quick: bool, dpi: float = 110) -> bytes:
