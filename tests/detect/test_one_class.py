@@ -16,7 +16,7 @@ def mines(count, seed):
 
 
 @pytest.mark.parametrize("p0", [0.01, 0.2])
-@pytest.mark.parametrize("prior", ["ard", "laplacian"])
+@pytest.mark.parametrize("prior", ["ard", "laplacian", "laplacian-map"])
 def test_far_from_all_mines_the_probability_is_p0(p0, prior):
     X = mines(60, 0)
     machine = OneClassRelevanceVectorMachine(p0=p0, prior=prior).fit(X, np.ones(60))

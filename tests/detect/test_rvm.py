@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import expit
-from sklearn.datasets import load_breast_cancer, load_iris, load_wine
+from sklearn.datasets import load_breast_cancer, load_iris, load_wine, make_moons
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import scale
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -15,9 +15,10 @@ from flgpr.detect import (
     leave_one_out,
 )
 from flgpr.detect.rvm import moderate
-from flgpr.detect.rvm_fit import SparseFit, fit_sparse
+from flgpr.detect.rvm_fit import SparseFit, fit_laplacian_map, fit_sparse
 from flgpr.kernels import relevance
 from reference import tipping2001
+from reference.laplacian_mode import liblinear_weights, penalised_loss
 from reference.ripley1996 import design_of, ripley, ripley_odds
 
 
@@ -25,6 +26,7 @@ from reference.ripley1996 import design_of, ripley, ripley_odds
     [
         RelevanceVectorClassifier(),
         RelevanceVectorClassifier(algorithm="ard", prior="laplacian"),
+        RelevanceVectorClassifier(prior="laplacian-map"),
         OneClassRelevanceVectorMachine(),
         OneClassRelevanceVectorMachine(formulation="no-bias"),
         OneClassRelevanceVectorMachine(formulation="reference", random_state=0),
@@ -143,6 +145,54 @@ def test_variance_is_the_maximum_with_and_without_a_laplacian_prior():
         v = np.linspace(1e-4, 30, 300_001)
         gain = 0.5 * (q * q * v / (1 + v * s) - np.log1p(v * s) - rate * v)
         assert relevance.best_variance(s, q, rate) == pytest.approx(v[gain.argmax()], abs=2e-4)
+
+
+@pytest.mark.parametrize(("gamma", "rate"), [(0.3, 1.0), (4.0, 0.04), (16.0, 1.0)])
+def test_mode_under_a_laplacian_prior_is_the_least_of_the_penalised_loss(gamma, rate):
+    X, t = ripley(120, 2)
+    design = design_of(X, gamma)
+    fit = fit_laplacian_map(design, t, rate=rate, tol=1e-7)
+    weights = np.zeros(design.shape[1])
+    weights[fit.active] = fit.mean
+    scale = np.sqrt(rate)
+    other = liblinear_weights(design, t, scale)
+    ours, theirs = (penalised_loss(design, t, w, scale) for w in (weights, other))
+    assert ours <= theirs + 1e-9
+    assert fit.converged
+    slope = -design.T @ (t - expit(design @ weights))
+    np.testing.assert_allclose(slope[fit.active], -scale * np.sign(fit.mean), atol=1e-6 * scale)
+    assert np.abs(slope).max() <= scale * (1 + 1e-6)
+    # Each weight that is not zero is also the mode under a normal prior of the precision that is given.
+    mode, covariance, *_ = tipping2001.mode_and_covariance(design[:, fit.active], t, fit.alpha)
+    np.testing.assert_allclose(fit.mean, mode, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-3, atol=1e-8)
+
+
+def test_mode_under_a_laplacian_prior_keeps_more_vectors_than_the_evidence_and_has_one_answer():
+    X, t = make_moons(200, noise=0.3, random_state=0)
+    counts = {
+        prior: len(RelevanceVectorClassifier(gamma=8.0, prior=prior).fit(X, t).relevance_)
+        for prior in ("laplacian", "laplacian-map")
+    }
+    assert counts["laplacian-map"] == 27  # 13.5 %: the paper reports 14
+    assert counts["laplacian"] < counts["laplacian-map"]
+    order = np.random.default_rng(0).permutation(200)
+    one, other = (
+        RelevanceVectorClassifier(gamma=8.0, prior="laplacian-map").fit(X[rows], t[rows])
+        for rows in (np.arange(200), order)
+    )
+    np.testing.assert_allclose(one.decision_function(X), other.decision_function(X), atol=1e-3)
+
+
+def test_mode_with_an_offset_and_one_class_stays_at_the_offset_far_away():
+    X, _ = ripley(60, 1)
+    design = design_of(X, 4.0, bias=False)
+    fit = fit_laplacian_map(design, np.ones(60), offset=-4.0)
+    weights = np.zeros(60)
+    weights[fit.active] = fit.mean
+    slope = -design.T @ (1 - expit(design @ weights - 4.0))
+    assert np.abs(slope).max() <= 1 + 1e-4
+    assert 0 < fit.active.size < 60
 
 
 def test_laplacian_fit_is_stationary_in_the_penalised_evidence(problem):
@@ -297,7 +347,7 @@ def test_stopping_early_is_said():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"prior": "flat"}, "prior must be one of ard, laplacian, got 'flat'"),
+        ({"prior": "flat"}, "prior must be one of ard, laplacian, laplacian-map, got 'flat'"),
         ({"algorithm": "em"}, "algorithm must be one of"),
         ({"n_starts": 0}, "n_starts must be at least 1, got 0"),
         ({"tol": 0.0}, "tol must be positive"),

@@ -11,7 +11,7 @@ from sklearn.base import OutlierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import validate_data
 
-from flgpr.detect.rvm import RelevanceMachine
+from flgpr.detect.rvm import Prior, RelevanceMachine
 from flgpr.detect.rvm_fit import Algorithm, Kernel
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +72,7 @@ class OneClassRelevanceVectorMachine(OutlierMixin, RelevanceMachine):  # type: i
         standardize: bool = True,
         degree: float = 3,
         coef0: float = 1.0,
-        prior: Literal["ard", "laplacian"] = "ard",
+        prior: Prior = "ard",
         rate: float | Literal["auto"] = "auto",
         algorithm: Algorithm = "fast",
         n_starts: int = 5,

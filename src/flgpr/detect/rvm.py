@@ -13,10 +13,20 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.multiclass import check_classification_targets, type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from flgpr.detect.rvm_fit import ALGORITHMS, Algorithm, Kernel, SparseFit, evaluate_kernel, fit_sparse, resolve_gamma
+from flgpr.detect.rvm_fit import (
+    ALGORITHMS,
+    Algorithm,
+    Kernel,
+    SparseFit,
+    evaluate_kernel,
+    fit_laplacian_map,
+    fit_sparse,
+    resolve_gamma,
+)
 
 FloatArray = NDArray[np.float64]
-PRIORS = ("ard", "laplacian")
+Prior = Literal["ard", "laplacian", "laplacian-map"]
+PRIORS: tuple[Prior, ...] = ("ard", "laplacian", "laplacian-map")
 
 
 def moderate(mean: FloatArray, variance: FloatArray) -> FloatArray:
@@ -31,7 +41,7 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
     gamma: float | Literal["scale", "auto"]
     degree: float
     coef0: float
-    prior: Literal["ard", "laplacian"]
+    prior: Prior
     rate: float | Literal["auto"]
     algorithm: Algorithm
     n_starts: int
@@ -68,11 +78,17 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
         design = self._kernel(X, X)
         if bias:
             design = np.hstack([design, np.ones((len(X), 1))])
-        fit = fit_sparse(
-            design, target, offset=offset, algorithm=self.algorithm,
-            rate=self.rate if self.prior == "laplacian" else 0.0,
-            n_starts=self.n_starts, start=start, tol=self.tol, max_iter=self.max_iter,
-        )  # fmt: skip
+        if self.prior == "laplacian-map":
+            rate = 1.0 if self.rate == "auto" else self.rate
+            fit = fit_laplacian_map(
+                design, target, offset=offset, rate=rate, tol=self.tol, max_iter=self.max_iter
+            )
+        else:
+            fit = fit_sparse(
+                design, target, offset=offset, algorithm=self.algorithm,
+                rate=self.rate if self.prior == "laplacian" else 0.0,
+                n_starts=self.n_starts, start=start, tol=self.tol, max_iter=self.max_iter,
+            )  # fmt: skip
         if not fit.converged:
             warnings.warn(
                 f"no convergence after {fit.n_iter} iterations: raise max_iter or tol", ConvergenceWarning, stacklevel=3
@@ -127,13 +143,16 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         Parameters of the polynomial and sigmoid kernels.
     bias : bool
         Whether there is a w_0; it is subject to the prior like every weight.
-    prior : {"ard", "laplacian"}
-        A normal prior of own precision for each weight (Tipping 2001), or besides an exponential prior on the
-        variances, which makes the prior of the weights Laplacian.
+    prior : {"ard", "laplacian", "laplacian-map"}
+        "ard": a normal prior of own precision for each weight (Tipping 2001), the precisions by the evidence.
+        "laplacian": besides an exponential prior on the variances, still by the evidence. "laplacian-map": the
+        Laplacian prior on the weights themselves, at their mode (flsar2004, par. 30): a convex problem of one solution,
+        which keeps more vectors than the evidence does.
     rate : float or "auto"
-        Rate of that exponential prior; "auto" learns it.
+        Rate of the exponential prior, the square of the Laplacian's λ; "auto" learns it, or is 1 with "laplacian-map".
     algorithm : {"fast", "ard"}
-        Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001).
+        Growing by the marginal likelihood (Tipping & Faul 2003), or pruning all (Tipping 2001). It does not matter with
+        "laplacian-map", nor does n_starts.
     n_starts : int
         Starts of "fast", one by single best actions and the others from different first vectors; the evidence has many
         local maxima.
@@ -167,7 +186,7 @@ class RelevanceVectorClassifier(ClassifierMixin, RelevanceMachine):  # type: ign
         degree: float = 3,
         coef0: float = 1.0,
         bias: bool = True,
-        prior: Literal["ard", "laplacian"] = "ard",
+        prior: Prior = "ard",
         rate: float | Literal["auto"] = "auto",
         algorithm: Algorithm = "fast",
         n_starts: int = 5,
