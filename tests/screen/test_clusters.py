@@ -100,6 +100,42 @@ def test_thresholds_let_the_stated_share_of_mines_through(speckle):
     assert len(missed) == 0
 
 
+def test_every_training_mine_passes_the_thresholds_that_were_learnt_on_it(speckle):
+    # Two flashes of almost the same strength and speckle between: the cluster is not the disc about the peak.
+    rng = np.random.default_rng(4)
+    places = np.column_stack([rng.uniform(-1, 1, 12), np.linspace(0.5, 5.5, 12)])
+    scene = 0.8 * speckle
+    for x, y in places:
+        peak = rng.uniform(3, 8)
+        scene = scene + mine(x, y - 0.08, peak) + mine(x, y + 0.08, peak * rng.uniform(0.8, 1.2))
+    ellipse = fit_ellipse(mine(0, 2.92, 5) + mine(0, 3.08, 5), (0.08, 0.04))
+    limits = learn_thresholds([(image_of(scene), places)], ellipse, reach=0.3, pass_share=1.0)
+    passed = prescreen_clusters(image_of(scene), limits, ellipse)
+    assert all(np.hypot(passed["x"] - x, passed["y"] - y).min() <= 0.3 for x, y in places)
+    # The limits are those of clusters, which reach beyond no limit set by a disc of the same radius.
+    clusters = find_clusters(image_of(scene), limits.amplitude)
+    assert limits.std in clusters["std"].to_numpy()
+    assert limits.size in clusters["size"].to_numpy()
+
+
+def test_the_ellipse_lies_about_the_centroid_though_it_is_applied_at_the_brightest_pixel():
+    two = mine(0, 2.9, 5) + mine(0, 3.1, 4.5)
+    ellipse = fit_ellipse(two, (0.08, 0.04))
+    row, column = np.unravel_index(two.argmax(), two.shape)
+    power = two**2
+    centroid = (Y[:, None] * power).sum() / power.sum()
+    assert Y[row] + ellipse.offset_y == pytest.approx(centroid, abs=0.01)
+    assert ellipse.offset_y > 0.05
+    assert X[column] + ellipse.offset_x == pytest.approx(0, abs=1e-6)
+    cluster = find_clusters(image_of(two), 2.0)[["x", "y"]].to_numpy()[:1]
+    centred = energy_ratio(image_of(two), cluster, ellipse)[0]
+    off = energy_ratio(image_of(two), cluster, Ellipse(ellipse.half_x, ellipse.half_y))[0]
+    x, y = cluster[0] + [ellipse.offset_x, ellipse.offset_y]
+    slow = flsar2004.section_313_ratio(two, X, Y, x, y, ellipse.half_x, ellipse.half_y)
+    assert centred == pytest.approx(slow)
+    assert centred < 0.5 * off
+
+
 def test_ellipse_matches_the_signature():
     one = fit_ellipse(mine(0, 3, 5), (0.08, 0.04))
     # exp(-(x/w)²) has the energy's rms w/2; an even ellipse with that rms has the half-axis w.

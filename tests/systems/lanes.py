@@ -80,7 +80,6 @@ SMALL = {
         ("share = 0.1  ", "share = 0.3  "),
         ("share = 0.1\n", "share = 0.3\n"),
         ('subband = "10 m"', 'subband = "4.5 m"'),
-        ("n_starts = 3", "n_starts = 1"),
         ("size = 25\nspacing = 0.05", "size = 13\nspacing = 0.1"),
     ],
     "fuse2018": [

@@ -26,6 +26,9 @@ class Ellipse:
     #: half_x, half_y: half-axes cross-track and down-track, m
     half_x: float
     half_y: float
+    #: offset_x, offset_y: from a signature's brightest pixel, where it is applied, to the ellipse's centre, m
+    offset_x: float = 0.0
+    offset_y: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.half_x > 0 and self.half_y > 0):
@@ -87,14 +90,16 @@ def _leaders(points: FloatArray, radius: float) -> list[NDArray[np.intp]]:
 
 
 def energy_ratio(image: xr.DataArray, places: ArrayLike, ellipse: Ellipse) -> FloatArray:
-    """Energy outside the elliptical template over that inside (Sec. 3.1.3), about places (n, 2), m, of a magnitude.
+    """Energy outside the elliptical template over that inside (Sec. 3.1.3), for clusters of a magnitude.
 
-    What reaches beyond the image is left out; inf where no energy is inside.
+    ``places`` (n, 2), m, are the clusters' brightest pixels; the ellipse lies at its offset from them. What reaches
+    beyond the image is left out; inf where no energy is inside.
     """
     power = np.nan_to_num(np.asarray(image.values, dtype=np.float64)) ** 2
     x, y = image["x"].values, image["y"].values
     ratio = np.empty(len(np.reshape(places, (-1, 2))))
-    for i, (u, v) in enumerate(np.reshape(np.asarray(places, dtype=np.float64), (-1, 2))):
+    centres = np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)) + [ellipse.offset_x, ellipse.offset_y]
+    for i, (u, v) in enumerate(centres):
         rows = np.flatnonzero(np.abs(y - v) <= 2 * ellipse.half_y)
         columns = np.flatnonzero(np.abs(x - u) <= 2 * ellipse.half_x)
         inside = ((x[columns] - u) / ellipse.half_x) ** 2 + ((y[rows, None] - v) / ellipse.half_y) ** 2 <= 1
@@ -126,36 +131,49 @@ def learn_thresholds(
 
     Each lane is a magnitude (y, x) and the places (n, 2) of its mines, m. A mine's peak is the largest pixel within
     ``reach`` of its place. The amplitude threshold is half the peak that the share of the mines exceeds, so that a
-    cluster is what lies within 6 dB of a weak mine's peak; the other limits are quantiles over the clusters about the
-    peaks. The mines should be a subset that is not used again; the images must see one.
+    cluster is what lies within 6 dB of a weak mine's peak. The other limits are quantiles over the mines' clusters,
+    which are those that :func:`find_clusters` finds, as when the thresholds are applied. The mines should be a subset
+    that is not used again; the images must see one.
     """
     if not 0 < pass_share <= 1:
         raise ValueError(f"pass_share must lie between 0 and 1, got {pass_share}")
-    found = [
-        _peaks(np.nan_to_num(np.asarray(image.values, dtype=np.float64)), image, places, reach)
-        for image, places in lanes
-    ]
-    found = [(values, at[values.ravel()[at] > 0]) for values, at in found]  # what no scan saw tells nothing
-    peaks = np.concatenate([values.ravel()[at] for values, at in found])
+    peaks = np.concatenate([_peaks(image, places, reach) for image, places in lanes])
     if not peaks.size:
         raise ValueError("places must hold at least one mine that the image sees, got none")
     amplitude = 0.5 * float(np.quantile(peaks, 1 - pass_share))
-    sizes, spreads, ratio = [], [], []
-    for (values, at), (image, _) in zip(found, lanes, strict=True):
-        x, y = np.meshgrid(image["x"].values, image["y"].values)
-        pixel = _pixel(image)
-        for peak in at:
-            disc = (x - x.ravel()[peak]) ** 2 + (y - y.ravel()[peak]) ** 2 <= radius**2 * (1 + 1e-9)
-            marked = values[disc & (values > amplitude)]
-            sizes.append(marked.size * pixel)
-            spreads.append(marked.std() if marked.size else 0.0)
-        ratio.append(energy_ratio(image, np.column_stack([x.ravel()[at], y.ravel()[at]]), ellipse))
+    clusters = pd.concat(
+        [_clusters_of_mines(image, places, amplitude, radius, reach, ellipse) for image, places in lanes]
+    )
+    if clusters.empty:
+        raise ValueError("places must hold at least one mine that leads a cluster of its own, got none")
     return ClusterThresholds(
         amplitude,
-        float(np.quantile(sizes, 1 - pass_share)),
-        float(np.quantile(spreads, pass_share)),
-        float(np.quantile(np.concatenate(ratio), pass_share)),
+        float(np.quantile(clusters["size"], 1 - pass_share)),
+        float(np.quantile(clusters["std"], pass_share)),
+        float(np.quantile(clusters["energy_ratio"], pass_share)),
     )
+
+
+def _clusters_of_mines(
+    image: xr.DataArray, places: ArrayLike, amplitude: float, radius: float, reach: float, ellipse: Ellipse
+) -> pd.DataFrame:
+    """Give the strongest cluster within ``reach`` of every place, with its energy ratio.
+
+    Where the brightest pixel within reach is outshone by a neighbour beyond, the cluster is that neighbour's. A place
+    without a cluster (fainter than the threshold, or not seen) gives none.
+    """
+    clusters = find_clusters(image.fillna(0.0), amplitude, radius)
+    centres = clusters[["x", "y"]].to_numpy(dtype=np.float64)
+    rows = []
+    for place in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
+        distance = np.linalg.norm(centres - place, axis=1)
+        near = np.flatnonzero(distance <= reach)
+        if not near.size:
+            near = np.flatnonzero(distance <= reach + radius)
+        if near.size:
+            rows.append(near[0])  # from strong to weak
+    table = clusters.iloc[rows]
+    return table.assign(energy_ratio=energy_ratio(image, table[["x", "y"]].to_numpy(), ellipse))
 
 
 def _pixel(image: xr.DataArray) -> float:
@@ -164,34 +182,37 @@ def _pixel(image: xr.DataArray) -> float:
     return round(dx * dy, 9)
 
 
-def _peaks(
-    values: FloatArray, image: xr.DataArray, places: ArrayLike, reach: float
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Give the values and the flat numbers of the largest pixel within reach of every place that the image holds."""
+def _peaks(image: xr.DataArray, places: ArrayLike, reach: float) -> FloatArray:
+    """Give the largest magnitude within reach of every place that some scan saw."""
+    values = np.nan_to_num(np.asarray(image.values, dtype=np.float64))
     x, y = np.meshgrid(image["x"].values, image["y"].values)
     peaks = []
     for u, v in np.reshape(np.asarray(places, dtype=np.float64), (-1, 2)):
-        near = np.flatnonzero(((x - u) ** 2 + (y - v) ** 2 <= reach**2).ravel())
-        if near.size:
-            peaks.append(near[values.ravel()[near].argmax()])
-    return values, np.array(peaks, dtype=np.intp)
+        near = values[(x - u) ** 2 + (y - v) ** 2 <= reach**2]
+        if near.size and near.max() > 0:
+            peaks.append(near.max())
+    return np.array(peaks)
 
 
 def fit_ellipse(template: ArrayLike, spacing: tuple[float, float]) -> Ellipse:
     """Match the ellipse to a mean signature (y, x) whose pixels are ``spacing`` (x, y) apart, m.
 
     Its half-axes are twice the rms width of the signature's energy above its median: an even ellipse has the same
-    second moments.
+    second moments. Its centre is the centroid of that energy, told as the offset from the brightest pixel, about which
+    a cluster is looked at: a signature with two flashes has its brightest pixel in one of them.
     """
     power = np.asarray(template, dtype=np.float64) ** 2
+    brightest = np.unravel_index(int(power.argmax()), power.shape)
     power = np.maximum(power - np.median(power), 0)
-    half = []
+    half, offset = [], []
     for axis, step in ((1, spacing[0]), (0, spacing[1])):
         profile = power.sum(axis=1 - axis)
         place = np.arange(profile.size) * step
         centre = (place * profile).sum() / profile.sum()
-        half.append(2 * math.sqrt(max(((place - centre) ** 2 * profile).sum() / profile.sum(), (step / 2) ** 2)))
-    return Ellipse(half[0], half[1])
+        variance = ((place - centre) ** 2 * profile).sum() / profile.sum()
+        half.append(2 * math.sqrt(max(variance, (step / 2) ** 2)))
+        offset.append(float(centre - brightest[axis] * step))
+    return Ellipse(half[0], half[1], offset[0], offset[1])
 
 
 def fuse_clusters(

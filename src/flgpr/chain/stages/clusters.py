@@ -25,7 +25,8 @@ from flgpr.screen import (
 from flgpr.screen.clusters import Rule
 from flgpr.screen.views import grid_of
 
-_LIMITS = ("half_x", "half_y", "amplitude", "size", "std", "energy_ratio")
+_ELLIPSE = ("half_x", "half_y", "offset_x", "offset_y")
+_THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")
 
 
 def subset(lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ()) -> list[pd.DataFrame]:
@@ -85,8 +86,11 @@ class ClusterScreen(ScreenStage):
 
     @classmethod
     def margin(cls, settings: Any) -> float:
-        """Tell how far regions and what decides on them reach, at most: an ellipse is no larger than a template."""
-        return 2 * max(*settings.region, *settings.template) + 10 * settings.radius
+        """Tell how far regions and what decides on them reach, at most.
+
+        An ellipse is no larger than a template, its rectangle twice as large, and it lies off by less than a template.
+        """
+        return 3 * max(*settings.region, *settings.template) + 10 * settings.radius
 
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
         """Regions that pass; their magnitude is the peak over the amplitude threshold of its image."""
@@ -110,22 +114,24 @@ class ClusterScreen(ScreenStage):
         ]
 
     def _limits(self, p: int, r: int) -> tuple[Ellipse, ClusterThresholds]:
-        half_x, half_y, *limits = (float(self.learnt[name][p, r]) for name in _LIMITS)
-        return Ellipse(half_x, half_y), ClusterThresholds(*limits)
+        ellipse = Ellipse(*(float(self.learnt[name][p, r]) for name in _ELLIPSE))
+        return ellipse, ClusterThresholds(*(float(self.learnt[name][p, r]) for name in _THRESHOLDS))
 
     @classmethod
     def fit(cls, settings: Any, examples: list[TrainingView]) -> tuple[Arrays, dict[str, Any]]:
         """Set ellipse and thresholds of every channel by the subset's mines."""
         templates = templates_of(examples, settings)
         mines = subset(examples, settings.share, settings.kinds)
-        learnt = {name: np.zeros(templates.shape[:2]) for name in _LIMITS}
+        learnt = {name: np.zeros(templates.shape[:2]) for name in (*_ELLIPSE, *_THRESHOLDS)}
         first = grid_of(examples[0].view)
         for p, r in np.ndindex(*templates.shape[:2]):
             ellipse = fit_ellipse(templates[p, r], (first.dx, first.dy))
             views = [(lane.view[p, r], some[["x", "y"]].to_numpy()) for lane, some in zip(examples, mines, strict=True)]
             limits = learn_thresholds(views, ellipse, settings.radius, settings.reach, settings.pass_share)
-            for name in _LIMITS:
-                learnt[name][p, r] = getattr(ellipse if name.startswith("half") else limits, name)
+            for name in _ELLIPSE:
+                learnt[name][p, r] = getattr(ellipse, name)
+            for name in _THRESHOLDS:
+                learnt[name][p, r] = getattr(limits, name)
         return learnt, {"mines_for_thresholds": sum(len(one) for one in mines)}
 
     @classmethod
