@@ -12,13 +12,23 @@ from sklearn.metrics import roc_auc_score
 from flgpr.detect import OneClassRelevanceVectorMachine, RelevanceVectorClassifier
 from flgpr.features import mean_template
 from flgpr.model import Grid, load_sensor
+from flgpr.screen import prescreen_clusters
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.flsar2004 import examples as ex
-from flgpr_papers.flsar2004 import figures
+from flgpr_papers.flsar2004 import experiment, figures
 from flgpr_papers.flsar2004 import findings as fi
+from flgpr_papers.flsar2004 import machines as ma
 from flgpr_papers.flsar2004 import study as flsar2004
 from flgpr_papers.flsar2004.lanes import Mines, Pass, _scene, lane_images, load_settings
-from flgpr_papers.kit.findings import NO_VERDICT, OPEN, difference_of_shares, read_findings
+from flgpr_papers.kit.findings import (
+    AGREES,
+    DISAGREES,
+    NO_VERDICT,
+    OPEN,
+    UNDECIDED,
+    difference_of_shares,
+    read_findings,
+)
 from flgpr_papers.kit.worlds import turned
 
 
@@ -139,7 +149,7 @@ def scores_of(mine, clutter, target=None):
     mine, clutter = np.asarray(mine, float), np.asarray(clutter, float)
     clutter = clutter[:, None] if clutter.ndim == 1 else clutter
     target = np.arange(len(mine)).astype(str) if target is None else np.asarray(target)
-    return ex.HeldOut(mine, clutter, target, np.arange(len(clutter)).astype(str), np.ones(1))
+    return ma.HeldOut(mine, clutter, target, np.arange(len(clutter)).astype(str), np.ones(1))
 
 
 def test_held_out_scores_come_from_the_others(small):
@@ -155,13 +165,21 @@ def test_held_out_scores_come_from_the_others(small):
         model = LogisticRegression().fit(train, y) if len(set(y)) > 1 else None
         return (lambda new: new.sum(axis=1)) if model is None else model.decision_function, 0.5
 
-    one = ex.held_out(table, X, classifier, 5)
+    one = ma.held_out(table, X, classifier, 5)
     assert one.clutter.shape == (30, 1)
     assert all(len(train) < 50 for train, _ in seen)
     assert np.isfinite(one.mine).all()
-    novel = ex.held_out(table, X, classifier, 5, novelty=True)
+    novel = ma.held_out(table, X, classifier, 5, novelty=True)
     assert novel.clutter.shape == (30, 5)  # every fold scores all clutter
-    assert len(ex.held_out(table, X, classifier, None).kept) == 50
+    seen.clear()
+    alone = ma.leave_one_out(table, X, classifier, 5)
+    assert len(alone.kept) == len(seen) == 50
+    assert all(len(train) == 49 for train, _ in seen)
+    # N_o · N_c outputs: every mine left out once, and all clutter scored each time (par. 52).
+    seen.clear()
+    novel = ma.leave_one_out(table, X, classifier, 5, novelty=True)
+    assert novel.clutter.shape == (30, 20)
+    assert [int(y.sum()) for _, y in seen] == [19] * 20
 
 
 def some_examples(seed=0, mines=20, clutter=60):
@@ -180,14 +198,14 @@ def test_both_machines_have_one_kernel_and_the_papers_prior(settings, monkeypatc
             machines.append(self)
             return super().fit(X, y)
 
-    monkeypatch.setattr(ex, "RelevanceVectorClassifier", Kept)
+    monkeypatch.setattr(ma, "RelevanceVectorClassifier", Kept)
     y = (table["kind"] != "clutter").to_numpy()
-    ex.rvm(settings.classify)(X, y)
-    chosen = ex._search(settings.classify, "rbf", X, y)[-1]
-    assert [one.prior for one in machines] == ["laplacian"]
+    ma.rvm(settings.classify)(X, y)
+    chosen = ma.search_svm(settings.classify, "rbf", X, y)[-1]
+    assert [one.prior for one in machines] == ["laplacian-map"]
     assert machines[0].gamma == chosen.gamma
     machines.clear()
-    ex.evidence_rvm(settings.classify)(X, y)
+    ma.evidence_rvm(settings.classify)(X, y)
     assert {one.prior for one in machines} == {"ard"}
     assert len(machines) == len(settings.classify.widths) + 1
 
@@ -196,7 +214,7 @@ def test_the_width_of_a_novelty_detector_is_that_of_the_median_pair():
     X = np.random.default_rng(3).normal(size=(40, 6)) * [1, 2, 3, 4, 5, 6]
     Z = (X - X.mean(axis=0)) / X.std(axis=0)
     distance = ((Z[:, None] - Z) ** 2).sum(axis=2)[np.triu_indices(40, 1)]
-    assert ex.median_width(X) == pytest.approx(1 / np.median(distance))
+    assert ma.median_width(X) == pytest.approx(1 / np.median(distance))
 
 
 def test_training_anew_in_every_draw_holds_copies_out_together():
@@ -206,12 +224,12 @@ def test_training_anew_in_every_draw_holds_copies_out_together():
         known = {tuple(row): float(label) for row, label in zip(train, y, strict=True)}
         return (lambda new: np.array([known.get(tuple(row), 0.5) for row in new])), 1.0
 
-    np.testing.assert_allclose(ex.retrained(table, X, memory, 5, 4), 0.5)
+    np.testing.assert_allclose(ma.retrained(table, X, memory, 5, 4), 0.5)
 
     def fisher(train, y):
         return LogisticRegression().fit(train, y).decision_function, 1.0
 
-    drawn = ex.retrained(table, X, fisher, 5, 30)
+    drawn = ma.retrained(table, X, fisher, 5, 30)
     assert 0.7 < drawn.mean() < 1.0
     assert drawn.std() > 0.005
 
@@ -243,9 +261,93 @@ def test_paired_differences_are_tighter_than_independent_ones():
     rng = np.random.default_rng(3)
     mine, clutter = rng.normal(1, 1, 50), rng.normal(0, 1, 100)
     a, b = scores_of(mine, clutter), scores_of(mine + rng.normal(0, 0.1, 50), clutter)
-    value, low, high = fi.auc_difference(a, b, 500)
+    measure = fi.Measure(area=200.0, far=0.07)
+    value, low, high = fi.difference(a, b, measure, 500)
     assert low <= value <= high
-    assert high - low < 0.3 * (fi.auc_interval(a, 500)[2] - fi.auc_interval(a, 500)[1])
+    alone = measure.interval(a, 500)
+    assert high - low < 0.5 * (alone[2] - alone[1])
+
+
+def test_partial_area_and_pd_are_those_of_the_curve():
+    rng = np.random.default_rng(5)
+    for repeats in (1, 3):
+        one = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, (80, repeats)))
+        area = 160.0
+        curve = fi.roc(one, area)
+        far, pd_of = curve["far"].to_numpy(), curve["pd"].to_numpy()
+        for limit in (0.04, 0.07, 0.3):
+            grid = (np.arange(20_000) + 0.5) / 20_000 * limit
+            step = pd_of[np.searchsorted(far, grid, side="right") - 1]
+            # Each output of clutter stands for the mines above it: the curve's value before it falls due.
+            assert fi.Measure(area, limit).value(one) == pytest.approx(step.mean(), abs=0.02)
+            at = pd_of[np.searchsorted(far, limit, side="right") - 1]
+            assert fi.Measure(area, limit, at=True).value(one) == pytest.approx(at, abs=1 / 30)
+    whole = scores_of(rng.normal(1, 1, 30), rng.normal(0, 1, 80))
+    assert fi.Measure(160.0, 0.5).value(whole) == pytest.approx(fi.auc(whole))  # 80 in 160 m²: the whole ROC
+
+
+def test_partial_area_by_chance_is_what_random_scores_give():
+    rng = np.random.default_rng(6)
+    measure = fi.Measure(160.0, 0.07)
+    values = [measure.value(scores_of(rng.normal(size=30), rng.normal(size=80))) for _ in range(200)]
+    one = scores_of(rng.normal(size=30), rng.normal(size=80))
+    assert np.mean(values) == pytest.approx(measure.chance(one), abs=0.015)
+    values = [dataclasses.replace(measure, at=True).value(scores_of(rng.normal(size=30), rng.normal(size=80)))
+              for _ in range(200)]  # fmt: skip
+    assert np.mean(values) == pytest.approx(dataclasses.replace(measure, at=True).chance(one), abs=0.02)
+
+
+def test_mines_that_the_prescreener_lost_are_found_at_no_threshold():
+    one = scores_of([3.0, 2.0], [1.0, 0.5, 0.1], ["a", "b"])
+    seen = pd.DataFrame({"target": ["a", "b"], "direction": ["out", "back"]})
+    offered = pd.DataFrame({"target": ["a", "a", "b", "b"], "direction": ["out", "back"] * 2})
+    every = ma.with_lost(one, seen, offered)
+    assert every.mine.tolist() == [3.0, -np.inf, -np.inf, 2.0]
+    assert fi.Measure(1.0, 0.0 + 1e-9, at=True).value(every) == 0.5
+    assert fi.Measure(1.0, 100.0, at=True).value(every) == 0.5  # however many false alarms are allowed
+    assert fi.Measure(1.0, 100.0).value(every) == pytest.approx(0.5)
+
+
+def test_strength_is_compared_at_the_same_depth_alone():
+    a = pd.DataFrame({"peak": [1.0, 9.0], "depth": [0.0, 0.1], "target": ["s", "t"]})
+    b = pd.DataFrame({"peak": [2.0, 8.0, 100.0], "depth": [0.0, 0.1, 0.15], "target": ["u", "v", "w"]})
+    assert fi.stronger_interval(a, b, 20)[0] == 0.5
+
+
+def test_the_second_prescreener_is_counted_where_there_are_no_mines(small, site):
+    screen = ex.learn_screen(small, site)
+    first, second, third = ex.clutter_past_prescreeners(site, screen, small.prescreen.halo)
+    assert first >= second >= third >= 0
+    assert ex.clutter_past_prescreeners(site, screen, 100.0) == (0, 0, 0)
+
+
+def test_every_mine_of_the_subset_passes_every_prescreener(small, site):
+    screen = ex.learn_screen(small, site)
+    subset = site.mines[site.mines["subset"] & (site.mines["kind"] == "metal")]
+    for channel, (ellipse, limits) in screen.channels(site.view):
+        passed = prescreen_clusters(channel, limits, ellipse, small.prescreen.radius)
+        for x, y in subset[["x", "y"]].to_numpy():
+            assert np.hypot(passed["x"] - x, passed["y"] - y).min() <= small.prescreen.halo
+
+
+def test_a_statement_that_hangs_on_the_formulation_cannot_be_said():
+    rows = {"rvm, offset": (0.05, 0.02, 0.08), "rvm, no-bias": (0.3, 0.25, 0.4)}
+    results = experiment.Results()
+    results.judge_all("novelty", rows, kind="metal")
+    results.judge_all("novelty", {name: rows["rvm, offset"] for name in rows}, kind="metal")
+    results.judge_all("novelty", {name: rows["rvm, no-bias"] for name in rows}, kind="metal")
+    assert [one.verdict for one in results.findings] == [UNDECIDED, AGREES, DISAGREES]
+    assert "rvm, no-bias: 0.30" in results.findings[0].ours
+
+
+def test_one_class_machines_are_told_apart(settings):
+    table, X = some_examples()
+    y = (table["kind"] != "clutter").to_numpy()
+    scores = {name: ma.one_class(settings.classify, name)(X, y)[0](X) for name in ma.NOVELTY_RIVALS}
+    assert len({tuple(np.round(one, 9)) for one in scores.values()}) == len(ma.NOVELTY_RIVALS)
+    with pytest.raises(ValueError, match="kind must be one of"):
+        ma.one_class(settings.classify, "rvm")
+    np.testing.assert_allclose(ma.sum_of_correlations(X, y)[0](X), X.sum(axis=1))
 
 
 def test_difference_of_proportions_matches_newcombes_example():
@@ -308,7 +410,12 @@ def test_the_page_holds_every_figure_and_finding(reproduced):
     folder, text = reproduced
     found = read_findings(folder)
     claims = {one.claim for one in found}
-    assert {"RVM sparser", "plastic separable without prescreener", "templates alike at both sites"} <= claims
+    assert {
+        "RVM sparser by as much",
+        "share of support vectors",
+        "plastic separable without prescreener",
+        "templates alike at both sites",
+    } <= claims
     assert sum(text.count(f"<b>{verdict}</b>") for verdict in (NO_VERDICT, OPEN)) == len(found)
     for number in range(1, 11):
         assert f"Fig. {number}. Paper" in text

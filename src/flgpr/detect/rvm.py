@@ -80,9 +80,7 @@ class RelevanceMachine(BaseEstimator):  # type: ignore[misc]  # scikit-learn has
             design = np.hstack([design, np.ones((len(X), 1))])
         if self.prior == "laplacian-map":
             rate = 1.0 if self.rate == "auto" else self.rate
-            fit = fit_laplacian_map(
-                design, target, offset=offset, rate=rate, tol=self.tol, max_iter=self.max_iter
-            )
+            fit = fit_laplacian_map(design, target, offset=offset, rate=rate, tol=self.tol, max_iter=self.max_iter)
         else:
             fit = fit_sparse(
                 design, target, offset=offset, algorithm=self.algorithm,

@@ -1,8 +1,8 @@
-"""Examples of flsar2004: regions about mines and clutter, their features, and held-out scores of the classifiers."""
+"""Examples of flsar2004: regions about mines and clutter, and their features."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,18 +10,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.spatial.distance import pdist
-from sklearn import config_context
-from sklearn.metrics import roc_auc_score
-from sklearn.metrics.pairwise import pairwise_kernels
-from sklearn.model_selection import StratifiedKFold
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
-from sklearn.svm import SVC, OneClassSVM
 
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.stages.clusters import ClusterScreen, ClusterSettings, TemplateSettings, templates_of
-from flgpr.detect import GaussianMixtureNovelty, OneClassRelevanceVectorMachine, RelevanceVectorClassifier
 from flgpr.features import (
     align_phases,
     clutter_tiles,
@@ -33,9 +24,9 @@ from flgpr.features import (
 )
 from flgpr.features.registration import Registration
 from flgpr.model import Grid, Lane
-from flgpr.scoring import splits
+from flgpr.screen import energy_ratio, find_clusters
 from flgpr.screen.clusters import Rule
-from flgpr_papers.flsar2004.lanes import Classify, Pass, Settings
+from flgpr_papers.flsar2004.lanes import Pass, Settings
 
 FloatArray = NDArray[np.float64]
 POLARIZATIONS = ("HH", "VV")
@@ -59,7 +50,8 @@ class Site:
     @property
     def view(self) -> xr.DataArray:
         """Magnitudes as the stages of a recipe take them."""
-        coords = {"polarization": list(POLARIZATIONS), "y": self.grid.y, "x": self.grid.x}
+        ranges = np.arange(self.image.shape[1])
+        coords = {"polarization": list(POLARIZATIONS), "subband": ranges, "y": self.grid.y, "x": self.grid.x}
         return xr.DataArray(self.image, dims=("polarization", "subband", "y", "x"), coords=coords)
 
     @property
@@ -187,6 +179,26 @@ def screened_regions(
     return regions[inside].reset_index(drop=True)
 
 
+def clutter_past_prescreeners(site: Site, screen: ClusterScreen, halo: float) -> tuple[int, int, int]:
+    """Count the clusters of clutter, over all images, that pass the first prescreener, the second too, and all three.
+
+    Clutter is what lies in the lane and further than ``halo`` (m) from every mine.
+    """
+    mines = site.mines[["x", "y"]].to_numpy(dtype=np.float64)
+    counts = np.zeros(3, dtype=np.int64)
+    for channel, (ellipse, limits) in screen.channels(site.view):
+        clusters = find_clusters(channel, limits.amplitude, screen.settings.radius)
+        x, y = clusters["x"].to_numpy(), clusters["y"].to_numpy()
+        in_lane = np.logical_or.reduce([lane.contains(x, y) for lane in site.lanes])
+        distance = np.hypot(x[:, None] - mines[:, 0], y[:, None] - mines[:, 1]).min(axis=1)
+        clutter = clusters[in_lane & (distance > halo)]
+        large = clutter[clutter["size"] >= limits.size]
+        even = large[large["std"] <= limits.std]
+        ratio = energy_ratio(channel, even[["x", "y"]].to_numpy(), ellipse)
+        counts += [len(large), len(even), int((ratio <= limits.energy_ratio).sum())]
+    return int(counts[0]), int(counts[1]), int(counts[2])
+
+
 def _training(site: Site) -> TrainingView:
     """Show the site to a stage with the subset's mines alone."""
     return TrainingView(site.view, site.mines[site.mines["subset"]], site.lanes[0])
@@ -212,171 +224,3 @@ def screened_examples(
     again = table.duplicated(["target", "direction"]) & (table["target"] != "")
     table = table[~again & ~table["subset"].astype(bool)].reset_index(drop=True)
     return _with_features(settings, site, templates, table)
-
-
-# Classifiers: functions of training features and labels that return a function of test features, and the share of the
-# training examples that the classifier keeps.
-Scorer = Callable[[FloatArray], FloatArray]
-Classifier = Callable[[FloatArray, NDArray[np.bool_]], tuple[Scorer, float]]
-
-
-def rvm(settings: Classify, kernel: str = "rbf") -> Classifier:
-    """Relevance vector machine with the paper's Laplacian prior (par. 30) on the very kernel of the SVM (par. 48)."""
-
-    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        chosen = _search(settings, kernel, X, y)[-1].get_params()
-        option = {name: chosen[name] for name in ("kernel", "gamma", "degree", "coef0")}
-        return _relevance(X, y, prior="laplacian", **option)
-
-    return fit
-
-
-def evidence_rvm(settings: Classify, kernel: str = "rbf") -> Classifier:
-    """Relevance vector machine of our own choice: ARD prior, width by the evidence of the training examples."""
-
-    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        Z = StandardScaler().fit_transform(X)
-        options = [{"kernel": kernel, "gamma": width / X.shape[1]} for width in settings.widths]
-        trials = [RelevanceVectorClassifier(n_starts=1, tol=1e-3, **option).fit(Z, y) for option in options]
-        return _relevance(X, y, **options[int(np.argmax([trial.log_evidence_ for trial in trials]))])
-
-    return fit
-
-
-def _relevance(X: FloatArray, y: NDArray[np.bool_], **option: Any) -> tuple[Scorer, float]:
-    machine = make_pipeline(StandardScaler(), RelevanceVectorClassifier(n_starts=3, tol=1e-4, **option)).fit(X, y)
-    return machine.decision_function, len(machine[-1].relevance_) / len(X)
-
-
-def svm(settings: Classify, kernel: str = "rbf") -> Classifier:
-    """Support vector machine; C and width or degree by cross-validation inside the training examples."""
-
-    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        best = _search(settings, kernel, X, y).fit(X, y)
-        return best.decision_function, len(best[-1].support_) / len(X)
-
-    return fit
-
-
-def _search(settings: Classify, kernel: str, X: FloatArray, y: NDArray[np.bool_]) -> Any:
-    """Choose a support vector machine, and with it the kernel of both machines, inside the training examples.
-
-    By the mean area under the ROC of three folds, whose kernels are computed once for all costs: a grid search of whole
-    pipelines takes twice as long.
-    """
-    if kernel == "rbf":
-        options: list[dict[str, float]] = [{"gamma": width / X.shape[1]} for width in settings.widths]
-    else:
-        options = [{"degree": n, "coef0": 1.0, "gamma": 1 / X.shape[1]} for n in settings.degrees]
-    area = np.zeros((len(settings.costs), len(options)))
-    with config_context(assume_finite=True, skip_parameter_validation=True):
-        for train, test in StratifiedKFold(3, shuffle=True, random_state=0).split(X, y):
-            scaler = StandardScaler().fit(X[train])
-            seen, new = scaler.transform(X[train]), scaler.transform(X[test])
-            for k, option in enumerate(options):
-                inner, outer = (pairwise_kernels(Z, seen, kernel, **option) for Z in (seen, new))
-                for j, cost in enumerate(settings.costs):
-                    machine = SVC(C=cost, kernel="precomputed").fit(inner, y[train])
-                    score = machine.decision_function(outer)
-                    above = score[y[test]][:, None] - score[~y[test]]
-                    area[j, k] += (above > 0).mean() + 0.5 * (above == 0).mean()
-    best_cost, best = np.unravel_index(int(area.argmax()), area.shape)
-    return make_pipeline(StandardScaler(), SVC(C=settings.costs[best_cost], kernel=kernel, **options[best]))
-
-
-def median_width(mines: FloatArray) -> float:
-    """Give γ so that two mines at the median distance of all pairs of standardised mines have the kernel 1/e."""
-    return float(1 / np.median(pdist(StandardScaler().fit_transform(mines), "sqeuclidean")))
-
-
-def one_class(settings: Classify, kind: str = "rvm") -> Classifier:
-    """Novelty detector that is given the training mines only, its width by :func:`median_width`."""
-
-    def fit(X: FloatArray, y: NDArray[np.bool_]) -> tuple[Scorer, float]:
-        mines = X[y]
-        if kind == "rvm":
-            machine = OneClassRelevanceVectorMachine(
-                gamma=median_width(mines), prior="laplacian", p0=settings.p0, n_starts=3, tol=1e-4
-            ).fit(mines)
-            return machine.score_samples, len(machine.relevance_) / len(mines)
-        if kind == "svm":
-            pipeline = make_pipeline(StandardScaler(), OneClassSVM(nu=0.1, gamma=median_width(mines))).fit(mines)
-            return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
-        mixture = GaussianMixtureNovelty(random_state=0).fit(mines)
-        return mixture.score_samples, 1.0
-
-    return fit
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Scores of examples by classifiers that have not seen them."""
-
-    mine: FloatArray  #: (n,) scores of the mines
-    clutter: FloatArray  #: (m, repeats) scores of the clutter; a novelty detector scores it in every fold (par. 52)
-    #: target, tile: mine that each score belongs to, and name of each clutter example
-    target: NDArray[Any]
-    tile: NDArray[Any]
-    kept: FloatArray  #: (fold,) share of the training examples kept as vectors
-
-
-def held_out(
-    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int | None, novelty: bool = False
-) -> HeldOut:
-    """Score every example by a classifier trained without its mine; ``folds`` None is the paper's leave-one-out."""
-    y = (table["kind"] != "clutter").to_numpy()
-    if folds is None:
-        groups = splits(table, "example")
-    else:
-        groups = splits(table, "target", folds=min(folds, len(np.unique(_names(table, y)))))
-    if novelty:
-        groups = [group for group in groups if y[group.test].any()]
-    score = np.full(len(table), np.nan)
-    pooled, kept = [], []
-    for group in groups:
-        scorer, share = classifier(X[group.train], y[group.train])
-        score[group.test] = scorer(X[group.test])
-        kept.append(share)
-        if novelty:
-            pooled.append(scorer(X[~y]))
-    clutter = np.stack(pooled, axis=1) if novelty else score[~y][:, None]
-    return HeldOut(score[y], clutter, _names(table, y), np.arange((~y).sum()).astype(str), np.array(kept))
-
-
-def retrained(
-    table: pd.DataFrame, X: FloatArray, classifier: Classifier, folds: int, draws: int, seed: int = 0
-) -> FloatArray:
-    """Area under the ROC (draw,) with mines and clutter drawn anew and the classifier trained on what was drawn.
-
-    Looks at one mine are drawn together, and all copies of an example are held out together.
-    """
-    rng, found = np.random.default_rng(seed), []
-    y = (table["kind"] != "clutter").to_numpy()
-    mines = [np.flatnonzero(table["target"].to_numpy(dtype=str) == name) for name in np.unique(_names(table, y))]
-    for _ in range(draws):
-        chosen = [mines[k] for k in rng.integers(len(mines), size=len(mines))]
-        rows = np.concatenate([*chosen, rng.choice(np.flatnonzero(~y), int((~y).sum()))])
-        names = np.where(y[rows], table["target"].to_numpy(dtype=str)[rows], np.char.add("clutter ", rows.astype(str)))
-        group = np.unique(names, return_inverse=True)[1]
-        fold = rng.permutation(group.max() + 1) % folds
-        score = np.full(len(rows), np.nan)
-        for k in range(folds):
-            test = fold[group] == k
-            score[test] = classifier(X[rows][~test], y[rows][~test])[0](X[rows][test])
-        found.append(roc_auc_score(y[rows], score))
-    return np.array(found)
-
-
-def across(
-    train: tuple[pd.DataFrame, FloatArray], test: tuple[pd.DataFrame, FloatArray], classifier: Classifier
-) -> HeldOut:
-    """Train on one site and test on the other (par. 39)."""
-    y, z = ((table["kind"] != "clutter").to_numpy() for table, _ in (train, test))
-    scorer, share = classifier(train[1], y)
-    score = scorer(test[1])
-    tiles = np.arange((~z).sum()).astype(str)
-    return HeldOut(score[z], score[~z][:, None], _names(test[0], z), tiles, np.array([share]))
-
-
-def _names(table: pd.DataFrame, mine: NDArray[np.bool_]) -> NDArray[Any]:
-    return table["target"].to_numpy(dtype=str)[mine]

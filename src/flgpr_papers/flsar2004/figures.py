@@ -65,19 +65,24 @@ def _lane(settings: Settings, site: Site) -> Figure:
 
 
 def _ellipse(settings: Settings, site: Site) -> Figure:
-    """Fig. 2: energy inside the ellipse against energy in the rest of the region."""
-    one = make_templates(settings, site)[0, 0]
-    ellipse = fit_ellipse(one, settings.spacing)
+    """Fig. 2: energy inside the ellipse against energy in the rest of the rectangle, as the prescreener takes them.
+
+    The origin is the cluster's brightest pixel; the rectangle is twice as long and wide as the ellipse.
+    """
+    ellipse = fit_ellipse(make_templates(settings, site)[0, 0], settings.spacing)
     figure = Figure(figsize=(5, 4), layout="constrained")
     axes = figure.subplots()
-    half = one.shape[0] * settings.spacing[1] / 2, one.shape[1] * settings.spacing[0] / 2
-    axes.add_patch(Rectangle((-half[0], -half[1]), 2 * half[0], 2 * half[1], fc="#d8dee6", ec="#4a5563"))
-    axes.add_patch(Ellipse((0, 0), 2 * ellipse.half_y, 2 * ellipse.half_x, fc="#3b6ea5", ec="none"))
-    axes.text(0, 0, "E in", color="white", ha="center", va="center")
-    axes.text(-half[0] * 0.9, half[1] * 0.85, "E out", va="top")
-    axes.set(xlim=(-1.1 * half[0], 1.1 * half[0]), ylim=(-1.1 * half[1], 1.1 * half[1]), aspect="equal")
-    axes.set(xlabel="down-track, m", ylabel="cross-track, m")
+    centre = ellipse.offset_y, ellipse.offset_x
+    corner = centre[0] - 2 * ellipse.half_y, centre[1] - 2 * ellipse.half_x
+    axes.add_patch(Rectangle(corner, 4 * ellipse.half_y, 4 * ellipse.half_x, fc="#d8dee6", ec="#4a5563"))
+    axes.add_patch(Ellipse(centre, 2 * ellipse.half_y, 2 * ellipse.half_x, fc="#3b6ea5", ec="none"))
+    axes.plot(0, 0, "x", color="black", ms=8, label="brightest pixel")
+    axes.text(*centre, "E in", color="white", ha="center", va="bottom")
+    axes.text(corner[0] * 0.95, corner[1] * 0.9, "E out", va="bottom")
+    axes.autoscale_view()
+    axes.set(aspect="equal", xlabel="down-track, m", ylabel="cross-track, m")
     axes.set_title(f"half axes {ellipse.half_y:.2f} m along, {ellipse.half_x:.2f} m across", fontsize=9)
+    axes.legend(fontsize=7, loc="upper right")
     axes.grid(visible=False)
     return figure
 
@@ -95,10 +100,10 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
             place.imshow(one.T, origin="lower", extent=(-half[0], half[0], -half[1], half[1]), cmap="magma")
             ellipse = fit_ellipse(one, settings.spacing)
             angle = np.linspace(0, 2 * np.pi, 100)
-            # Where the prescreener would put it: about the strongest pixel.
+            # Where the prescreener puts it: at its offset from the brightest pixel.
             row, column = np.unravel_index(int(one.argmax()), one.shape)
-            v = (row - one.shape[0] // 2) * settings.spacing[1]
-            u = (column - one.shape[1] // 2) * settings.spacing[0]
+            v = (row - one.shape[0] // 2) * settings.spacing[1] + ellipse.offset_y
+            u = (column - one.shape[1] // 2) * settings.spacing[0] + ellipse.offset_x
             place.plot(v + ellipse.half_y * np.cos(angle), u + ellipse.half_x * np.sin(angle), "w:", lw=1)
             place.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3))
             place.grid(visible=False)

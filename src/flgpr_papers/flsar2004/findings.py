@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 
 from flgpr.features import max_correlation, mean_template, principal_templates
 from flgpr.scoring import clopper_pearson, example_roc
-from flgpr_papers.flsar2004.examples import HeldOut
+from flgpr_papers.flsar2004.machines import HeldOut
 from flgpr_papers.kit.findings import Interval
 
 FloatArray = NDArray[np.float64]
+FAR_LIMIT = 0.07
+"""False alarms per m² up to which areas are taken: the paper compares its ROCs at 0.04 to 0.07 (par. 50)."""
+_CHUNK = 50  # bootstrap draws at a time
 
 
 def roc(scores: HeldOut, area: float, n_targets: int | None = None) -> pd.DataFrame:
@@ -44,24 +48,80 @@ def _draws(scores: HeldOut, count: int, seed: int) -> tuple[FloatArray, FloatArr
     return mines.astype(float), rng.multinomial(m, np.full(m, 1 / m), count).astype(float)
 
 
-def _resampled(scores: HeldOut, count: int, seed: int) -> FloatArray:
-    mines, clutter = _draws(scores, count, seed)
-    total = np.einsum("bi,ij,bj->b", mines, _wins(scores), clutter, optimize=True)
-    return np.asarray(total / (mines.sum(axis=1) * clutter.sum(axis=1)))
-
-
 def auc_interval(scores: HeldOut, count: int) -> Interval:
-    """Area with its bootstrap interval over mines and clutter examples."""
-    low, high = np.quantile(_resampled(scores, count, 1), (0.025, 0.975))
+    """Area under the whole ROC with its bootstrap interval over mines and clutter examples."""
+    mines, clutter = _draws(scores, count, 1)
+    total = np.einsum("bi,ij,bj->b", mines, _wins(scores), clutter, optimize=True)
+    low, high = np.quantile(total / (mines.sum(axis=1) * clutter.sum(axis=1)), (0.025, 0.975))
     return auc(scores), float(low), float(high)
 
 
-def auc_difference(a: HeldOut, b: HeldOut, count: int) -> Interval:
-    """Difference of two areas; drawn together where both scored the same examples, else independently."""
-    paired = np.array_equal(a.target, b.target) and a.tile.size == b.tile.size
-    draws = _resampled(a, count, 1) - _resampled(b, count, 1 if paired else 2)
+@dataclass(frozen=True)
+class Measure:
+    """A number of the ROC at few false alarms: mean Pd up to ``far`` per m², or Pd at it."""
+
+    area: float  #: searched, m²
+    far: float = FAR_LIMIT
+    at: bool = False  #: whether Pd at ``far``, else the mean over 0 to ``far``: the partial area over its width
+
+    def chance(self, scores: HeldOut) -> float:
+        """Give the value of scores that know nothing of the mines."""
+        most = len(scores.tile) / self.area
+        if self.at:
+            return min(self.far / most, 1.0)
+        return self.far / most / 2 if self.far <= most else 1 - most / self.far / 2
+
+    def of(self, scores: HeldOut, mines: FloatArray, tiles: FloatArray) -> FloatArray:
+        """Give the number (draw,) for weights of mines (draw, n) and of clutter examples (draw, m).
+
+        The clutter's outputs are gone through from the strongest; each is a false alarm for its weight, and Pd is the
+        weight of the mines above it. The outputs of a novelty detector's folds share the allowed false alarms.
+        """
+        repeats = scores.clutter.shape[1]
+        allowed = self.far * self.area * repeats
+        order = np.argsort(-scores.clutter.ravel(), kind="stable")
+        order = order[: int(4 * allowed) + 20 * repeats]  # a draw leaves out a third of them
+        output, tile = scores.clutter.ravel()[order], order // repeats
+        above = (scores.mine[:, None] > output).astype(float)
+        above += 0.0 if self.at else 0.5 * (scores.mine[:, None] == output)
+        share = mines / mines.sum(axis=1, keepdims=True)
+        found_without_limit = share @ np.isfinite(scores.mine)
+        values = np.empty(len(mines))
+        for begin in range(0, len(mines), _CHUNK):
+            rows = slice(begin, begin + _CHUNK)
+            reached = np.cumsum(tiles[rows][:, tile], axis=1)
+            pd_above = share[rows] @ above
+            if self.at:
+                first = np.argmax(reached > allowed, axis=1)
+                never = reached[:, -1] <= allowed
+                one = pd_above[np.arange(len(first)), first]
+                values[rows] = np.where(never, found_without_limit[rows], one)
+            else:
+                taken = np.diff(np.minimum(reached, allowed), prepend=0.0, axis=1)
+                rest = np.maximum(allowed - reached[:, -1], 0.0)
+                values[rows] = ((taken * pd_above).sum(axis=1) + rest * found_without_limit[rows]) / allowed
+        return values
+
+    def value(self, scores: HeldOut) -> float:
+        """Give the number of the scores as they are."""
+        return float(self.of(scores, np.ones((1, scores.mine.size)), np.ones((1, len(scores.tile))))[0])
+
+    def interval(self, scores: HeldOut, count: int) -> Interval:
+        """Give the number with its bootstrap interval over mines, both looks together, and clutter examples."""
+        low, high = np.quantile(self.of(scores, *_draws(scores, count, 1)), (0.025, 0.975))
+        return self.value(scores), float(low), float(high)
+
+
+def difference(a: HeldOut, b: HeldOut, measure: Measure, count: int) -> Interval:
+    """Give a's number less b's; mines and clutter are drawn together where both scored the same, else apart."""
+    same_mines = np.array_equal(a.target, b.target)
+    same_clutter = a.tile.size == b.tile.size
+    first = _draws(a, count, 1)
+    mines, tiles = _draws(b, count, 2)
+    second = first if same_mines and same_clutter else (first[0] if same_mines else mines, tiles)
+    draws = measure.of(a, *first) - measure.of(b, *second)
     low, high = np.quantile(draws, (0.025, 0.975))
-    return auc(a) - auc(b), float(low), float(high)
+    return measure.value(a) - measure.value(b), float(low), float(high)
 
 
 def proportion(successes: int, trials: int) -> Interval:
@@ -81,6 +141,37 @@ def ratio_interval(a: FloatArray, b: FloatArray) -> Interval:
     """Ratio of two mean shares of kept vectors, with the range of the folds' own ratios that holds 95 % of them."""
     low, high = np.quantile(a / b, (0.025, 0.975))
     return float(a.mean() / b.mean()), float(low), float(high)
+
+
+def spread_of_folds(shares: FloatArray) -> Interval:
+    """Mean share of kept vectors, with the range of the folds that holds 95 % of them."""
+    low, high = np.quantile(shares, (0.025, 0.975))
+    return float(shares.mean()), float(low), float(high)
+
+
+def stronger_interval(a: pd.DataFrame, b: pd.DataFrame, count: int) -> Interval:
+    """Share of pairs of one mine of each table, at the same depth, in which the first is stronger.
+
+    Tables of ``peak``, ``depth`` and ``target``; bootstrapped over targets.
+    """
+    rng = np.random.default_rng(5)
+
+    def draw(table: pd.DataFrame) -> pd.DataFrame:
+        names = table["target"].unique()
+        return pd.concat([table[table["target"] == name] for name in rng.choice(names, len(names))])
+
+    def share(one: pd.DataFrame, other: pd.DataFrame) -> float:
+        wins = pairs = 0.0
+        for depth in np.intersect1d(one["depth"], other["depth"]):
+            u = one.loc[one["depth"] == depth, "peak"].to_numpy()
+            v = other.loc[other["depth"] == depth, "peak"].to_numpy()
+            wins += (u[:, None] > v).sum() + 0.5 * (u[:, None] == v).sum()
+            pairs += u.size * v.size
+        return wins / pairs if pairs else float("nan")
+
+    draws = [share(draw(a), draw(b)) for _ in range(min(count, 200))]
+    low, high = np.nanquantile(draws, (0.025, 0.975))
+    return share(a, b), float(low), float(high)
 
 
 def component_interval(chips: NDArray[Any], count: int) -> tuple[Interval, Interval]:

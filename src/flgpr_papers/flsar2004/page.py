@@ -7,7 +7,7 @@ from typing import Any
 
 from flgpr_papers.flsar2004.experiment import Results
 from flgpr_papers.flsar2004.lanes import Settings
-from flgpr_papers.kit.findings import by_chance
+from flgpr_papers.kit.findings import by_chance, in_words
 from flgpr_papers.kit.page import study_html
 
 Row = tuple[Any, ...]
@@ -23,7 +23,7 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         found=results.findings,
         chance=by_chance(results.findings),
         sizes=_sizes(settings, notes),
-        areas=[(name, f"{v:.3f}", f"{low:.3f} to {high:.3f}") for name, (v, low, high) in results.areas.items()],
+        areas=_areas(results),
         cases=list(notes["templates"]),
         templates=_variants(notes["templates"]),
         energy=notes["energy of the first component"],
@@ -44,15 +44,33 @@ def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
         ),
         ("support vectors", "34 % (par. 48), typically 30 % (par. 57)", f"{100 * loo['SVM']:.1f} %"),
         ("relevance vectors", "14 % (par. 48), typically 15 % (par. 57)", f"{100 * loo['RVM']:.1f} %"),
+        ("the same, prior by the evidence", "not said", f"{100 * loo['RVM, prior by the evidence']:.1f} %"),
         ("the same, ARD and width by evidence", "not tried", f"{100 * loo['RVM, ARD, width by evidence']:.1f} %"),
     ]
     for site, counts in notes["examples"].items():
         told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         rows.append((f"examples without prescreener, both looks, {site}", "not given", told))
     for name, told in notes.items():
-        if name.startswith(("prescreened", "fig5")):
+        if name.startswith(("prescreen", "fig5")):
             text = ", ".join(f"{k}: {_short(v)}" for k, v in told.items()) if isinstance(told, dict) else str(told)
             rows.append((name, "", text))
+    return rows
+
+
+def _areas(results: Results) -> list[Row]:
+    """Tell both areas of every curve; whole areas that were trained anew in every draw have no partial one."""
+    rows = []
+    for name, whole in results.areas.items():
+        partial = results.partial.get(name)
+        chance = results.chance.get(name)
+        rows.append(
+            (
+                name,
+                "" if partial is None else in_words(*partial),
+                "" if chance is None else f"{chance:.2f}",
+                in_words(*whole),
+            )
+        )
     return rows
 
 

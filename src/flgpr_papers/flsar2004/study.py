@@ -58,7 +58,13 @@ def _parts(material: Material, folder: Path, key: str, track: Track) -> Results:
 
 
 def _as_json(results: Results, curves: bool = True) -> dict[str, Any]:
-    record = {"findings": [asdict(one) for one in results.findings], "areas": results.areas, "notes": results.notes}
+    record = {
+        "findings": [asdict(one) for one in results.findings],
+        "areas": results.areas,
+        "partial": results.partial,
+        "chance": results.chance,
+        "notes": results.notes,
+    }
     if curves:
         record["curves"] = {
             name: {label: curve.to_dict("list") for label, curve in figure.items()}
@@ -72,8 +78,11 @@ def _from_json(record: dict[str, Any]) -> Results:
         name: {label: pd.DataFrame(curve) for label, curve in figure.items()}
         for name, figure in record["curves"].items()
     }
-    areas = {name: (low[0], low[1], low[2]) for name, low in record["areas"].items()}
-    return Results(curves, areas, [finding_of(one) for one in record["findings"]], record["notes"])
+    areas, partial = (
+        {name: (one[0], one[1], one[2]) for name, one in record[key].items()} for key in ("areas", "partial")
+    )
+    findings = [finding_of(one) for one in record["findings"]]
+    return Results(curves, areas, partial, record["chance"], findings, record["notes"])
 
 
 SITES = {"arid": "low", "temperate": "mironov"}  # the paper's two sites are the two losses of a world

@@ -95,22 +95,20 @@ class ClusterScreen(ScreenStage):
     def alarms(self, view: xr.DataArray) -> pd.DataFrame:
         """Regions that pass; their magnitude is the peak over the amplitude threshold of its image."""
         tables, levels = {}, {}
-        for (p, polarization), (r, name) in self._channels(view):
-            ellipse, limits = self._limits(p, r)
-            key = polarization, name
-            channel = view.isel(polarization=p, subband=r)
+        for channel, (ellipse, limits) in self.channels(view):
+            key = str(channel["polarization"].item()), str(channel["subband"].item())
             tables[key] = prescreen_clusters(channel, limits, ellipse, self.settings.radius)
             levels[key] = limits.amplitude
         regions = fuse_clusters(tables, 2 * self.settings.radius, self.settings.rule, levels)
         return regions.rename(columns={"strength": "magnitude"})[["x", "y", "magnitude", "images"]]
 
-    def _channels(self, view: xr.DataArray) -> list[tuple[tuple[int, str], tuple[int, str]]]:
+    def channels(self, view: xr.DataArray) -> list[tuple[xr.DataArray, tuple[Ellipse, ClusterThresholds]]]:
+        """Give every image (y, x) of the polarizations that are asked for, with its ellipse and thresholds."""
         wanted = self.settings.polarizations or tuple(view["polarization"].values)
         return [
-            ((p, str(polarization)), (r, str(name)))
-            for p, polarization in enumerate(view["polarization"].values)
-            for r, name in enumerate(view["subband"].values)
-            if polarization in wanted
+            (view.isel(polarization=p, subband=r), self._limits(p, r))
+            for p, r in np.ndindex(view.sizes["polarization"], view.sizes["subband"])
+            if view["polarization"].values[p] in wanted
         ]
 
     def _limits(self, p: int, r: int) -> tuple[Ellipse, ClusterThresholds]:
