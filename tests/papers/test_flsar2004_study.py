@@ -418,7 +418,7 @@ def test_the_page_holds_every_figure_and_finding(reproduced):
     } <= claims
     assert sum(text.count(f"<b>{verdict}</b>") for verdict in (NO_VERDICT, OPEN)) == len(found)
     for number in range(1, 11):
-        assert f"Fig. {number}. Paper" in text
+        assert f"<h3>Fig. {number}. " in text
         assert (folder / f"fig{number}.png").is_file()
     assert "Quick run" in text
     assert "http" not in text

@@ -26,7 +26,7 @@ TITLES: dict[str, str] = tomllib.loads(packaged_text("flsar2004", "figures"))
 
 
 def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str, Any]) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures with their names, one at a time and in the order of the captions."""
+    """Draw the figures with their names, one at a time: those of the paper in its order, then our own."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         yield "fig1", _lane(settings, sites[0])
         yield "fig2", _ellipse(settings, sites[0])
@@ -35,9 +35,10 @@ def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str,
         for number in range(5, 11):
             names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
             yield f"fig{number}", _rocs(curves, names, (1, len(names)))
+        yield "machines", _rocs(curves, ["machines"], (1, 1))
         yield "vectors", _vectors(notes["vectors by fold"])
         yield "one-class-width", kernel_width_figure()
-        yield "rocs", _rocs(curves, list(TITLES), (3, 3))
+        yield "rocs", _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3))
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
@@ -89,7 +90,7 @@ def _ellipse(settings: Settings, site: Site) -> Figure:
 
 def _templates(settings: Settings, sites: list[Site]) -> Figure:
     """Fig. 3, with the ellipse of Fig. 2."""
-    figure = Figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(figsize=(5.6, 8.4), layout="constrained")
     axes = figure.subplots(4, len(settings.ranges))
     for s, site in enumerate(sites):
         template = make_templates(settings, site)
@@ -108,7 +109,8 @@ def _templates(settings: Settings, sites: list[Site]) -> Figure:
             place.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=(-0.3, 0, 0.3))
             place.grid(visible=False)
             place.set_title(f"{site.name} {POLARIZATIONS[p]} {settings.ranges[r]:g} m", fontsize=8)
-    figure.suptitle("Mean signatures of the subset (down-track to the right, m); dotted: ellipse of the energy ratio")
+    figure.supxlabel("down-track, m")
+    figure.supylabel("cross-track, m")
     return figure
 
 
@@ -144,7 +146,9 @@ def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int]) -> Figur
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
         for label, curve in curves.get(name, {}).items():
-            axes.step(curve["far"], curve["pd"], where="post", label=label)
+            beside = "sum of the correlations" in label or "binary" in label  # not in the paper's figure
+            axes.step(curve["far"], curve["pd"], where="post", label=label, lw=1.0 if beside else 1.6,
+                      ls="--" if beside else "-")  # fmt: skip
         axes.set(title=TITLES[name], xlabel="false alarms per m²", ylabel="Pd", ylim=(0, 1.02), xlim=(0, None))
         axes.title.set_fontsize(8)
         if curves.get(name):

@@ -1,21 +1,25 @@
-"""The page of the reproduction: findings, tables and figures of the paper beside ours."""
+"""The page of the reproduction: findings, figures and tables of the paper beside ours."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from flgpr_papers.flsar2004.experiment import Results
 from flgpr_papers.flsar2004.lanes import Settings
-from flgpr_papers.kit.findings import by_chance, in_words
-from flgpr_papers.kit.page import study_html
+from flgpr_papers.kit.findings import Finding, by_chance, in_words
+from flgpr_papers.kit.page import Twin, study_html
+from flgpr_papers.kit.settings import packaged_text
 
 Row = tuple[Any, ...]
+_CAPTIONS: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("flsar2004", "captions"))
 
 
 def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes], quick: bool) -> str:
-    """Write the page."""
+    """Write the page, which needs nothing beside it."""
     notes = results.notes
+    twins = list(_twins(results.findings, pictures))
     return study_html(
         "flsar2004.html",
         quick=quick,
@@ -28,8 +32,20 @@ def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes
         templates=_variants(notes["templates"]),
         energy=notes["energy of the first component"],
         registration=_registration(notes["registration"]),
-        pictures=pictures,
+        twins=[one for one in twins if one.number],
+        others=[one for one in twins if not one.number],
     )
+
+
+def _twins(found: Sequence[Finding], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
+    """Put each figure beside what the paper says of it, in the order of the captions."""
+    for name, one in _CAPTIONS.items():
+        if name not in pictures:
+            continue
+        claims = tuple(one.get("claims", ()))
+        numbers = [(each.claim, each.paper, each.ours) for each in found if each.claim.startswith(claims)]
+        stated = [(quantity, paper, "as in the paper") for quantity, paper in one.get("same", {}).items()]
+        yield Twin(one.get("number", ""), one["title"], pictures[name], one["caption"], [*stated, *numbers])
 
 
 def _sizes(settings: Settings, notes: Mapping[str, Any]) -> list[Row]:
@@ -79,7 +95,7 @@ def _short(value: Any) -> str:
 
 
 def _variants(told: Mapping[str, Any]) -> list[Row]:
-    """Tell for each kind of template the area of every case and by how much it lies above the main one's."""
+    """Tell for each kind of template the number of every case and by how much it lies above the main one's."""
     form = "{:.2f} ({:.2f} to {:.2f}); {:+.2f} ({:+.2f} to {:+.2f})".format
     return [
         (name, *(form(*case[name]["area"], *case[name]["less the main one"]) for case in told.values()))

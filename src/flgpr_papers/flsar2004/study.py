@@ -40,7 +40,7 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     write_findings(folder, results.findings, quick)
     write_whole(folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n")
     drawn = figures.draw(settings, sites, results.curves, results.notes)
-    pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", 13)}
+    pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", 14)}
     for name, picture in pictures.items():
         write_whole(folder / f"{name}.png", picture)
     page = folder / PAGE
