@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.evidence import decibels
+from flgpr.door import open_own
 from flgpr.io.files import write_all
 from flgpr.live.detector import LiveAlarm
 from flgpr.live.vehicle import Vehicle
@@ -29,7 +30,7 @@ class EventFile:
         self.path = path
         if not fresh and path.is_file():
             _drop_unfinished(path)
-        self._file = path.open("wb" if fresh else "ab", buffering=0)
+        self._file = open(path, "wb" if fresh else "ab", buffering=0, opener=open_own)  # noqa: SIM115
 
     def __enter__(self) -> EventFile:
         return self
@@ -92,7 +93,7 @@ def view_event(row: int, view: NDArray[np.float32]) -> Event:
 
 
 def _drop_unfinished(path: Path) -> None:
-    with path.open("r+b") as file:
+    with open(path, "r+b", opener=open_own) as file:
         size = file.seek(0, os.SEEK_END)
         end = size
         while end > 0:

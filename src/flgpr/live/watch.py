@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from flgpr.door import DoorError, Folder
 from flgpr.io import ScanFileError, decode_frame, read_description
 from flgpr.io.scan_file import END_FILE, MAGIC, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
@@ -21,7 +22,7 @@ _LOOK, _GLANCE = 0.004, 0.001  # s between looks at a folder, while a scan is in
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says, and a sender may pause within a frame
 _MOST_WAITING = 32
-_LARGEST = 2**28
+_LARGEST, _MOST_FILE = 2**28, 2**63
 SOCKET = "socket"
 """Name of what came over the socket."""
 
@@ -107,15 +108,14 @@ class FolderWatch(threading.Thread):
 
     def _read(self, name: str) -> bool:
         """Hand a file over, unless it still grows."""
-        path = self._folder / name
         try:
-            if not stat.S_ISREG(path.lstat().st_mode):
-                self._known.add(name)  # links and folders are no scans
-                return False
-            with path.open("rb") as file:
+            with Folder(self._folder).open(name, _MOST_FILE) as file:
                 state = os.fstat(file.fileno())
                 data = file.read(_LARGEST) if state.st_size <= _LARGEST else file.read(head_size())
         except FileNotFoundError:
+            return False
+        except DoorError:
+            self._known.add(name)  # links, folders and pipes are no scans
             return False
         if self._grows(name, data, state.st_size):
             return False
