@@ -17,6 +17,7 @@ import hashlib
 import json
 import os
 import stat
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -71,6 +72,7 @@ class Folder:
 
     def __init__(self, root: str | Path, listed: Mapping[str, Listed] | None = None) -> None:
         self.root, self.listed = Path(root), listed
+        self.proven: set[str] = set()  #: names of listed files whose digest was right when they were read
         self._blocks: dict[str, list[bytes]] = {}
 
     @contextmanager
@@ -196,6 +198,7 @@ class Folder:
         entry = self._entry(name)
         if entry is not None and digest not in entry.digests:
             raise DoorError(f"{self.root}: {name} differs from what was written (its SHA-256 is another)")
+        self.proven.add(name)
 
     def _prove_blocks(self, name: str, file: BinaryIO) -> list[bytes]:
         whole, proven = hashlib.sha256(), []
@@ -268,6 +271,14 @@ def parse_json(data: bytes | str, constant: Callable[[str], Any] | None = None) 
         if not level:
             return value
     raise ValueError(f"it must be nested at most {MOST_NESTING} deep, got more")
+
+
+def parse_toml(data: bytes) -> dict[str, Any]:
+    """Parse TOML in UTF-8; what is not valid, or nested too deeply, is a ValueError."""
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def _inside(value: Any) -> Any:

@@ -9,8 +9,9 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
+from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, Listed, kind_of, parse_json
 
 
@@ -45,26 +46,10 @@ def faults_of(path: str | Path) -> Iterator[None]:
         raise ValueError(f"{path}: it is nested too deeply") from None
 
 
-def sync_directory(path: Path) -> None:
-    """Flush a directory's entries to disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def sync_file(path: Path) -> None:
     """Flush a file's content to disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
-
-
-def write_all(file: BinaryIO, data: bytes) -> None:
-    """Write to a file without a buffer, which may take a part at a time when the disk is nearly full."""
-    left = memoryview(data)
-    while left:
-        left = left[file.write(left) :]
 
 
 def write_whole(path: Path, data: bytes | str) -> None:

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import re
-import tomllib
 from pathlib import Path, PurePath
 from typing import Any, Literal
 
@@ -15,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pandas.api.types import is_numeric_dtype
 
-from flgpr.door import Folder, read_named
+from flgpr.door import Folder, parse_toml, read_named
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.files import existing, faults_of, write_whole
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
@@ -112,7 +111,8 @@ def table_text(table: pd.DataFrame) -> str:
     for number in texts:
         quoted.isetitem(number, table.iloc[:, number].map(_quoted).array)
     returns = any(isinstance(cell, str) and "\r" in cell for number in texts for cell in quoted.iloc[:, number])
-    quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL  # else a lone CR would be read as a line end
+    # A lone CR without quotes would be read as the end of a line.
+    quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
     return str(quoted.to_csv(index=False, lineterminator="\n", quoting=quoting))
 
 
@@ -166,7 +166,7 @@ def read_lane(path: str | Path) -> Lane:
 
 def parse_lane(data: bytes) -> Lane:
     """Read a lane as :func:`read_lane` does from the bytes of a file."""
-    return as_lane(tomllib.loads(data.decode("utf-8")))
+    return as_lane(parse_toml(data))
 
 
 def lane_text(lane: Lane) -> str:

@@ -24,6 +24,8 @@ COUNTS = {
     "pose_missing": "scans without a pose for too long; left out",
     "refused": "scans whose image could not be used; left out",
     "missing": "numbers between the first and the last scan that never came",
+    "senders_refused": "senders on the socket that were refused, because as many as may be were connected",
+    "senders_ended": "senders on the socket that were ended, because they sent nothing of use for too long",
 }
 _KNOWN_POSES = 8
 

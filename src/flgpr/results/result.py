@@ -197,7 +197,7 @@ def read_result(folder: str | Path) -> Result:
         detections = [_read_detection(files, entry) for entry in manifest["detections"]]
         text = files.read("recipe.toml").decode("utf-8")
         recipe = parse_recipe(text, str(folder / "recipe.toml"))
-        for name in files.listed or {}:
+        for name in (files.listed or {}).keys() - files.proven:
             files.check(name)
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.chain.fitting import fit_faults
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
+from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
@@ -77,6 +78,22 @@ def run_info(
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
         "warnings": geometry_doubts(dataset),
     }
+
+
+def model_info(folder: PathLike) -> dict[str, Any]:
+    """Tell what a model holds without loading it, or what the model of a result does.
+
+    Beside :func:`flgpr.chain.model.describe_model`, of a result ``result`` is its folder.
+    """
+    from flgpr.chain.model import MODEL_FILE, describe_model  # with what detects, which runs are told of without
+    from flgpr.results.result import MODEL
+
+    home = Path(folder)
+    if (home / MODEL_FILE).is_file():
+        return describe_model(home)
+    if not Folder(home).has(f"{MODEL}/{MODEL_FILE}"):
+        raise ValueError(f"{folder}: this result was made without a model: its recipe alone decides")
+    return describe_model(Folder(home).path(MODEL)) | {"result": str(home)}
 
 
 def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:

@@ -6,7 +6,6 @@ import dataclasses
 import importlib.util
 import itertools
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +13,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from flgpr.chain.progress import Track, silent
-from flgpr.door import Folder, read_named
+from flgpr.door import Folder, parse_toml, read_named
 from flgpr.execution.lane_run import results_at
 from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
 from flgpr.io.files import existing, faults_of
@@ -33,13 +32,13 @@ from flgpr.scoring import (
     agreement,
     as_lanes,
     content_hash,
-    read_register,
     register,
     require_truth,
     score,
     side_by_side,
 )
 from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth
+from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
 from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
 
@@ -55,7 +54,7 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     path = existing(path, "lane file")
     with faults_of(path):
         table = path.suffix.lower() == ".csv"
-        lanes = as_lanes(read_columns(path) if table else tomllib.loads(read_named(path).decode("utf-8")))
+        lanes = as_lanes(read_columns(path) if table else parse_toml(read_named(path)))
     return lanes[""] if list(lanes) == [""] else lanes
 
 
@@ -72,7 +71,7 @@ def score_result(
     track: Track = silent,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
     far: float = Rules.far,
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
@@ -116,7 +115,7 @@ def score_alarms(
     output: PathLike,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
     title: str = "Detection report",
     **rules: Any,
 ) -> list[Score]:
@@ -151,7 +150,7 @@ def compare_alarms(
     lane: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    book: PathLike | None = None,
+    book: Book | None = None,
     halo: float | None = None,
     far: float = Rules.far,
 ) -> SideBySide:
@@ -192,7 +191,7 @@ def compare_sealed(
     log: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> SideBySide:
     """Set alarm lists side by side against a sealed truth, each a look; tells points and counts of all targets only.
 
@@ -205,10 +204,10 @@ def compare_sealed(
     phrase = passphrase() if callable(passphrase) else passphrase
     matches, notes = {}, {}
     for name, one, table in zip(names, entrants, tables, strict=True):
-        matches[name], _, rules, looks, line = match_blind(
-            table, place, phrase, log, registered=registration(one, book)
-        )
-        notes[name] = one.notes(line) | {"looks": len(looks)}
+        look = match_blind(table, place, phrase, log, registered=registration(one, book))
+        matches[name] = look.matched
+        notes[name] = one.notes(look.line) | {"looks": len(look.looks), **look.heads}
+        rules = look.rules
     how = Rules(halo=rules["halo"], area=rules["area"])
     told = side_by_side(matches, FAR_GRID, how, means=False)
     told = dataclasses.replace(told, points=told.points.round({"chance": 2}))  # as a blind score tells it
@@ -281,9 +280,10 @@ def _write_comparison(
 
 
 def require_seal() -> None:
-    """Refuse before anybody types a passphrase if the library that sealing needs is not installed."""
-    if importlib.util.find_spec("cryptography") is None:
-        raise ModuleNotFoundError("sealed truth needs the library cryptography: pip install 'flgpr[seal]'")
+    """Refuse before anybody types a passphrase if a library that sealing needs is not installed."""
+    for library in ("cryptography", "zxcvbn"):
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(f"sealed truth needs the library {library}: pip install 'flgpr[seal]'")
 
 
 def seal(
@@ -296,7 +296,7 @@ def seal(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
     show: Literal["curve", "targets"] = "curve",
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> Path:
     """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring; a file that exists is refused.
 
@@ -306,12 +306,13 @@ def seal(
     data = read_named(existing(truth, "truth file"))
     table, where = parse_table(data, "truth", truth), read_lanes(lane)
     own = own_book(truth, table)
-    held, bound = own if book is None else Path(book), None
+    held, bound = own if book is None else book, None
     if held is not None:
-        lines, digest = read_register(existing(held, "register")), content_hash(data)
-        require_truth(held, digest, borders(where), {"halo": halo}, planned=own is not None)
+        place = existing(parts_of(held)[0], "register")
+        lines, digest = read_book(held), content_hash(data)
+        require_truth(place, digest, borders(where), {"halo": halo}, planned=own is not None)
         if not lines:
-            raise ValueError(f"book must hold a plan or a recipe, got the empty {held}")
+            raise ValueError(f"book must hold a plan or a recipe, got the empty {place}")
         bound = {"truth": digest, "line": lines[-1]["hash"]}
     rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
     path = seal_truth(table, where, output, passphrase, **rules, book=bound)
@@ -328,7 +329,7 @@ def score_sealed(
     log: PathLike | None = None,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> BlindScore:
     """Score an alarm list (CSV), or that of a result, against a sealed truth; tells nothing that shows a position.
 
@@ -341,7 +342,7 @@ def score_sealed(
     place, table = existing(sealed, "sealed truth"), one.table()
     told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
-        notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place)}
+        notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}
         _write(Path(output), {"report.html": blind_html(told, notes), "roc.json": blind_roc_json(told, notes)})
     return told
 
