@@ -229,12 +229,12 @@ def open_named(path: str | Path, most: int | None = None) -> Iterator[BufferedRe
 
 
 def open_at_once(path: str, flags: int) -> int:
-    """Open a file for :func:`open`, links followed; what is not regular is a DoorError, and never waited for."""
+    """Open a file for ``open``, links followed; what is not regular is a DoorError, and never waited for."""
     return _opened_regular(path, flags)
 
 
 def open_own(path: str, flags: int) -> int:
-    """Open a file of a folder for :func:`open`, to be written, too; a link is a DoorError as is what is not regular."""
+    """Open a file of a folder for ``open``, to be written, too; a link is a DoorError as is what is not regular."""
     try:
         return _opened_regular(path, flags | os.O_NOFOLLOW)
     except OSError as error:

@@ -4,6 +4,7 @@ What is in each kind of folder is named here; `tests/damage.py` has the damages.
 `test_archive.py`.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -296,6 +297,43 @@ def test_a_manifest_without_sizes_bounds_what_is_read(copied, name):
     os.truncate(folder / name, 2**40)
     with memory_within(SMALL), pytest.raises(ValueError, match=f"{name} must hold at most"):
         read_result(folder)
+
+
+def test_a_manifest_of_an_older_version_can_be_added_to_whenever_it_stops(copied, monkeypatch):
+    """The size of the page that is replaced is not known then, and must not keep it out."""
+    folder, _ = copied("result")
+    forge(folder, lambda manifest: (manifest.pop("sizes"), manifest.pop("added_sizes")))
+    for writes in range(1, 5):
+        with monkeypatch.context() as patch:
+            left = [writes]
+            patch.setattr("flgpr.results.result.write_whole", stopping_after(left))
+            with contextlib.suppress(KeyboardInterrupt):
+                add_files(folder, {"report.html": "<p>another page</p>", "new.html": "<p>new</p>"})
+        read_result(folder)
+    assert (folder / "new.html").is_file()
+
+
+def stopping_after(left):
+    from flgpr.io import write_whole
+
+    def write(path, data):
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        write_whole(path, data)
+
+    return write
+
+
+@pytest.mark.parametrize("files", [[], None, {"alarms.csv": 5}, {"alarms.csv": None}, "all"])
+def test_a_list_of_files_that_is_none_is_an_error(copied, files):
+    folder, _ = copied("list of a result")
+    manifest = unseal((folder / "manifest.json").read_bytes())
+    del manifest["sha256"]
+    (folder / "manifest.json").write_bytes(seal(manifest | {"files": files}))
+    for read in (read_result, ResultFiles, find_entrant, lambda folder: read_scored_truth(read_manifest_only(folder))):
+        with pytest.raises(ValueError, match=str(folder)):
+            read(folder)
 
 
 def test_a_forged_list_of_sizes_bounds_nothing_further(copied):

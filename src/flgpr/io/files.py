@@ -142,11 +142,21 @@ def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
     ``files`` holds a digest each and ``added`` several, of which one fits, or None while the file may be absent;
     ``sizes`` and ``added_sizes`` hold bytes likewise, where the manifest is not of an older version.
     """
-    sizes, added_sizes = manifest.get("sizes", {}), manifest.get("added_sizes", {})
-    listed = {}
-    for name, digest in manifest["files"].items():
-        listed[name] = Listed((digest,), (sizes[name],) if name in sizes else ())
-    for name, digests in manifest.get("added", {}).items():
-        known = tuple(size for size in added_sizes.get(name, ()) if size is not None)
-        listed[name] = Listed(tuple(one for one in digests if one is not None), known, None in digests)
+    try:
+        sizes, added_sizes = manifest.get("sizes", {}), manifest.get("added_sizes", {})
+        listed = {name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()}
+        for name, digests in manifest.get("added", {}).items():
+            listed[name] = _listed(digests, added_sizes.get(name, [None] * len(digests)))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
     return Folder(folder, listed)
+
+
+def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
+    versions = [(digest, size) for digest, size in zip(digests, sizes, strict=True) if digest is not None]
+    if not versions or not all(isinstance(digest, str) for digest, _ in versions):
+        raise ValueError(f"every file must have a digest, got {digests}")
+    # Where the size of one version is not known, that of another must not keep it out.
+    known = [size for _, size in versions if size is not None]
+    proven = tuple(known) if len(known) == len(versions) else ()
+    return Listed(tuple(digest for digest, _ in versions), proven, None in digests)

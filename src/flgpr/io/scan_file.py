@@ -261,11 +261,11 @@ def read_description(folder: Path) -> RunDescription | None:
     except DoorError as error:
         raise ScanFileError(str(error)) from None
     try:
-        told = parse_json(data)
+        content = parse_json(data)
     except ValueError:
         raise ScanFileError(f"{path}: not valid JSON") from None
     try:
-        return parse_description(told)
+        return parse_description(content)
     except ScanFileError as error:
         raise ScanFileError(f"{path}: {error}") from None
 

@@ -94,7 +94,7 @@ def _check_table_size(data: bytes, columns: int, marks: int) -> None:
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as CSV, every number in the shortest form that reads back the same; the file is whole or absent.
 
-    Text that a spreadsheet would run is quoted, see :func:`table_text`.
+    Text that a spreadsheet would run gets an apostrophe in front, which reading takes away again.
     """
     write_whole(Path(path), table_text(table))
 

@@ -67,10 +67,12 @@ class ResultFiles:
 
     def score_bytes(self) -> bytes | None:
         """Read the score, JSON; None where the result was not scored, an error where it is altered or another's."""
-        with _as_view_error():
-            data = self._score_folder().read_if_listed(_SCORE, MOST_JSON)
-        if data is None:
+        files = self._score_folder()
+        if not files.has(_SCORE):
             return None
+        with _as_view_error():
+            files.refuse_unlisted(_SCORE)
+            data = files.read(_SCORE, MOST_JSON)
         try:
             stored = parse_json(data)
             body = canonical_json(stored["content"])
@@ -89,8 +91,8 @@ class ResultFiles:
             return Folder(self._score_home)
         try:
             return listed_files(self.folder, read_sealed(self.folder, _MANIFEST))
-        except (KeyError, TypeError, AttributeError):
-            raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read") from None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
         """Read a tile, ``tile_rows`` rows of a layer: little-endian half floats, dB; None if there is none."""
