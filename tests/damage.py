@@ -1,17 +1,22 @@
 """Damage to files, and what readers say of it."""
 
+import faulthandler
 import functools
 import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import tempfile
+import threading
 import warnings
 from contextlib import contextmanager
+from pathlib import Path
 from unittest import mock
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
@@ -126,3 +131,92 @@ def _forked(command, timeout, stdout, **_):
     if code == -signal.SIGALRM:
         raise subprocess.TimeoutExpired(command, timeout)
     return subprocess.CompletedProcess(command, code, None, words)
+
+
+SPARSE = 2**31
+"""Bytes of a file that takes no room on the disk and would fill the memory."""
+
+
+def link_to_file(path, outside):
+    """Put a link to a file outside, of the same content, in a file's place."""
+    path.rename(outside / path.name)
+    path.symlink_to(outside / path.name)
+
+
+def link_to_folder(path, outside):
+    """Put a link to a folder outside, of the same content, in the place of the folder that holds a file."""
+    path.parent.rename(outside / "moved")
+    path.parent.symlink_to(outside / "moved")
+
+
+def pipe(path, _):
+    """Put a pipe that nobody writes to in a file's place: opening it plainly would wait for ever."""
+    path.unlink()
+    os.mkfifo(path)
+
+
+def unix_socket(path, _):
+    path.unlink()
+    os.mknod(path, stat.S_IFSOCK | 0o600)
+
+
+def device(path, _):
+    """Put a device that gives zeros without end in a file's place, where this user may make one."""
+    path.unlink()
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o600, os.makedev(1, 5))
+    except PermissionError:
+        pytest.skip("may not make devices")
+
+
+def folder_instead(path, _):
+    path.unlink()
+    path.mkdir()
+
+
+def sparse(path, _):
+    """Lengthen a file by gigabytes of zeros that take no room on the disk."""
+    os.truncate(path, SPARSE)
+
+
+def one_byte_more(path, _):
+    """Keep all that a digest was taken of, and add to it."""
+    with path.open("ab") as file:
+        file.write(b"\n")
+
+
+DAMAGES = (link_to_file, link_to_folder, pipe, unix_socket, device, folder_instead, sparse, one_byte_more)
+
+
+def answered(call, *arguments):
+    """Give what a call gives or raises; fail instead of hanging if it waits for what never comes."""
+    given = {}
+
+    def run():
+        try:
+            given["value"] = call(*arguments)
+        except BaseException as error:
+            given["error"] = error
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(60)
+    if thread.is_alive():
+        faulthandler.dump_traceback(all_threads=True)
+        pytest.fail("it waits for what never comes")
+    if "error" in given:
+        raise given["error"]
+    return given["value"]
+
+
+@contextmanager
+def memory_within(most):
+    """Fail if the process takes so many bytes more at any moment of a ``with`` block."""
+    Path("/proc/self/clear_refs").write_text("5")  # forget the peak of before
+    before = _peak()
+    yield
+    assert _peak() - before < most
+
+
+def _peak():
+    return 1024 * int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])

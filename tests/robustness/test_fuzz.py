@@ -123,6 +123,7 @@ def mend_sealed(name, digest):
             content = json.loads(files[name])
             content.pop("sha256", None)
             content["files"] = {key: digest(files[key]) for key in content["files"]}
+            content["sizes"] = {key: len(files[key]) for key in content["files"]}
             return {name: seal(content)}
         except (ValueError, KeyError, TypeError, AttributeError):
             return {}

@@ -66,11 +66,11 @@ def test_symbolic_links_cannot_lead_out_of_the_store(store, small_run, tmp_path)
     shutil.copy(chunk, outside)
     chunk.unlink()
     chunk.symlink_to(outside)
-    with pytest.raises(RunStoreError, match="leads out"):
+    with pytest.raises(RunStoreError, match="must be a regular file, got a symbolic link"):
         open_run(store)
     chunk.unlink()
     chunk.symlink_to(chunk)
-    with pytest.raises(RunStoreError, match=r"link|missing"):
+    with pytest.raises(RunStoreError, match="link"):
         open_run(store)
     shutil.rmtree(store)
     good = save_run(small_run, tmp_path / "good.zarr")
@@ -84,7 +84,7 @@ def test_a_result_cannot_reach_out(lane, tmp_path):
     shutil.copy(folder / "alarms.csv", tmp_path / "outside.csv")
     (folder / "alarms.csv").unlink()
     (folder / "alarms.csv").symlink_to(tmp_path / "outside.csv")
-    with pytest.raises(ResultError, match="leads out"):
+    with pytest.raises(ResultError, match="must be a regular file, got a symbolic link"):
         read_result(folder)
     (folder / "alarms.csv").unlink()
     shutil.copy(tmp_path / "outside.csv", folder / "alarms.csv")

@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flgpr.cli import app
+from flgpr.door import Listed
 from flgpr.io import sample_lane, sha256
 from flgpr.viewer import Viewer
 from flgpr.viewer.guard import SECURITY_HEADERS, is_loopback
@@ -191,12 +192,13 @@ def test_no_name_leads_out_of_the_folder(demo, tmp_path):
     layer.unlink()
     layer.symlink_to(tmp_path / "secret")
     source = ResultFiles(copy)
-    source._digests["view/layers/main.0.0.0.f16"] = source._digests["view/../../secret"] = sha256(secret)
+    listed = source._files.listed
+    listed["view/layers/main.0.0.0.f16"] = listed["view/../../secret"] = Listed((sha256(secret),), (len(secret),))
     number = next(i for i, one in enumerate(source.index["layers"]) if one["detection"] == "main")
-    with pytest.raises(ViewError, match="leads out of the result folder"):
+    with pytest.raises(ViewError, match="must be a regular file, got a symbolic link"):
         source.tile(number, 0, 0)
     source.index["layers"][number]["levels"][0]["file"] = "../../secret"
-    with pytest.raises(ViewError, match="leads out of the result folder"):
+    with pytest.raises(ViewError, match="must be relative and stay inside"):
         source.tile(number, 0, 0)
 
 

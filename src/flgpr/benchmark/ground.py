@@ -17,7 +17,9 @@ import pandas as pd
 from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
+from flgpr.door import read_named
 from flgpr.io import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.io.files import existing
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
@@ -195,7 +197,7 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         text = source
     else:
         packaged = resources.files("flgpr.benchmark") / f"{name}.toml"
-        text = (packaged if name in GROUNDS else Path(name)).read_text("utf-8")
+        text = packaged.read_text("utf-8") if name in GROUNDS else read_named(existing(name, "ground")).decode("utf-8")
     data = tomllib.loads(text)
     over = data.pop("quick", {})
     if quick and not over:

@@ -18,10 +18,12 @@ import pandas as pd
 
 from flgpr.benchmark.ground import Ground, GroundLane, load_ground
 from flgpr.chain.recipe import parse_recipe, recipe_text
+from flgpr.door import Folder
 from flgpr.execution.executors import Report
 from flgpr.execution.lane_work import code_versions
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import open_run, read_manifest, read_table, sha256, write_table, write_whole
+from flgpr.io import open_run, read_manifest, sha256, write_table, write_whole
+from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.scoring import seal_truth
 from flgpr.tasks.detection import detect_runs
 from flgpr.tasks.training import train_runs
@@ -83,9 +85,9 @@ def find_entry(what: str | Path, ground: Ground) -> Entry:
 
 def read_ground(folder: Path) -> Ground:
     """Read the ground that a benchmark's folder is of."""
-    if not (folder / MARK).is_file():
+    if not Folder(folder).has(MARK):
         raise ValueError(f"folders must be those of `flgpr benchmark run`, got {folder}")
-    quick = bool(json.loads((folder / MARK).read_text("utf-8"))["quick"])
+    quick = bool(Folder(folder).json(MARK)["quick"])
     return load_ground(quick, folder / "ground.toml")
 
 
@@ -102,8 +104,8 @@ def make_lanes(ground: Ground, home: Path, how: How) -> None:
         jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
         for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
             pass
-    prints = home / PRINTS
-    known = pd.read_csv(prints).set_index("sha256", drop=False).to_dict("index") if prints.is_file() else {}
+    prints, held = home / PRINTS, Folder(home).read_if_listed(PRINTS)
+    known = {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
     rows = [
         known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name) for name in ground.lanes
     ]
@@ -145,6 +147,11 @@ def fingerprint(home: Path, name: str) -> dict[str, Any]:
     return {"lane": name, "sha256": read_manifest(store)["sha256"], **dict(zip(labels, level, strict=True))}
 
 
+def read_costs(folder: Path) -> Costs:
+    """Read what an entry took, nothing if it has not begun."""
+    return dict(Folder(folder).json(COSTS)) if Folder(folder).has(COSTS) else {}
+
+
 class Course:
     """An entry on its way over the ground: ``home`` has the lanes, ``folder`` takes what the entry makes."""
 
@@ -152,8 +159,7 @@ class Course:
         self.ground, self.home, self.folder, self.how = ground, home, folder, how
         self.recipe, self.file = parse_recipe(entry.text, entry.name), folder / "recipe.toml"
         write_whole(self.file, entry.text)
-        costs = folder / COSTS
-        self.costs: Costs = json.loads(costs.read_text("utf-8")) if costs.is_file() else {}
+        self.costs = read_costs(folder)
 
     def run(self) -> None:
         """Write the alarms of every split, fold by fold; those that are there are left alone."""
@@ -164,7 +170,7 @@ class Course:
                 if not path.is_file():
                     known = self.ground.matching(fold.train, fold.without)
                     write_table(self._alarms(known, self.ground.matching(fold.test)), path)
-            parts = [read_table(path, "alarms") for path in folds]
+            parts = [read_table_in(self.folder, path.relative_to(self.folder), "alarms") for path in folds]
             write_table(pd.concat(parts, ignore_index=True), self.folder / split / ALARMS)
             write_whole(self.folder / COSTS, json.dumps(self.costs, indent=1) + "\n")
 
@@ -176,7 +182,7 @@ class Course:
             runs, borders = self._files(tested)
             detect_runs(runs, self.file, results, borders, model, report=False, how=how)
         self.costs |= spent
-        found = [read_table(results / one.name / "alarms.csv", "alarms").assign(lane=one.name) for one in tested]
+        found = [read_table_in(results, f"{one.name}/alarms.csv", "alarms").assign(lane=one.name) for one in tested]
         shutil.rmtree(results)
         return pd.concat(found, ignore_index=True)
 
@@ -201,8 +207,7 @@ class Course:
     @contextmanager
     def _spending(self, folder: Path) -> Iterator[tuple[How, Costs]]:
         """Give what counts processor time and memory by lane, and the counts, which a folder keeps after a stop."""
-        path = folder / COSTS
-        spent: Costs = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+        path, spent = folder / COSTS, read_costs(folder)
 
         def note(report: Report) -> None:
             own = spent.setdefault(report["lane"], {"processor_seconds": 0.0, "peak_bytes": 0.0})
@@ -218,7 +223,7 @@ class Course:
 
 def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) -> None:
     """Train an entry, freeze it and write its alarms, or take over alarm lists made elsewhere."""
-    if (folder / ABOUT).is_file() and json.loads((folder / ABOUT).read_text("utf-8")).get("made_of") != made_of(entry):
+    if Folder(folder).has(ABOUT) and Folder(folder).json(ABOUT).get("made_of") != made_of(entry):
         shutil.rmtree(folder)  # what another recipe or program found
     _tell(ground, entry, folder)
     if entry.alarms is None:
@@ -231,7 +236,7 @@ def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) 
 
 def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
     """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``."""
-    tables = {path.stem: read_table(path, "alarms") for path in sorted(home.glob("*.csv"))}
+    tables = {path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))}
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
@@ -299,7 +304,7 @@ def run_benchmark(
             parse_recipe(entry.text, entry.name)
         else:
             submitted(chosen, entry.alarms)
-    if (folder / MARK).is_file() and read_ground(folder) != chosen:
+    if Folder(folder).has(MARK) and read_ground(folder) != chosen:
         raise ValueError(f"output must be a folder of {chosen.title} as it is now, got one of another ground: {folder}")
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "ground.toml", chosen.text)

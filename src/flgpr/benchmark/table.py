@@ -17,9 +17,20 @@ from matplotlib.figure import Figure
 
 from flgpr.benchmark.ground import Ground, load_ground
 from flgpr.benchmark.oracle import ORACLE
-from flgpr.benchmark.running import ALARMS, COSTS, ORACLES, PRINTS, SEALED, packaged_entries, passphrase, read_ground
-from flgpr.io import read_table, sha256, write_whole
+from flgpr.benchmark.running import (
+    ALARMS,
+    ORACLES,
+    PRINTS,
+    SEALED,
+    packaged_entries,
+    passphrase,
+    read_costs,
+    read_ground,
+)
+from flgpr.door import Folder
+from flgpr.io import sha256, write_whole
 from flgpr.io.files import existing
+from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.report import render
 from flgpr.scoring import alarm_hash, chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
 from flgpr.scoring.blind import match_blind
@@ -64,7 +75,7 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         costs.append(_cost(ground, entry))
     for home in homes:
         if (home / ORACLE).is_file():
-            rows += _oracle_rows(ground, pd.read_csv(home / ORACLE))
+            rows += _oracle_rows(ground, parse_columns(Folder(home).read(ORACLE)))
     scores = pd.DataFrame(rows)
     if scores.empty:
         raise ValueError(f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}")
@@ -86,21 +97,21 @@ def _entries(homes: Sequence[Path]) -> Iterator[tuple[Path, Path]]:
 
 def _alarms_of(homes: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
     """Alarms of the reference in a split, from the first folder that has them."""
-    paths = (home / "entries" / ground.table.reference / split / ALARMS for home in homes)
-    return next((read_table(path, "alarms") for path in paths if path.is_file()), None)
+    name = f"entries/{ground.table.reference}/{split}/{ALARMS}"
+    return next((read_table_in(home, name, "alarms") for home in homes if Folder(home).has(name)), None)
 
 
 def _kept_score(
     ground: Ground, home: Path, entry: Path, split: str, reference: pd.DataFrame | None
 ) -> list[dict[str, Any]]:
     """Score an entry's alarms of a split, or read the score of just these alarms beside just this reference."""
-    alarms = read_table(entry / split / ALARMS, "alarms")
+    alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
     other = None if reference is None or entry.name == ground.table.reference else reference
     sealed = home / "lanes" / SEALED
     made_of = [ground.table.model_dump(mode="json"), alarm_hash(alarms), other is not None and alarm_hash(other)]
-    key = sha256(json.dumps([made_of, sha256(sealed.read_bytes())]).encode())[:12]
+    key = sha256(json.dumps([made_of, sha256(Folder(sealed.parent).read(sealed.name))]).encode())[:12]
     kept = entry / split / f"score-{key}.json"
-    if not kept.is_file():
+    if not Folder(entry).has(f"{split}/{kept.name}"):
         names = [lane.name for lane in ground.tested(split)]
         looked = match_blind(alarms, sealed, passphrase(ground), some=names).matched
         # The reference's own score was logged when it was scored; here it is only paired.
@@ -108,7 +119,7 @@ def _kept_score(
         rows = list(_rows(ground, split, looked, beside))
         write_whole(kept, json.dumps(rows) + "\n")
     about = {"entry": entry.name, "split": split}
-    return [about | row for row in json.loads(kept.read_text("utf-8"))]
+    return [about | row for row in Folder(entry).json(f"{split}/{kept.name}")]
 
 
 def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:
@@ -179,8 +190,7 @@ def _points(
 
 
 def _cost(ground: Ground, entry: Path) -> dict[str, Any]:
-    path = entry / COSTS
-    costs: Mapping[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+    costs = read_costs(entry)
     lanes = {name: cost for name, cost in costs.items() if name in ground.lanes and cost}
     length = sum(ground.lanes[name].length for name in lanes) / 1000
     seconds = sum(cost["processor_seconds"] for cost in lanes.values())
@@ -238,7 +248,7 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     to.mkdir(parents=True, exist_ok=True)
     write_whole(to / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(to / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    about = {entry.name: json.loads((entry / "entry.json").read_text("utf-8")) for _, entry in _entries(homes)}
+    about = {entry.name: Folder(entry).json("entry.json") for _, entry in _entries(homes)}
     titles = {
         name: one["title"] + (f"; did not finish: {one['fault']}" if one["fault"] else "")
         for name, one in about.items()
@@ -323,7 +333,8 @@ def same_lanes(ground: Ground, home: Path) -> dict[str, str]:
     """Compare lanes with the packaged fingerprints: "same bits", "alike", "other", "not there", "not known"."""
     ours = resources.files("flgpr.benchmark") / "fingerprints.csv"
     known = pd.read_csv(io.StringIO(ours.read_text("utf-8"))).set_index("lane")
-    found = pd.read_csv(existing(home / PRINTS, "fingerprints of lanes")).set_index("lane")
+    existing(home / PRINTS, "fingerprints of lanes")
+    found = parse_columns(Folder(home).read(PRINTS)).set_index("lane")
 
     def compared(name: str) -> str:
         key = f"{ground.title} {name}"

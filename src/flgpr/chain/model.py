@@ -15,7 +15,8 @@ from flgpr.chain.classifier import Classifier
 from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
-from flgpr.io import Bundle, check_free_folder, read_limited, replace_folder, write_bundle
+from flgpr.door import Folder
+from flgpr.io import Bundle, check_free_folder, replace_folder, sha256, write_bundle
 
 FORMAT, VERSION = "flgpr-model", 1
 MODEL_FILE = "model.bundle"
@@ -82,12 +83,23 @@ def check_free_model(folder: str | Path) -> Path:
     return check_free_folder(folder, (MODEL_FILE,), "model")
 
 
-def load_model(folder: str | Path) -> Model:
-    """Read a model of :func:`save_model`; a ValueError if it is none, or a file is missing or altered."""
-    path = Path(folder) / MODEL_FILE
+def read_model(folder: str | Path) -> bytes:
+    """Read a model's file, whose SHA-256 stands for the model; a ValueError if it is missing or no regular file."""
     try:
-        read_limited(path)  # of a size that may be read
-        bundle = Bundle(path)
+        return Folder(folder).read(MODEL_FILE)
+    except FileNotFoundError as error:
+        raise ValueError(f"model {folder}: not a whole model: {error.filename} is missing") from None
+    except NotADirectoryError:
+        raise ValueError(f"model {folder}: not a whole model: it is no folder") from None
+
+
+def load_model(folder: str | Path, digest: str | None = None) -> Model:
+    """Read a model of :func:`save_model`; a ValueError if it is none, altered, or of another ``digest`` (SHA-256)."""
+    path, data = Path(folder) / MODEL_FILE, read_model(folder)
+    if digest not in (None, sha256(data)):
+        raise ValueError(f"model {folder}: {MODEL_FILE} differs from what was written")
+    try:
+        bundle = Bundle(path, data)
         about = bundle.about
         if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
@@ -102,8 +114,6 @@ def load_model(folder: str | Path) -> Model:
             detector = kind.restored(about["detector"], own, notes)
         elif own:
             raise ValueError(f"it holds {len(own)} arrays of a detector that it does not name")
-    except FileNotFoundError:
-        raise ValueError(f"model {folder}: not a whole model: {path} is missing") from None
     except ValueError as error:
         raise ValueError(f"model {folder}: {error}") from None
     except Exception as error:  # parsers raise whatever they stumble over

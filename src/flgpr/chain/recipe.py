@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from flgpr.chain.stages import ClutterNamed, FeaturesNamed, MapNamed, Named, Positive, ScreenNamed, Table
+from flgpr.door import read_named
 from flgpr.features import PatchShape
 from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
@@ -418,7 +419,7 @@ def recipe_text(name: str | Path) -> str:
         return (resources.files("flgpr.chain") / "recipes" / f"{name}.toml").read_text(encoding="utf-8")
     if Path(name).is_file():
         try:
-            return Path(name).read_text(encoding="utf-8")
+            return read_named(name).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
         except UnicodeDecodeError as error:
             raise ValueError(f"recipe {name}: not valid TOML: {error}") from None
     raise ValueError(no_preset("recipe", name, recipe_names()))

@@ -13,6 +13,7 @@ from typer import Argument, Option
 from flgpr import tasks
 from flgpr.cli.common import Json, Quiet, plain_errors, progress, with_witness
 from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
+from flgpr.door import Folder
 
 
 class Show(StrEnum):
@@ -171,7 +172,7 @@ def _new_passphrase() -> str:
 
 def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(json.loads((home / "roc.json").read_text(encoding="utf-8"))))
+        typer.echo(json.dumps(Folder(home).json("roc.json")))
     if quiet or as_json:
         return
     typer.echo(told.points.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
@@ -190,7 +191,7 @@ def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
 
 def _say_comparison(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(json.loads((home / "comparison.json").read_text(encoding="utf-8"))))
+        typer.echo(json.dumps(Folder(home).json("comparison.json")))
     elif not quiet:
         typer.echo("\n".join(comparison_lines(told)))
         typer.echo(f"page: {(home / 'comparison.html').resolve()}")

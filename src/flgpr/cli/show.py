@@ -11,13 +11,14 @@ from typing import Any
 import typer
 
 from flgpr import tasks
+from flgpr.door import Folder
 
 _AIRBORNE = 100.0  # m above the ground, from where on coverage ahead of a vehicle is not what is asked for
 
 
 def score_summary(folder: Path, scored: list[Any]) -> dict[str, Any]:
     """Summarise scores for a machine."""
-    told = json.loads((folder / "roc.json").read_text(encoding="utf-8"))
+    told = Folder(folder).json("roc.json")
     main = told["detections"]["main"]
     point, last = main["operating_point"], main["points"][-1]
     return {

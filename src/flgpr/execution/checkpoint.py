@@ -9,7 +9,7 @@ import fcntl
 import shutil
 import time
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.passes import Accumulator
+from flgpr.door import MOST_JSON, DoorError, Folder, open_own
 from flgpr.io import Bundle, BundleError, canonical_json, write_bundle, write_whole
-from flgpr.io.bundle import PARTIAL
+from flgpr.io.bundle import MOST_BUNDLE, PARTIAL
 
 SUFFIX = ".arrays"
 _JOB, _LOCK, _FOLDING = "job.json", "lock", "folding"
@@ -33,8 +34,8 @@ class WorkError(ValueError):
 class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
     """A work folder as a mapping from names to groups of arrays; :func:`begin` begins or goes on with a job."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, most: int = MOST_BUNDLE) -> None:
+        self.folder, self.most = folder, most
         self._latest: tuple[str, Bundle] | None = None
 
     def __len__(self) -> int:
@@ -45,7 +46,8 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             yield path.name.removesuffix(SUFFIX)
 
     def __contains__(self, name: object) -> bool:
-        return self.path(str(name)).is_file()
+        path = self.path(str(name))
+        return path.is_file() and not path.is_symlink()
 
     def __getitem__(self, name: str) -> Bundle:
         """Open a group; the one asked for last is kept open with what was read of it."""
@@ -53,7 +55,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         if latest is None or latest[0] != name:
             if name not in self:
                 raise KeyError(name)
-            latest = self._latest = (name, Bundle(self.path(name)))
+            latest = self._latest = (name, self.bundle(name))
         return latest[1]
 
     def __setitem__(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -83,7 +85,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
         bad = []
         for name in list(self):
             try:
-                Bundle(self.path(name)).check()
+                self.bundle(name).check()
             except BundleError:
                 del self[name]
                 bad.append(name)
@@ -92,7 +94,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
     def take(self, other: Checkpoint, name: str, as_name: str) -> bool:
         """Take a group of another folder over, under a name of its own, if it is there and whole."""
         try:
-            Bundle(other.path(name)).check()
+            other.bundle(name).check()
         except (OSError, BundleError):
             return False
         beside = self.path(as_name).with_suffix(f"{SUFFIX}{PARTIAL}")
@@ -103,6 +105,10 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             shutil.copyfile(other.path(name), beside)
         beside.replace(self.path(as_name))
         return True
+
+    def bundle(self, name: str) -> Bundle:
+        """Open a group's file; one larger than a process may hold is damaged, however it came there."""
+        return Bundle(self.path(name), most=self.most)
 
     def path(self, name: str) -> Path:
         """File of a group."""
@@ -146,7 +152,7 @@ class Kept:
 @contextmanager
 def _locked(path: Path) -> Iterator[bool]:
     """Tell whether nobody else holds the lock of a file; nobody else does while the context lasts."""
-    with path.open("ab") as lock:
+    with open(path, "ab", opener=open_own) as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -156,17 +162,18 @@ def _locked(path: Path) -> Iterator[bool]:
 
 
 @contextmanager
-def begin(folder: Path, job: dict[str, Any]) -> Iterator[Checkpoint]:
+def begin(folder: Path, job: dict[str, Any], most: int = MOST_BUNDLE) -> Iterator[Checkpoint]:
     """Begin a job in a work folder, or go on with it; no other process can begin while the context lasts.
 
-    ``job`` holds all that the outcome depends on, as JSON. What belongs to another job, or is damaged, is deleted.
+    ``job`` holds all that the outcome depends on, as JSON, and ``most`` is the size of the largest file in bytes. What
+    belongs to another job, or is damaged, is deleted; anything that a work folder does not hold is refused.
     """
     folder.mkdir(exist_ok=True)
     with _locked(folder / _LOCK) as alone:
         if not alone:
             raise WorkError(f"{folder}: another process is at work here")
         _prepare(folder, canonical_json({"format": "flgpr-work", "version": 1, "job": job}) + b"\n")
-        checkpoint = Checkpoint(folder)
+        checkpoint = Checkpoint(folder, most)
         checkpoint.drop_damaged()
         yield checkpoint
 
@@ -178,15 +185,17 @@ def _prepare(folder: Path, job: bytes) -> None:
     for path in folder.glob(f"*{PARTIAL}"):
         path.unlink()
     note = folder / _JOB
-    if note.is_file() and note.read_bytes() == job:
-        return
+    with suppress(FileNotFoundError, DoorError):
+        if Folder(folder).read(_JOB, MOST_JSON) == job:
+            return
     for path in folder.glob(f"*{SUFFIX}"):
         path.unlink()
     write_whole(note, job)
 
 
 def _is_ours(path: Path) -> bool:
-    return path.is_file() and (path.name in (_JOB, _LOCK, _FOLDING) or path.suffix in (SUFFIX, PARTIAL))
+    regular = path.is_file() and not path.is_symlink()
+    return regular and (path.name in (_JOB, _LOCK, _FOLDING) or path.suffix in (SUFFIX, PARTIAL))
 
 
 def finish(folder: Path) -> None:

@@ -25,15 +25,18 @@ from flgpr.chain.passes import Pass, group_of, part_name
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, lane_threshold
+from flgpr.door import Folder
 from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
 from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, folded, kept_pass, open_chain
-from flgpr.io import inside, lane_text, read_limited, read_table, seal, sha256, unseal, write_table
-from flgpr.io.files import replace_folder, write_whole
+from flgpr.io import lane_text, write_table
+from flgpr.io.files import listed_files, replace_folder, write_whole
+from flgpr.io.tables import parse_table
 from flgpr.model import Lane
-from flgpr.results.result import MODEL, SECTIONS, ResultError, check_free, read_result
+from flgpr.results.errors import ResultError
+from flgpr.results.result import MODEL, check_free, read_result, read_result_manifest
+from flgpr.results.sections import SECTIONS, read_sections, write_sections
 
-FORMAT, VERSION = "flgpr-sections", 1
 Note = Callable[[Report], None]
 Plan = dict[str, tuple[str, list[int]]]  # title and blocks of each pass
 
@@ -65,7 +68,7 @@ def detect_lane(
     drive = _Drive(executor, track, note, _threads(first, sections, job))
     if len(sections) > 1:
         return _in_sections(job, sections, plan, drive)
-    with begin(job.work, job.identity()) as work:
+    with begin(job.work, job.identity(), job.largest) as work:
         drive.passes(job, work, plan(lambda _: True))
         drive.finish(job)
         finish(job.work)
@@ -84,7 +87,7 @@ def passes_of_lane(
     chain = open_chain(job)
     sections = plan_sections(sizes_of(chain.setup.run), chain.recipe, chain.lane, job.max_memory, math.inf)
     drive = _Drive(executor, track, note, _threads(chain, sections, job))
-    with begin(job.work, job.identity()) as work:
+    with begin(job.work, job.identity(), job.largest) as work:
         chain = open_chain(job, work)
         drive.passes(job, work, _planned(chain, lambda _: True), name)
         yield chain
@@ -130,9 +133,9 @@ class _Drive:
 
     def _taken(self, job: LaneJob, work: Checkpoint, stage: str, shared: str) -> bool:
         """Take a pass from what jobs of the same images share, and report what it cost the first of them."""
-        if not work.take(Checkpoint(Path(job.kept)), shared, stage):
+        if not work.take(Checkpoint(Path(job.kept), job.largest), shared, stage):
             return False
-        self.note(json.loads(read_limited(Path(job.kept) / f"{shared}.json")) | {"lane": Path(job.output).name})
+        self.note(Folder(job.kept).json(f"{shared}.json") | {"lane": Path(job.output).name})
         return True
 
     def _keep(self, job: LaneJob, work: Checkpoint, stage: str, shared: str, spent: Sequence[Report]) -> None:
@@ -141,7 +144,7 @@ class _Drive:
         sums = {name: sum(one[name] for one in spent) for name in ("seconds", "processor_seconds")}
         largest = max(one["peak_bytes"] for one in spent)
         write_whole(Path(job.kept) / f"{shared}.json", json.dumps(spent[-1] | sums | {"peak_bytes": largest}))
-        Checkpoint(Path(job.kept)).take(work, stage, shared)
+        Checkpoint(Path(job.kept), job.largest).take(work, stage, shared)
 
     def finish(self, job: LaneJob, name: str = "") -> None:
         for report in self.track(self.executor.run(do_finish, [(job,)]), f"{name}writing the result", 1):
@@ -155,7 +158,7 @@ def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., 
     names = [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
     cut = {"rows": [[section.start, section.stop] for section in sections]}
     folders = [Path(job.output) / name for name in names]
-    with begin(job.work, job.identity() | cut) as shared:
+    with begin(job.work, job.identity() | cut, job.largest) as shared:
         if "threshold" in shared and not gathering.exists() and _is_whole(job) and results_at(job.output) == folders:
             finish(job.work)  # it was stopped after its last step but this
             return folders
@@ -167,14 +170,14 @@ def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., 
         }
         if "threshold" not in shared:
             for name, part in parts.items():
-                with begin(part.work, part.identity()) as work:
+                with begin(part.work, part.identity(), job.largest) as work:
                     drive.passes(part, work, plan(lambda p: p.name in ("view", "alarms"), part.section), f"{name}: ")
             shared["threshold"] = {"threshold": np.array(_threshold(job, list(parts.values())))}
         threshold = float(shared["threshold"]["threshold"])
         for (name, part), section in zip(parts.items(), sections, strict=True):
             part = replace(part, section=replace(section, threshold=threshold))
             if not is_done(part):
-                with begin(part.work, part.identity()) as work:
+                with begin(part.work, part.identity(), job.largest) as work:
                     drive.passes(part, work, plan(lambda p: not p.whole, part.section), f"{name}: ")
                     drive.finish(part, f"{name}: ")
                     finish(part.work)
@@ -188,40 +191,33 @@ def _prepare(gathering: Path, names: Sequence[str]) -> None:
     gathering.mkdir(exist_ok=True)
     for path in gathering.iterdir():
         if path.name.partition(".")[0] not in names:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        elif path.is_symlink():
+            path.unlink()
 
 
 def _threshold(job: LaneJob, parts: Sequence[LaneJob]) -> float:
-    raised = [Checkpoint(part.work)["alarms"] for part in parts]
+    raised = [Checkpoint(part.work, job.largest)["alarms"] for part in parts]
     maxima = pd.concat([array_table(group_of(one, "maximum")) for one in raised], ignore_index=True)
     return lane_threshold(parse_recipe(job.recipe), Lane(*job.lane), maxima, sum(int(one["seen"]) for one in raised))
 
 
 def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None:
-    tables = [read_table(gathering / name / "alarms.csv", "alarms") for name in names]
+    tables = [_alarms_of(gathering / name) for name in names]
     for name, table in zip(names, tables, strict=True):
         table["alarm_id"] = [f"{name}/{alarm}" for alarm in table["alarm_id"]]
     filled = [table for table in tables if len(table)] or tables[:1]
     alarms = pd.concat(filled, ignore_index=True).sort_values("confidence", ascending=False, kind="stable")
     write_table(alarms, gathering / "alarms.csv")
     write_whole(gathering / "lane.toml", lane_text(Lane(*job.lane)))
-    files = ["alarms.csv", "lane.toml", *(f"{name}/manifest.json" for name in names)]
-    content = {
-        "format": FORMAT,
-        "version": VERSION,
-        "identity": _lasting(job),
-        "sections": list(names),
-        "files": {file: _digest(gathering / file) for file in files},
-    }
-    write_whole(gathering / SECTIONS, seal(content))
+    write_sections(gathering, names, _lasting(job))
     replace_folder(gathering, Path(job.output))
 
 
-def _digest(path: Path) -> str:
-    """Digest of a file; of a result's manifest its identity, which stays when pages and scores are added."""
-    if path.name == "manifest.json":
-        return str(unseal(read_limited(path))["identity"])
-    return sha256(path.read_bytes())
+def _alarms_of(home: Path) -> pd.DataFrame:
+    """Read the alarms of a result that is whole, and nothing else of it."""
+    files = listed_files(home, read_result_manifest(home))
+    return parse_table(files.read("alarms.csv"), "alarms", home / "alarms.csv")
 
 
 def _lasting(job: LaneJob) -> dict[str, Any]:
@@ -229,38 +225,10 @@ def _lasting(job: LaneJob) -> dict[str, Any]:
     return {name: job.identity()[name] for name in ("run", "recipe", "lane", "model", "others")}
 
 
-def _listed(folder: Path) -> dict[str, Any]:
-    try:
-        content = unseal(read_limited(folder / SECTIONS))
-        if content["format"] != FORMAT or content["version"] != VERSION:
-            raise ValueError(f"format must be {FORMAT} version {VERSION}")
-        for name, digest in content["files"].items():
-            _check(folder, name, digest)
-    except OSError as error:
-        raise ResultError(f"{folder}: not a whole folder of sections: {error.filename} is missing") from None
-    except ResultError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise ResultError(f"{folder}: {SECTIONS} is altered: {error}") from None
-    return content
-
-
-def _check(folder: Path, name: str, digest: str) -> None:
-    path = inside(folder, name)
-    try:
-        actual = _digest(path)
-    except (KeyError, TypeError, ValueError, RecursionError):
-        actual = ""
-    if actual != digest:
-        raise ResultError(f"{folder}: {name} differs from what was written")
-
-
 def results_at(folder: str | Path) -> list[Path]:
     """Tell which result folders a lane has: the folder itself, or those of its sections in their order."""
     folder = Path(folder)
-    if not (folder / SECTIONS).is_file():
-        return [folder]
-    return [inside(folder, name) for name in _listed(folder)["sections"]]
+    return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
 
 
 def is_done(job: LaneJob) -> bool:
@@ -270,11 +238,11 @@ def is_done(job: LaneJob) -> bool:
 
 def _is_whole(job: LaneJob) -> bool:
     try:
-        if (Path(job.output) / SECTIONS).is_file():
-            listed = _listed(Path(job.output))
-            for name in listed["sections"]:
-                read_result(inside(Path(job.output), name))
-            return bool(listed["identity"] == _lasting(job))
+        if Folder(job.output).has(SECTIONS):
+            sections = read_sections(job.output)
+            for home in sections.homes:
+                read_result(home)
+            return bool(sections.identity == _lasting(job))
         result = read_result(job.output)
     except ResultError:
         return False

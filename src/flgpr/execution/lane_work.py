@@ -20,16 +20,19 @@ from typing import Any
 
 import llvmlite.binding
 import numpy as np
+import pandas as pd
 
 import flgpr
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import MODEL_FILE, load_model
+from flgpr.chain.model import Model, load_model, read_model
 from flgpr.chain.passes import BLOCK, Arrays, mine, part_name
 from flgpr.chain.recipe import parse_recipe
 from flgpr.chain.sections import Section, section_lane, section_note
+from flgpr.door import read_named
 from flgpr.execution.checkpoint import Checkpoint, Kept
 from flgpr.execution.executors import Report
-from flgpr.io import MAX_MEMORY, Bundle, canonical_json, open_run, read_limited, read_manifest, read_table, sha256
+from flgpr.io import MAX_MEMORY, canonical_json, open_run, read_manifest, sha256
+from flgpr.io.tables import parse_table
 from flgpr.model import Lane
 from flgpr.report import report_html
 from flgpr.results.description import describe_run
@@ -69,6 +72,11 @@ class LaneJob:
         """The work folder beside the output."""
         output = Path(self.output)
         return output.with_name(output.name + ".work")
+
+    @property
+    def largest(self) -> int:
+        """Bytes that a file of the work folder may have: what a process wrote there it held."""
+        return max(self.max_memory, MAX_MEMORY)
 
     def identity(self) -> dict[str, Any]:
         """All that the bits of the result depend on; a section's threshold follows from it."""
@@ -114,19 +122,16 @@ def make_job(
         processor(),
         max_memory,
         others=tuple((n, str(Path(p).resolve()), read_manifest(p)["sha256"]) for n, p in (others or {}).items()),
-        truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(Path(truth).read_bytes())),
+        truth=("", "") if truth is None else (str(Path(truth).resolve()), sha256(read_named(truth))),
         kept="" if kept is None else str(Path(kept).resolve()),
     )
 
 
 def model_digest(model: str | Path) -> str:
     """SHA-256 of the file of a valid model."""
-    load_model(model)
-    return _file_digest(model)
-
-
-def _file_digest(model: str | Path) -> str:
-    return sha256(read_limited(Path(model) / MODEL_FILE))
+    digest = sha256(read_model(model))
+    load_model(model, digest)
+    return digest
 
 
 @lru_cache
@@ -168,8 +173,7 @@ def do_part(job: LaneJob, stage: str, number: int) -> Report:
 
 def folded(work: Checkpoint, stage: str) -> int:
     """Tell how many blocks of a stage, the first ones, are folded before the others are done."""
-    path = work.path(_so_far(stage))
-    return int(Bundle(path)["next"]) if path.is_file() else 0
+    return int(work.bundle(_so_far(stage))["next"]) if _so_far(stage) in work else 0
 
 
 def _so_far(stage: str) -> str:
@@ -232,10 +236,10 @@ def _parts(work: Checkpoint, stage: str, numbers: Sequence[int]) -> Iterator[Arr
     """Give what was gathered of some blocks; of those that are folded already, once, all of them together."""
     begun = folded(work, stage)
     if begun:
-        yield {name: array for name, array in Bundle(work.path(_so_far(stage))).items() if name != "next"}
+        yield {name: array for name, array in work.bundle(_so_far(stage)).items() if name != "next"}
     for number in numbers:
         if number >= begun:
-            yield dict(Bundle(work.path(part_name(stage, number))))
+            yield dict(work.bundle(part_name(stage, number)))
 
 
 def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
@@ -251,8 +255,8 @@ def _open(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
 
 @lru_cache(maxsize=2)
 def _opened(job: LaneJob) -> tuple[LaneChain, Checkpoint]:
-    work = Checkpoint(job.work)
-    return open_chain(job, ChainMap(work, Checkpoint(Path(job.shared))) if job.shared else work), work
+    work = Checkpoint(job.work, job.largest)
+    return open_chain(job, ChainMap(work, Checkpoint(Path(job.shared), job.largest)) if job.shared else work), work
 
 
 def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> LaneChain:
@@ -260,9 +264,7 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
     for name, path, digest in (("run", job.run, job.store_sha256), *job.others):
         if read_manifest(path)["sha256"] != digest:
             raise ValueError(f"worker {socket.gethostname()} must see the {name} of the driver, got another at {path}")
-    model = None if job.model is None else load_model(job.model)
-    if job.model is not None and _file_digest(job.model) != job.model_sha256:
-        raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {job.model}")
+    model = None if job.model is None else _model_of(job, job.model)
     others = {name: open_run(path, job.max_memory) for name, path, _ in job.others}
     return LaneChain(
         open_run(job.run, job.max_memory),
@@ -272,9 +274,23 @@ def open_chain(job: LaneJob, known: MutableMapping[str, Any] | None = None) -> L
         known,
         job.section,
         others,
-        read_table(job.truth[0], "truth") if job.truth[0] else None,
+        _truth_of(job) if job.truth[0] else None,
         job.explains,
     )
+
+
+def _model_of(job: LaneJob, folder: str) -> Model:
+    if sha256(read_model(folder)) != job.model_sha256:
+        raise ValueError(f"worker {socket.gethostname()} must see the model of the driver, got another at {folder}")
+    return load_model(folder, job.model_sha256)
+
+
+def _truth_of(job: LaneJob) -> pd.DataFrame:
+    path, digest = job.truth
+    data = read_named(path)
+    if sha256(data) != digest:
+        raise ValueError(f"worker {socket.gethostname()} must see the truth of the driver, got another at {path}")
+    return parse_table(data, "truth", path)
 
 
 def _now() -> tuple[float, float]:

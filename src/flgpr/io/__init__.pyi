@@ -18,9 +18,7 @@ from flgpr.io.explain import propose_mapping as propose_mapping
 from flgpr.io.extras import MissingExtraError as MissingExtraError
 from flgpr.io.files import canonical_json as canonical_json
 from flgpr.io.files import check_free_folder as check_free_folder
-from flgpr.io.files import inside as inside
 from flgpr.io.files import laid_over as laid_over
-from flgpr.io.files import read_limited as read_limited
 from flgpr.io.files import replace_folder as replace_folder
 from flgpr.io.files import seal as seal
 from flgpr.io.files import sha256 as sha256

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
+from flgpr.door import parse_toml, read_named
 from flgpr.io.files import existing
 from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
@@ -149,7 +149,7 @@ def read_anchor(path: str | Path) -> Anchor:
     """
     path = existing(path, "anchor file")
     try:
-        told = _AnchorFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        told = _AnchorFile.model_validate(parse_toml(read_named(path)))
         lane = [(*p.lane, 0.0)[:3] for p in told.point]
         plane = told.point[0].easting is not None
         names = ("easting", "northing") if plane else ("longitude", "latitude")

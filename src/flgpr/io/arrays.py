@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,9 +17,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.archive import Archive, array_bytes, npy_header
+from flgpr.door import check_expansion, open_named
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.files import check_expansion, existing
+from flgpr.io.files import existing
 from flgpr.io.motive import is_motive, read_motive
 from flgpr.io.recording import Recording
 from flgpr.io.tables import read_text_table
@@ -30,6 +31,7 @@ LIMIT = MAX_MEMORY
 _CONVERTED = {b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite", b"#ROSBAG": "a ROS 1 bag"}
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
+_MOST_OF_ALL = 8  # times the largest array that all arrays of an archive may take: they are read one by one
 _SPARE = 2**29  # bytes that a child may take beside what it reads
 
 
@@ -114,7 +116,7 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
     suffix = path.suffix.lower()
     if h5py.is_hdf5(path):
         return "HDF5 file", _open_hdf5
-    with path.open("rb") as file:
+    with open_named(path) as file:
         head = file.read(16)
     if head.startswith(b"\x89MCAP"):
         return "MCAP recording", _open_mcap
@@ -201,47 +203,30 @@ def _open_mat(path: Path, limit: int, *_: Any) -> _Opened:
     return _held(arrays)
 
 
-def _open_npz(path: Path, *_: Any) -> _Opened:
-    infos, sizes = [], {}
-    with zipfile.ZipFile(path) as archive:
-        for member in archive.infolist():
-            if not member.filename.endswith(".npy"):
-                continue
-            with archive.open(member) as file:
-                shape, dtype, held = _npy_header(file)
-            if dtype.hasobject:
-                continue
-            if held + _bytes(shape, dtype) != member.file_size:
-                raise ValueError(f"{member.filename} holds {member.file_size} bytes, its header tells {shape} {dtype}")
-            sizes[member.filename.removesuffix(".npy")] = member.file_size, member.compress_size
-            infos.append(ArrayInfo(member.filename.removesuffix(".npy"), shape, str(dtype)))
+def _open_npz(path: Path, limit: int, *_: Any) -> _Opened:
+    with open_named(path) as file:
+        members = Archive(file, _MOST_OF_ALL * limit).members
+    infos = [ArrayInfo(name, member.shape, str(member.dtype)) for name, member in members.items()]
 
     def read(name: str) -> Any:
-        check_expansion(name, *sizes[name])
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return archive[name]
+        with open_named(path) as file:
+            return Archive(file, _MOST_OF_ALL * limit)[name]
 
     return infos, read
 
 
 def _open_npy(path: Path, *_: Any) -> _Opened:
-    with path.open("rb") as file:
-        shape, dtype, held = _npy_header(file)
-    if held + _bytes(shape, dtype) != path.stat().st_size:
-        raise ValueError(f"the file holds {path.stat().st_size} bytes, its header tells {shape} {dtype}")
+    with open_named(path) as file:
+        shape, dtype, head = npy_header(file)
+        size = file.seek(0, os.SEEK_END)
+    if head + array_bytes(shape, dtype) != size:
+        raise ValueError(f"the file holds {size} bytes, its header tells {shape} {dtype}")
 
     def read(name: str) -> Any:  # noqa: ARG001
-        with path.open("rb") as file:
+        with open_named(path) as file:
             return np.load(file, allow_pickle=False)
 
     return [ArrayInfo("array", shape, str(dtype))], read
-
-
-def _npy_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    version = np.lib.format.read_magic(file)
-    reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = reader(file)
-    return shape, dtype, file.tell()
 
 
 def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
@@ -277,13 +262,6 @@ def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
             first, second = values[low[real]], values[low[imaginary]]
             return first + np.asarray(1j).astype(np.complex64 if first.dtype.itemsize == 4 else np.complex128) * second
     raise ValueError(f"the array must be of numbers, got a record of {', '.join(names)}")
-
-
-def _bytes(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
-    total = dtype.itemsize
-    for count in shape:
-        total *= count
-    return total
 
 
 def _width(dtype: str) -> int:

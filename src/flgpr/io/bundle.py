@@ -7,20 +7,24 @@ every array's type, shape, place and SHA-256, so that arrays can be read one by 
 from __future__ import annotations
 
 import hashlib
-import json
+import io
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.door import Folder, parse_json
 from flgpr.io.files import canonical_json, sha256
 
 PARTIAL = ".partial"
 _KINDS, _ALIGN = "biufcU", 64
-_LONGEST_HEAD = 2**26
+_LONGEST_HEAD, _PIECE = 2**26, 2**20
+MOST_BUNDLE = 16 * 2**30
+"""Largest file of arrays that is read unless told otherwise, bytes."""
 
 
 class BundleError(ValueError):
@@ -63,21 +67,38 @@ def write_bundle(
 
 
 class Bundle(Mapping[str, NDArray[Any]]):
-    """The arrays of a file of :func:`write_bundle`, read and checked when first asked for, and its words, ``about``."""
+    """The arrays of a file of :func:`write_bundle`, read and checked when first asked for, and its words, ``about``.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    Parameters
+    ----------
+    path : Path
+        The file, which must be regular and no link.
+    data : bytes, optional
+        What the file holds, if it was read already: the file is then not opened.
+    most : int
+        Bytes that the file may have.
+
+    Raises
+    ------
+    BundleError
+        If it is no such file, larger, or damaged; for arrays when they are read.
+    FileNotFoundError
+        If there is no file.
+    """
+
+    def __init__(self, path: Path, data: bytes | None = None, most: int = MOST_BUNDLE) -> None:
+        self.path, self._data, self._most = path, data, most
         self._kept: dict[str, NDArray[Any]] = {}
         try:
-            with path.open("rb") as file:
+            with self._open() as file:
                 self.about, self._head, self._start = _read_head(file)
                 size = file.seek(0, os.SEEK_END)
-            ends = [one["at"] + -(-_bytes(one) // _ALIGN) * _ALIGN for one in self._head.values()]
-            if size != self._start + max(ends, default=0):
-                raise ValueError(f"{size} bytes of {self._start + max(ends, default=0)}")
+            end = self._start + _laid_out(self._head)
+            if size != end:
+                raise ValueError(f"{size} bytes of {end}")
         except FileNotFoundError:
             raise
-        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise BundleError(f"{path}: not a whole file of arrays ({error})") from None
 
     def __len__(self) -> int:
@@ -99,18 +120,35 @@ class Bundle(Mapping[str, NDArray[Any]]):
         ]
 
     def check(self) -> None:
-        """Read every array and keep none; a damaged one is a BundleError."""
-        for name, one in self._head.items():
-            self._read(name, one)
+        """Read every array piece by piece and keep none; a damaged one is a BundleError."""
+        with self._open() as file:
+            for name, entry in self._head.items():
+                file.seek(self._start + entry["at"])
+                wanted, digest = _bytes(entry), hashlib.sha256()
+                for begin in range(0, wanted, _PIECE):
+                    digest.update(file.read(min(_PIECE, wanted - begin)))
+                if digest.hexdigest() != entry["sha256"] or any(file.read(-wanted % _ALIGN)):
+                    raise self._damaged(name)
 
-    def _read(self, name: str, one: dict[str, Any]) -> NDArray[Any]:
-        wanted = _bytes(one)
-        with self.path.open("rb") as file:
-            file.seek(self._start + one["at"])
-            data = np.fromfile(file, np.uint8, wanted + -wanted % _ALIGN)
-        if hashlib.sha256(data[:wanted].data).hexdigest() != one["sha256"] or data[wanted:].any():
-            raise BundleError(f"{self.path}: {name} differs from what was written")
-        return data[:wanted].view(np.dtype(one["dtype"])).reshape(one["shape"])
+    def _open(self) -> AbstractContextManager[io.BufferedReader | io.BytesIO]:
+        if self._data is not None:
+            return nullcontext(io.BytesIO(self._data))
+        return Folder(self.path.parent).open(self.path.name, self._most)
+
+    def _read(self, name: str, entry: dict[str, Any]) -> NDArray[Any]:
+        wanted = _bytes(entry)
+        data = np.empty(wanted + -wanted % _ALIGN, np.uint8)
+        with self._open() as file:
+            file.seek(self._start + entry["at"])
+            filled = file.readinto(data.data)
+        if filled != data.size or hashlib.sha256(data[:wanted].data).hexdigest() != entry["sha256"]:
+            raise self._damaged(name)
+        if data[wanted:].any():
+            raise self._damaged(name)
+        return data[:wanted].view(np.dtype(entry["dtype"])).reshape(entry["shape"])
+
+    def _damaged(self, name: str) -> BundleError:
+        return BundleError(f"{self.path}: {name} differs from what was written")
 
 
 def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]], int]:
@@ -120,16 +158,28 @@ def _read_head(file: BinaryIO) -> tuple[dict[str, Any], dict[str, dict[str, Any]
     text = file.read(int(length))
     if sha256(text) != digest:
         raise ValueError("the head is damaged")
-    head = json.loads(text)
-    arrays = {one["name"]: one for one in head["arrays"]}
-    for one in arrays.values():
-        if np.dtype(one["dtype"]).kind not in _KINDS or min(one["at"], *one["shape"], 0) < 0:
-            raise ValueError(f"type {one['dtype']} {one['shape']} at {one['at']}")
+    head = parse_json(text)
+    arrays = {entry["name"]: entry for entry in head["arrays"]}
+    for entry in arrays.values():
+        dtype, places = np.dtype(entry["dtype"]), [entry["at"], *entry["shape"]]
+        whole = all(type(number) is int and number >= 0 for number in places)
+        if dtype.kind not in _KINDS or not dtype.itemsize or not whole:
+            raise ValueError(f"type {entry['dtype']} {entry['shape']} at {entry['at']}")
     return dict(head["about"]), arrays, file.tell()
 
 
-def _bytes(one: dict[str, Any]) -> int:
-    count = np.dtype(one["dtype"]).itemsize
-    for length in one["shape"]:
+def _laid_out(arrays: Mapping[str, dict[str, Any]]) -> int:
+    """Count the bytes of arrays that lie one after the other; some that share bytes would take more than the file."""
+    end = 0
+    for name, entry in arrays.items():
+        if entry["at"] != end:
+            raise ValueError(f"{name} must begin where the array before it ends, {end}, got {entry['at']}")
+        end += -(-_bytes(entry) // _ALIGN) * _ALIGN
+    return end
+
+
+def _bytes(entry: dict[str, Any]) -> int:
+    count = np.dtype(entry["dtype"]).itemsize
+    for length in entry["shape"]:
         count *= length
     return int(count)

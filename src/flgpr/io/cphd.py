@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.door import parse_json
 from flgpr.io.anchor import Anchor
 from flgpr.io.extras import MissingExtraError, optional
 from flgpr.io.files import canonical_json, existing, partial_of
@@ -378,9 +379,9 @@ def _assembled(
         signal[good, k, pair] = values[good]
     if all(name in (first.dtype.names or ()) for name in _ADDED) and "flgpr_tx_position" in added:
         pose = np.stack([first[name] for name in _ADDED], axis=1)
-        tx, rx = (np.array(json.loads(added[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
-        time = np.array([np.nan if t is None else t for t in json.loads(added[_TIME])], dtype=np.float64)
-        return make_run(signal, frequency, labels, tx, rx, pose, time, json.loads(added["flgpr_attrs"]))
+        tx, rx = (np.array(parse_json(added[f"flgpr_{side}_position"])) for side in ("tx", "rx"))
+        time = np.array([np.nan if t is None else t for t in parse_json(added[_TIME])], dtype=np.float64)
+        return make_run(signal, frequency, labels, tx, rx, pose, time, parse_json(added["flgpr_attrs"]))
     tx, rx, pose = _geometry({channel_of[name][1]: pvp for name, (_, pvp) in native.items()}, anchor)
     title = tree.findtext("{*}CollectionID/{*}CoreName") or "CPHD"
     source = f"CPHD by {tree.findtext('{*}CollectionID/{*}CollectorName')}"
@@ -424,7 +425,7 @@ def _frequency(native: dict[str, tuple[NDArray[Any], NDArray[Any]]], added: dict
     if np.ptp(start) > 1e-6 * abs(step[0]) or np.ptp(step) * count > 1e-6 * abs(step[0]):
         raise ValueError("all vectors must have the same tones, SC0 and SCSS change")
     if "flgpr_frequency" in added:
-        return np.array(json.loads(added["flgpr_frequency"]), dtype=np.float64)
+        return np.array(parse_json(added["flgpr_frequency"]), dtype=np.float64)
     return np.asarray(start[0] + step[0] * np.arange(count), dtype=np.float64)
 
 

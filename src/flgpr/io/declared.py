@@ -6,11 +6,12 @@ expand; every chunk that the declared shapes ask for must have been committed wi
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any, NamedTuple
+
+from flgpr.door import parse_json
 
 MAX_MEMORY = 2 * 10**9
 """Memory that reading may take unless told otherwise, bytes."""
@@ -70,10 +71,7 @@ def _description(
         raise ValueError(f"{key} is not among the committed files")
     if files[key]["bytes"] > _LARGEST_DESCRIPTION:
         raise ValueError(f"{key} must have at most {_LARGEST_DESCRIPTION} bytes, got {files[key]['bytes']}")
-    try:
-        description = json.loads(read(key) or b"")
-    except RecursionError:
-        raise ValueError(f"{key}: too deeply nested") from None
+    description = parse_json(read(key) or b"")
     if not isinstance(description, dict) or (description.get("zarr_format"), description.get("node_type")) != (3, kind):
         raise ValueError(f"{key} must describe a Zarr v3 {kind}")
     return description

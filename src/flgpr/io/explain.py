@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from flgpr.door import read_named
 from flgpr.io.arrays import LIMIT, ArrayFile, ArrayInfo, open_arrays
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
 from flgpr.io.gpr_files import is_gpr
@@ -111,7 +113,7 @@ def _explain_cphd(path: Path) -> Explanation:
 
 
 def _explain_nmea(path: Path) -> Explanation:
-    found = (re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line) for line in path.read_bytes().splitlines())
+    found = (re.match(rb"\s*\$[A-Z]{2}([A-Z]{3}),", line) for line in read_named(path, MAX_MEMORY).splitlines())
     kinds = Counter(sentence[1].decode() for sentence in found if sentence)
     counts = ", ".join(f"{count} {name}" for name, count in sorted(kinds.items()))
     needs = "GGA gives positions, HDT headings; read as a track with an anchor"

@@ -8,13 +8,11 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from flgpr.append_log import sync_directory
-
-_MOST_EXPANSION, _SMALL = 200, 64 * 2**20
-"""What is above the second number of bytes may take this many times its room in the file, not more."""
+from flgpr.door import MOST_JSON, Folder, Listed, kind_of, parse_json
 
 
 def sha256(data: bytes | memoryview) -> str:
@@ -28,16 +26,13 @@ def canonical_json(value: Any) -> bytes:
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
-    """Give the path of a file that is there; else a FileNotFoundError says what is not."""
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"{what} not found: {path}")
-    return Path(path)
-
-
-def check_expansion(name: str, size: int, room: int) -> None:
-    """Refuse what decodes into far more than the file holds: no measurement does."""
-    if size > _SMALL and size > _MOST_EXPANSION * room:
-        raise ValueError(f"{name} takes {room} bytes of the file and would expand to {size}: no data do")
+    """Give the path of a regular file that is there; else a FileNotFoundError, or a ValueError for a pipe or device."""
+    path = Path(path)
+    if path.is_file():
+        return path
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{what} must be a regular file, got {kind_of(path)}, {path}: save what it gives to a file")
+    raise FileNotFoundError(f"{what} not found: {path}")
 
 
 @contextmanager
@@ -47,6 +42,8 @@ def faults_of(path: str | Path) -> Iterator[None]:
         yield
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{path}: it is nested too deeply") from None
 
 
 def sync_file(path: Path) -> None:
@@ -113,10 +110,6 @@ def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, A
     return {**tables, **both}
 
 
-MOST_BYTES = 256 * 2**20
-"""Largest sealed file that is read."""
-
-
 def seal(content: Mapping[str, Any]) -> bytes:
     """Write a JSON object with its own SHA-256 as last entry; NaN, infinity or an entry ``sha256`` is a ValueError."""
     if "sha256" in content:
@@ -128,38 +121,42 @@ def seal(content: Mapping[str, Any]) -> bytes:
 def unseal(data: bytes) -> dict[str, Any]:
     """Read what :func:`seal` wrote, with ``sha256``; a byte that differs is a ValueError."""
     try:
-        whole = json.loads(data)
+        whole = parse_json(data)
         content = {name: value for name, value in whole.items() if name != "sha256"}
         same = seal(content) == data
-    except (ValueError, AttributeError, RecursionError) as error:
+    except (ValueError, AttributeError) as error:
         raise ValueError(f"it cannot be read ({error})") from None
     if not same:
         raise ValueError("it differs from what was written")
     return dict(whole)
 
 
-def read_limited(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file of at most so many bytes; a larger one is a ValueError."""
-    with path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        data = file.read(min(size, most) + 1)  # a buffer of this size is made at once
-    if len(data) > most:
-        raise ValueError(f"{path}: it must hold at most {most / 2**20:g} MiB, got more")
-    return data
+def read_sealed(folder: str | Path, name: str) -> dict[str, Any]:
+    """Read a file of :func:`seal` in a folder that may come from anywhere; one that is altered is a ValueError."""
+    return unseal(Folder(folder).read(name, MOST_JSON))
 
 
-def inside(root: Path, name: str) -> Path:
-    """Find a file of a folder by a relative name with forward slashes; one that leads out of it is a ValueError."""
-    pure = PurePosixPath(name)
-    if not name or "\0" in name or "\\" in name or pure.is_absolute() or ".." in pure.parts:
-        raise ValueError(f"{root}: names must be relative and stay inside, got {name!r}")
-    path, at = root / pure, str(root)
-    if not any(os.path.islink(at := f"{at}{os.sep}{part}") for part in pure.parts):
-        return path  # nothing below the folder leads elsewhere
+def listed_files(folder: str | Path, manifest: Mapping[str, Any]) -> Folder:
+    """Give the files of a folder as its manifest lists them, by name.
+
+    ``files`` holds a digest each and ``added`` several, of which one fits, or None while the file may be absent;
+    ``sizes`` and ``added_sizes`` hold bytes likewise, where the manifest is not of an older version.
+    """
     try:
-        real = path.resolve()
-    except (OSError, RuntimeError):
-        raise ValueError(f"{root}: {name} is a symbolic link that leads nowhere") from None
-    if not real.is_relative_to(root.resolve()):
-        raise ValueError(f"{root}: {name} leads out of the folder, to {real}")
-    return path
+        sizes, added_sizes = manifest.get("sizes", {}), manifest.get("added_sizes", {})
+        listed = {name: _listed([digest], [sizes.get(name)]) for name, digest in manifest["files"].items()}
+        for name, digests in manifest.get("added", {}).items():
+            listed[name] = _listed(digests, added_sizes.get(name, [None] * len(digests)))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{folder}: its list of files cannot be read ({error!r})") from None
+    return Folder(folder, listed)
+
+
+def _listed(digests: Sequence[str | None], sizes: Sequence[int | None]) -> Listed:
+    versions = [(digest, size) for digest, size in zip(digests, sizes, strict=True) if digest is not None]
+    if not versions or not all(isinstance(digest, str) for digest, _ in versions):
+        raise ValueError(f"every file must have a digest, got {digests}")
+    # Where the size of one version is not known, that of another must not keep it out.
+    known = [size for _, size in versions if size is not None]
+    proven = tuple(known) if len(known) == len(versions) else ()
+    return Listed(tuple(digest for digest, _ in versions), proven, None in digests)

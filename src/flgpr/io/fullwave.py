@@ -7,7 +7,6 @@ text with ``mines`` (kind, x, y, depth of the top), ``rocks`` (x, y, radius) and
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from flgpr.door import parse_json
 from flgpr.io.arrays import open_arrays
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.files import existing
@@ -54,7 +54,7 @@ def import_fullwave(path: str | Path, max_memory: int = MAX_MEMORY) -> FullwaveL
     signal = data.transpose(0, 3, 1, 2, 4).reshape(scans, polarizations, transmitters * receivers, tones)
     pose = np.zeros((scans, 6))
     pose[:, :3] = origin
-    told = json.loads(str(arrays["truth"])) if "truth" in arrays else None
+    told = parse_json(str(arrays["truth"])) if "truth" in arrays else None
     attrs: dict[str, Any] = {"source": "full-wave (FDTD) lane", "title": path.stem}
     if told is not None and "soil_eps" in told:
         attrs["soil"] = {"permittivity": float(told["soil_eps"]), "conductivity": float(told.get("soil_sigma", 0.0))}

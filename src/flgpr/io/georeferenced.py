@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import partial_of, write_whole
-from flgpr.io.tables import json_value, write_features
+from flgpr.io.tables import json_value, write_features, write_table
 from flgpr.model.lane import Lane
 
 STATEMENT = (
@@ -73,8 +73,8 @@ def write_earth_geojson(points: pd.DataFrame, path: str | Path, about: Mapping[s
 
 
 def write_earth_csv(points: pd.DataFrame, path: str | Path) -> None:
-    """Write points of :func:`georeference` as CSV; the file is whole or absent."""
-    write_whole(Path(path), points.to_csv(index=False, lineterminator="\n"))
+    """Write points of :func:`georeference` as CSV without formulas (:func:`flgpr.io.write_table`); whole or absent."""
+    write_table(points, path)
 
 
 def write_kml(points: pd.DataFrame, path: str | Path, title: str) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from flgpr.door import read_named
 from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.files import existing
 
@@ -140,7 +141,7 @@ def _header(path: Path, suffix: str, mark: str) -> _Header:
 def _text(path: Path) -> str:
     if path.stat().st_size > _LARGEST_HEADER:
         raise ValueError(f"{path.name} must hold at most {_LARGEST_HEADER} bytes, got {path.stat().st_size}")
-    return path.read_bytes().decode("latin-1")
+    return read_named(path).decode("latin-1")
 
 
 def _read_dt1(path: Path, limit: int) -> dict[str, Any]:

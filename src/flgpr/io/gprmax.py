@@ -8,7 +8,6 @@ time step and number of steps, ``rxs/rx1`` and so on hold the fields ``Ex`` to `
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.door import MOST_CHECKED, MOST_JSON, Folder, parse_json
 from flgpr.io.arrays import LIMIT, open_arrays
 from flgpr.io.files import canonical_json
 from flgpr.model import make_run
@@ -225,15 +225,17 @@ def read_manifest_of_decks(folder: str | Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise FileNotFoundError(f"folder of gprMax results not found: {folder}")
     path = folder / MANIFEST
-    if not path.is_file():
-        raise ValueError(f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, it does not")
     try:
-        manifest: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        manifest: dict[str, Any] = parse_json(Folder(folder).read(MANIFEST, MOST_JSON))
         if manifest["format"] != FORMAT:
             raise ValueError(f"format must be {FORMAT}, got {manifest['format']!r}")
         missing = [name for name in _NEEDED if name not in manifest]
         if missing:
             raise ValueError(f"missing: {', '.join(missing)}")
+    except FileNotFoundError:
+        raise ValueError(
+            f"{folder}: must hold the {MANIFEST} that flgpr simulate --engine gprmax wrote, it does not"
+        ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: the manifest is damaged or of another version ({error})") from None
     return manifest
@@ -294,12 +296,21 @@ class GprmaxRun:
         """SHA-256 of the manifest and all results that the scans are made of."""
         whole = hashlib.sha256(canonical_json(self.manifest))
         for name in self._wanted:
-            with (self._found(name) or Path()).open("rb") as file:
+            with Folder(self.folder).open(self._file(name) or name, MOST_CHECKED) as file:
                 whole.update(hashlib.file_digest(file, "sha256").digest())
         return whole.hexdigest()
 
     def _found(self, name: str) -> Path | None:
-        return next((p for p in (self.folder / f"{name}{end}" for end in ENDINGS) if p.is_file()), None)
+        """Find a result that the manifest names: a regular file in the folder; a link, or one outside, is refused."""
+        file = self._file(name)
+        if file is None:
+            return None
+        Folder(self.folder).check_size(file)
+        return self.folder / file
+
+    def _file(self, name: str) -> str | None:
+        names = (f"{name}{end}" for end in ENDINGS)
+        return next((file for file in names if Folder(self.folder).has(file)), None)
 
     def _read_air(self, name: str) -> GprmaxOutput:
         if name not in self._air:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.append_log import AppendLog, LogHeldError
+from flgpr.door import parse_json
 from flgpr.io.files import canonical_json, sha256
 
 JOURNAL = "journal.jsonl"
@@ -77,7 +78,7 @@ class Journal:
             self._log.keep(0)
             self._write({"format": _FORMAT, "about": about})
             return
-        difference = _difference(contents[0]["about"], json.loads(canonical_json(about)))
+        difference = _difference(contents[0]["about"], parse_json(canonical_json(about)))
         if difference:
             raise OtherRunError(f"{self.path.parent} holds another unfinished run: {difference}")
         for content in contents[1:]:
@@ -94,7 +95,7 @@ class Journal:
             digest, _, text = line.partition(b" ")
             if sha256(text).encode() != digest:
                 break
-            contents.append(json.loads(text))
+            contents.append(parse_json(text))
         return contents
 
     def _write(self, value: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from flgpr.door import read_named
 from flgpr.io.files import existing
 from flgpr.model.faults import parse_entries
 
@@ -327,4 +328,4 @@ def parse_mapping(text: str | bytes, name: str = "mapping") -> Mapping:
 
 def read_mapping(path: str | Path) -> Mapping:
     """Read a mapping from a TOML file; what :func:`parse_mapping` refuses is a ValueError."""
-    return parse_mapping(existing(path, "mapping").read_bytes(), str(path))
+    return parse_mapping(read_named(existing(path, "mapping")), str(path))

@@ -10,7 +10,8 @@ import json
 import math
 import shutil
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed, parse_json
 from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
-from flgpr.io.files import canonical_json, inside, read_limited, replace_folder, sha256, sync_file, write_whole
+from flgpr.io.files import canonical_json, replace_folder, sha256, sync_file, write_whole
 from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 from flgpr.model.run import check_poses
 
 FORMAT, VERSION = "flgpr-run", 1
 _COMMIT = "commit.json"
+_CRC = 4  # bytes of a checksum after a chunk
 _AHEAD = 64  # scans by which the array grows: its description is written anew each time
 _VARIABLES = ("signal", "valid", "tx_position", "rx_position", "pose")
 
@@ -43,25 +46,30 @@ class _CommittedFiles:
 
     def __init__(self, root: Path, files: dict[str, dict[str, Any]]) -> None:
         self.root, self.files = root, files
+        listed = {name: Listed((entry["sha256"],), (entry["bytes"],)) for name, entry in files.items()}
+        self._folder = Folder(root, listed)
+
+    def check_sizes(self) -> None:
+        """Check that every file is there, regular and of its size, before any is read."""
+        for key in self.files:
+            with self._faults(key):
+                self._folder.check_size(key)
 
     def read(self, key: str) -> bytes | None:
         """Read one key and check it against the manifest; None if that does not list it."""
-        entry = self.files.get(key)
-        if entry is None:
+        if key not in self.files:
             return None
+        with self._faults(key):
+            return self._folder.read(key, MOST_CHECKED)
+
+    @contextmanager
+    def _faults(self, key: str) -> Iterator[None]:
         try:
-            data = read_limited(inside(self.root, key), entry["bytes"])
+            yield
         except OSError as error:
             raise RunStoreError(f"{self.root}: {key} was committed but cannot be read ({error.strerror})") from None
-        except ValueError as error:
-            raise RunStoreError(str(error)) from None
-        if len(data) != entry["bytes"] or sha256(data) != entry["sha256"]:
-            sizes = f"{len(data)} bytes against {entry['bytes']}"
-            why = sizes if len(data) != entry["bytes"] else "its SHA-256 checksum is another"
-            raise RunStoreError(
-                f"{self.root}: {key} differs from what was committed ({why}): the store is truncated or altered"
-            )
-        return data
+        except DoorError as error:
+            raise RunStoreError(f"{error}: the store is truncated or altered") from None
 
 
 class _StoredArray(BackendArray):
@@ -271,17 +279,26 @@ class RunWriter:
         good: list[Path] = []
         for scan, written in enumerate(self._journal.scans):
             chunk = self._chunk(scan)
-            if not chunk.is_file() or sha256(chunk.read_bytes()) != written.sha256:
+            if not self._is_sure(chunk, written):
                 break
             good.append(chunk)
         self._journal.keep(len(good))
         kept = {self._partial / JOURNAL, *good}
         for path in sorted(self._partial.rglob("*"), reverse=True):
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 if not any(path.iterdir()):
                     path.rmdir()
             elif path not in kept:
                 path.unlink()
+
+    def _is_sure(self, chunk: Path, written: WrittenScan) -> bool:
+        """Tell whether a chunk is what the journal says; what a chunk cannot be is not read."""
+        largest = np.dtype(np.complex64).itemsize * math.prod(self._shape) + _CRC
+        try:
+            data = Folder(self._partial).read(chunk.relative_to(self._partial).as_posix(), largest)
+        except (OSError, DoorError):
+            return False
+        return sha256(data) == written.sha256
 
     def _array(
         self,
@@ -342,11 +359,10 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     root = Path(path)
     manifest = read_manifest(root)
     files = _CommittedFiles(root, manifest["files"])
-    for key, entry in manifest["files"].items():
-        _check_size(root, key, entry)
+    files.check_sizes()
     try:
         layouts = check_declared(files.files, files.read, max_memory)
-        attrs = json.loads(files.read("zarr.json") or b"{}")["attributes"]
+        attrs = parse_json(files.read("zarr.json") or b"{}")["attributes"]
         arrays = {name: _StoredArray(files, name, layout) for name, layout in layouts.items()}
         lazy = indexing.LazilyIndexedArray(arrays.pop("signal"))
         held = {name: (DIMS[name], array.select((slice(None),) * len(array.shape))) for name, array in arrays.items()}
@@ -365,7 +381,7 @@ def open_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
         raise
     except ValueError as error:
         raise RunStoreError(f"{root}: {error}") from None
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise RunStoreError(f"{root}: not a run store ({error})") from error
     if manifest["scans"] != run.sizes["scan"]:
         raise RunStoreError(f"{root}: {manifest['scans']} scans were committed, the arrays hold {run.sizes['scan']}")
@@ -382,13 +398,13 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
         said = "which is no folder" if root.exists() else "which does not exist"
         raise FileNotFoundError(f"path must be a run store, got {root}, {said}")
     try:
-        written = read_limited(root / _COMMIT)
-        manifest = json.loads(written)
+        written = Folder(root).read(_COMMIT, MOST_JSON)
+        manifest = parse_json(written)
         own = manifest.pop("sha256")
         same = sha256(canonical_json(manifest)) == own and _manifest_bytes({**manifest, "sha256": own}) == written
     except FileNotFoundError:
         raise RunStoreError(f"{root}: no {_COMMIT}: this is no run store, or writing it was interrupted") from None
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError, OSError) as error:
+    except (ValueError, KeyError, AttributeError, TypeError, OSError) as error:
         raise RunStoreError(f"{root}: {_COMMIT} cannot be read ({error}): the store is truncated or altered") from None
     if not same:
         raise RunStoreError(f"{root}: {_COMMIT} differs from what was committed: the store is altered")
@@ -405,17 +421,6 @@ def read_manifest(path: str | Path) -> dict[str, Any]:
 def _is_entry(entry: Any) -> bool:
     known = isinstance(entry, dict) and isinstance(entry.get("sha256"), str)
     return known and type(entry.get("bytes")) is int and entry["bytes"] >= 0
-
-
-def _check_size(root: Path, key: str, entry: dict[str, Any]) -> None:
-    try:
-        size = inside(root, key).stat().st_size
-    except OSError:
-        raise RunStoreError(f"{root}: {key} was committed but is missing") from None
-    except ValueError as error:
-        raise RunStoreError(str(error)) from None
-    if size != entry["bytes"]:
-        raise RunStoreError(f"{root}: {key} has {size} bytes, {entry['bytes']} were committed: the store is truncated")
 
 
 def _write_manifest(root: Path, scans: int) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from flgpr.door import DoorError, Folder, parse_json
 from flgpr.io.files import canonical_json, sha256, write_whole
 from flgpr.model import check_frequency, make_run
 
@@ -200,8 +201,8 @@ def decode_frame(data: bytes) -> Frame:
         raise ScanFileError("frame has a wrong checksum: its bytes are not those that were written")
     text = _HEAD.unpack(data[: _HEAD.size])[1]
     try:
-        header = json.loads(data[_HEAD.size : _HEAD.size + text])
-    except (ValueError, RecursionError):
+        header = parse_json(data[_HEAD.size : _HEAD.size + text])
+    except ValueError:
         raise ScanFileError("frame must have a header in JSON, got something else") from None
     if not isinstance(header, dict) or header.get("kind") not in ("scan", "run", "end"):
         raise ScanFileError("frame must have a header with the kind scan, run or end, got another")
@@ -254,13 +255,17 @@ def read_description(folder: Path) -> RunDescription | None:
     """Read a run's description from a folder of scans, None while there is none; a damaged one is a ScanFileError."""
     path = folder / RUN_FILE
     try:
-        if path.stat().st_size > _LONGEST_HEADER:
-            raise ScanFileError(f"{path}: larger than any run description")
-        return parse_description(json.loads(path.read_bytes()))
+        data = Folder(folder).read(RUN_FILE, _LONGEST_HEADER)
     except FileNotFoundError:
         return None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
+    except DoorError as error:
+        raise ScanFileError(str(error)) from None
+    try:
+        content = parse_json(data)
+    except ValueError:
         raise ScanFileError(f"{path}: not valid JSON") from None
+    try:
+        return parse_description(content)
     except ScanFileError as error:
         raise ScanFileError(f"{path}: {error}") from None
 

@@ -6,20 +6,26 @@ import csv
 import io
 import json
 import re
-import tomllib
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pandas.api.types import is_numeric_dtype
 
+from flgpr.door import Folder, parse_toml, read_named
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.files import existing, faults_of, write_whole
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
 _NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
-_MOST_HEAD = 100_000  # characters of a header
+_MOST_HEAD = 100_000  # bytes of a header
+_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 2_000_000, 4096, 10_000_000
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
+"""What a spreadsheet may run, the full-width forms of the signs included, or such text that was quoted."""
+_PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING = {"", "nan", "na", "null"}
 _SIGN = re.compile(r"\s*([+-])\s*")
 _HINT = "decimal commas are read where semicolons or tabs part the columns"
@@ -31,36 +37,103 @@ def read_table(path: str | Path, kind: str) -> pd.DataFrame:
     Columns are separated by commas, or by semicolons with decimal points or decimal commas.
     """
     path = existing(path, f"{kind} file")
+    return parse_table(read_named(path), kind, path)
+
+
+def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.DataFrame:
+    """Read a table as :func:`read_table` does from a folder that may come from anywhere, see :mod:`flgpr.door`."""
+    place = Folder(folder)
+    return parse_table(place.read(str(name)), kind, place.root / name)
+
+
+def parse_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
+    """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
     with faults_of(path):
-        return _CHECKS[kind](read_columns(path, "alarm_id", "target_id", "object_id"))
+        return _CHECKS[kind](parse_columns(data, "alarm_id", "target_id", "object_id"))
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:
+    """Read the columns of a file of CSV that a user named, see :func:`parse_columns`."""
+    return parse_columns(read_named(path), *texts)
+
+
+def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     """Read CSV separated by commas, or by semicolons with decimal points or decimal commas; ``texts`` are no numbers.
 
     A header of both semicolons and commas, or columns of numbers of which some have decimal points and others decimal
-    commas, could be read in two ways: a ValueError.
+    commas, could be read in two ways: a ValueError. So is a table of more than 2 million rows, 4096 columns or 10
+    million cells, which are counted before anything is parsed. What :func:`table_text` quoted is as it was.
     """
     as_text = dict.fromkeys(texts, str)
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        head = file.readline(_MOST_HEAD)
-    if ";" not in head:
-        return pd.read_csv(path, dtype=as_text)
+    head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
+    semicolons = ";" in head
+    _check_table_size(data, head.count(";" if semicolons else ",") + 1, data.count(b";" if semicolons else b","))
+    if not semicolons:
+        return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
     if "," in head:
         raise ValueError(f"columns must be separated by commas or by semicolons, got both in {head.strip()[:80]!r}")
-    text = path.read_text(encoding="utf-8-sig")
+    text = data.decode("utf-8-sig")
     cells = pd.read_csv(io.StringIO(text), sep=";", dtype=str, keep_default_na=False)
     rest = [cells[name] for name in cells.columns if name not in texts]
     numbers = [one for one in rest if one.str.fullmatch(_NUMBER).all()]
     commas, points = (any(one.str.contains(mark, regex=False).any() for one in numbers) for mark in ",.")
     if commas and points:
         raise ValueError("columns separated by semicolons must have decimal commas or decimal points, got both")
-    return pd.read_csv(io.StringIO(text), sep=";", decimal="," if commas else ".", dtype=as_text)
+    return unquoted(pd.read_csv(io.StringIO(text), sep=";", decimal="," if commas else ".", dtype=as_text))
+
+
+def _check_table_size(data: bytes, columns: int, marks: int) -> None:
+    """Refuse a table that would take far more memory than its file; quoted line ends and marks count as such, too."""
+    rows = max(data.count(b"\n"), data.count(b"\r"))
+    counts = {"rows": (rows, _MOST_ROWS), "columns": (columns, _MOST_COLUMNS), "cells": (rows + marks, _MOST_CELLS)}
+    for what, (count, most) in counts.items():
+        if count > most:
+            raise ValueError(f"a table must have at most {most} {what}, got {count}")
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table as CSV, every number in the shortest form that reads back the same; the file is whole or absent."""
-    write_whole(Path(path), table.to_csv(index=False, lineterminator="\n"))
+    """Write a table as CSV, every number in the shortest form that reads back the same; the file is whole or absent.
+
+    Text that a spreadsheet would run gets an apostrophe in front, which reading takes away again.
+    """
+    write_whole(Path(path), table_text(table))
+
+
+def table_text(table: pd.DataFrame) -> str:
+    """Write a table as the text of a CSV file in which no cell is a formula.
+
+    Spreadsheets run a cell that begins with ``=``, ``+``, ``-`` or ``@``, some also after a tab or a line end. A cell
+    of text that begins so and is no number, and a column's name, gets an apostrophe in front, by which spreadsheets
+    know text; so does one that begins with apostrophes before such a character. Reading takes one away again.
+    """
+    texts = [number for number in range(table.shape[1]) if not is_numeric_dtype(table.dtypes.iloc[number])]
+    quoted = table.rename(columns=_quoted)
+    for number in texts:
+        quoted.isetitem(number, table.iloc[:, number].map(_quoted).array)
+    returns = any(isinstance(cell, str) and "\r" in cell for number in texts for cell in quoted.iloc[:, number])
+    # A lone CR without quotes would be read as the end of a line.
+    quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+    return str(quoted.to_csv(index=False, lineterminator="\n", quoting=quoting))
+
+
+def unquoted(table: pd.DataFrame) -> pd.DataFrame:
+    """Take back from a table that was read what :func:`table_text` put in front of cells and names."""
+    plain = table.rename(columns=plain_text)
+    for number in range(plain.shape[1]):
+        if not is_numeric_dtype(plain.dtypes.iloc[number]):
+            plain.isetitem(number, plain.iloc[:, number].map(plain_text).array)
+    return plain
+
+
+def _quoted(cell: Any) -> Any:
+    if not isinstance(cell, str) or not _FORMULA.match(cell) or _PLAIN_NUMBER.fullmatch(cell):
+        return cell
+    return f"'{cell}"
+
+
+def plain_text(cell: Any) -> Any:
+    """Take an apostrophe away from the front of text that would be a formula without it; all else stays."""
+    return cell[1:] if isinstance(cell, str) and cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
@@ -88,7 +161,12 @@ def read_lane(path: str | Path) -> Lane:
     """Read a lane from TOML with x_min, x_max, y_min and y_max, m."""
     path = existing(path, "lane file")
     with faults_of(path):
-        return as_lane(tomllib.loads(path.read_text(encoding="utf-8")))
+        return parse_lane(read_named(path))
+
+
+def parse_lane(data: bytes) -> Lane:
+    """Read a lane as :func:`read_lane` does from the bytes of a file."""
+    return as_lane(parse_toml(data))
 
 
 def lane_text(lane: Lane) -> str:
@@ -113,7 +191,8 @@ def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
     rows = _rows(path)
     if not rows:
         raise ValueError("there is no line with values")
-    names = None if all(_number(cell) is not None for cell in rows[0][1]) else [cell.strip() for cell in rows[0][1]]
+    heads = [str(plain_text(cell.strip())) for cell in rows[0][1]]
+    names = None if all(_number(cell) is not None for cell in rows[0][1]) else heads
     if names is not None:
         rows = rows[1:]
         if not rows:
@@ -141,7 +220,7 @@ def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    text = path.read_text(encoding="utf-8-sig")
+    text = read_named(path, MAX_MEMORY).decode("utf-8-sig")
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
     lines = [(k + 1, line) for k, line in enumerate(text.splitlines()) if line.strip() and line.lstrip()[0] not in "#%"]

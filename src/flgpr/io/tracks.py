@@ -11,9 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from flgpr.door import read_named
 from flgpr.io.anchor import Anchor
 from flgpr.io.arrays import open_arrays
 from flgpr.io.axes import attitude_of, axes_matrix
+from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import optional
 from flgpr.io.files import existing, faults_of
 from flgpr.io.mapping import factor
@@ -147,7 +149,7 @@ def read_nmea(
     headings: list[tuple[float, float]] = []
     seen: dict[int, int] = {}
     now = -math.inf
-    for number, line in enumerate(path.read_bytes().splitlines()):
+    for number, line in enumerate(read_named(path, MAX_MEMORY).splitlines()):
         if not line.strip():
             continue
         try:

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flgpr.io.files import existing, read_limited
+from flgpr.door import parse_json, read_named
+from flgpr.io.files import existing
 
 VERDICTS = ("mine", "unsure", "clutter")
 VERDICTS_FORMAT, VERDICTS_VERSION = "flgpr-notes", 1
@@ -22,14 +23,14 @@ def read_verdicts(path: str | Path) -> list[dict[str, Any]]:
     ``x`` and ``y`` (m), ``verdict`` ("mine", "unsure", "clutter" or none, "") and ``text``.
     """
     place = existing(path, "verdicts")
-    return parse_verdicts(read_limited(place, MOST_VERDICT_BYTES), place)
+    return parse_verdicts(read_named(place, MOST_VERDICT_BYTES), place)
 
 
 def parse_verdicts(data: bytes, path: Path) -> list[dict[str, Any]]:
     """Read the notes in the bytes of a file, which errors name."""
     try:
-        return check_verdicts(json.loads(data))
-    except (ValueError, RecursionError) as error:
+        return check_verdicts(parse_json(data))
+    except ValueError as error:
         raise ValueError(f"{path}: not verdicts of flgpr view ({error})") from None
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flgpr.append_log import write_all
 from flgpr.chain.evidence import decibels
+from flgpr.door import open_own
 from flgpr.live.detector import LiveAlarm
 from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.vehicle import Vehicle
@@ -34,7 +35,7 @@ class EventFile:
         self._rate = EventRate(burst)
         if not fresh and path.is_file():
             _drop_unfinished(path)
-        self._file = path.open("wb" if fresh else "ab", buffering=0)
+        self._file = open(path, "wb" if fresh else "ab", buffering=0, opener=open_own)  # noqa: SIM115
 
     def __enter__(self) -> EventFile:
         return self
@@ -104,7 +105,7 @@ def view_event(row: int, view: NDArray[np.float32]) -> Event:
 
 
 def _drop_unfinished(path: Path) -> None:
-    with path.open("r+b") as file:
+    with open(path, "r+b", opener=open_own) as file:
         size = file.seek(0, os.SEEK_END)
         end = size
         while end > 0:

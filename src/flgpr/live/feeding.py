@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flgpr.door import Folder
 from flgpr.io import (
     RunDescription,
     describe_for_live,
@@ -122,7 +123,7 @@ class _FolderSink(AbstractContextManager["_FolderSink"]):
         path = self._folder / RUN_FILE
         if not path.exists():
             write_description(description, self._folder)
-        elif path.read_text(encoding="utf-8") != json.dumps(description.as_json(), indent=1) + "\n":
+        elif Folder(self._folder).read(RUN_FILE) != (json.dumps(description.as_json(), indent=1) + "\n").encode():
             raise ValueError(f"folder must be empty or hold the same run, got {self._folder} with another {RUN_FILE}")
 
     def scan(self, number: int, frame: bytes, again: bool) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.memory import check_scan_memory
-from flgpr.chain.model import MODEL_FILE, Model, load_model, unlearnt
+from flgpr.chain.model import Model, load_model, read_model, unlearnt
 from flgpr.chain.recipe import Recipe, parse_recipe, recipe_text
 from flgpr.io import (
     RunDescription,
@@ -100,15 +100,15 @@ class LiveRun:
         text = recipe_text(options.recipe)
         self._recipe: Recipe = parse_recipe(text, str(options.recipe))
         check_causal(self._recipe)
-        self._model = load_model(options.model) if options.model is not None else Model()
+        digest = "" if options.model is None else sha256(read_model(options.model))
+        self._model = Model() if options.model is None else load_model(options.model, digest)
         unlearnt(self._recipe, self._model)
         self._forecast = forecast.forecast_of(self._recipe, self._model)
         self._waiting: set[str] = set()  # alarms of which the last word was to wait
         self._lane: Lane | None = read_lane(options.lane) if options.lane is not None else None
         self._anchor = read_anchor(options.anchor) if options.anchor is not None else None
-        model = "" if options.model is None else sha256((Path(options.model) / MODEL_FILE).read_bytes())
         lane = None if self._lane is None else asdict(self._lane)
-        own = {"recipe": sha256(text.encode()), "model": model, "lane": lane, "flgpr": flgpr.__version__}
+        own = {"recipe": sha256(text.encode()), "model": digest, "lane": lane, "flgpr": flgpr.__version__}
         self._own: dict[str, Any] = own | {"settings": asdict(options.settings)}
         self.output = Path(options.output)
         self.inbox = Inbox()

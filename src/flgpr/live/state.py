@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.gathering import CleanedScan
-from flgpr.io import Bundle, BundleError, write_bundle
+from flgpr.io import MAX_MEMORY, Bundle, BundleError, write_bundle
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
@@ -63,7 +63,7 @@ def write_snapshot(path: Path, snapshot: Snapshot) -> None:
 def read_snapshot(path: Path) -> Snapshot | None:
     """Read a snapshot; None if there is none."""
     try:
-        bundle = Bundle(path)
+        bundle = Bundle(path, most=MAX_MEMORY)
         words, arrays = bundle.about, dict(bundle)
     except FileNotFoundError:
         return None
@@ -77,8 +77,17 @@ def read_snapshot(path: Path) -> Snapshot | None:
 def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake, fingerprint: str) -> set[str]:
     """Bring a new detector and intake, made alike, to a snapshot's state; give the names of the files read."""
     words, arrays = snapshot
-    if words["fingerprint"] != fingerprint:
+    if words.get("fingerprint") != fingerprint:
         raise SnapshotError("the snapshot belongs to another run, recipe, model or setting; --fresh begins anew")
+    try:
+        return _restored(words, arrays, detector, intake)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise SnapshotError(f"the snapshot does not hold what it must ({error!r}); --fresh begins anew") from None
+
+
+def _restored(
+    words: dict[str, Any], arrays: dict[str, NDArray[Any]], detector: LiveDetector, intake: Intake
+) -> set[str]:
     detector.background.restore(_group(arrays, "background."))
     detector.view = _group(arrays, "view.")
     detector.history = [CleanedScan(number, **_group(arrays, f"scan{i}.")) for i, number in enumerate(words["history"])]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
-import stat
 import threading
 import time
 from collections import Counter
@@ -13,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from flgpr.door import DoorError, Folder
 from flgpr.io import ScanFileError, read_description
 from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
@@ -21,6 +21,7 @@ _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
 _PATIENCE = 1.0  # s that a file may stay shorter than it says
 _MOST_WAITING = 32
 _MOST_BYTES_WAITING = 2**28
+_MOST_FILE = 2**63  # of a file larger than a frame only the head is read
 LARGEST_FRAME = 2**28
 """Bytes that a frame may have, whatever its run is."""
 SOCKET = "socket"
@@ -144,15 +145,14 @@ class FolderWatch(threading.Thread):
 
     def _read(self, name: str) -> bool:
         """Hand a file over, unless it still grows."""
-        path = self._folder / name
         try:
-            if not stat.S_ISREG(path.lstat().st_mode):
-                self._known.add(name)  # links and folders are no scans
-                return False
-            with path.open("rb") as file:
+            with Folder(self._folder).open(name, _MOST_FILE) as file:
                 state = os.fstat(file.fileno())
                 data = file.read(LARGEST_FRAME) if state.st_size <= LARGEST_FRAME else file.read(head_size())
         except FileNotFoundError:
+            return False
+        except DoorError:
+            self._known.add(name)  # links, folders and pipes are no scans
             return False
         if self._grows(name, data, state.st_size):
             return False

@@ -11,6 +11,8 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from flgpr.door import read_named
+
 _BRANCHES = ("float", "str", "Variable")  # what pydantic calls the kinds of an entry that may be of several
 Entries = TypeVar("Entries", bound=BaseModel)
 
@@ -25,7 +27,7 @@ def load_preset(schema: type[Entries], kind: str, name: str | Path, folder: Trav
     if str(name) in preset_names(folder):
         data = (folder / f"{name}.toml").read_bytes()
     elif Path(name).is_file():
-        data = Path(name).read_bytes()
+        data = read_named(name)
     else:
         raise ValueError(no_preset(kind, name, preset_names(folder)))
     return parse_entries(schema, data, f"{kind} {name}", kind)

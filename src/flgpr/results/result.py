@@ -12,29 +12,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 import flgpr
+from flgpr.archive import Archive
 from flgpr.chain.lane_chain import MAIN, Detection
 from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model, save_model
 from flgpr.chain.recipe import Recipe, parse_recipe
-from flgpr.io import canonical_json, inside, read_lane, read_limited, read_table, seal, sha256, unseal
-from flgpr.io.files import check_free_folder, replace_folder, write_whole
-from flgpr.io.tables import write_geojson, write_table
+from flgpr.door import DoorError, Folder
+from flgpr.io import canonical_json, seal, sha256
+from flgpr.io.files import check_free_folder, listed_files, read_sealed, replace_folder, write_whole
+from flgpr.io.tables import parse_columns, parse_table, write_geojson, write_table
 from flgpr.model import Lane
+from flgpr.results.errors import ResultError
+from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
 
 FORMAT, VERSION = "flgpr-result", 2
 MODEL = "model"
 """Folder of the model inside a result."""
-SECTIONS = "sections.json"
-"""What lists the result folders of a lane that was taken in sections."""
+_NOT_CONTENT = ("identity", "added", "added_sizes", "sha256")
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
-
-
-class ResultError(ValueError):
-    """A result folder is incomplete, altered or not a result folder at all."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +46,16 @@ class Result:
     detections: list[Detection]  #: main result and variants
     recipe_text: str = ""  #: TOML of the recipe
 
+    def files(self) -> Folder:
+        """Give the folder's files, as the manifest that was read lists them."""
+        return listed_files(self.folder, self.manifest)
+
     def model(self) -> Model | None:
         """Load the model that it was made with; None if there was none."""
-        return load_model(self.folder / MODEL) if f"{MODEL}/{MODEL_FILE}" in self.manifest["files"] else None
+        name = f"{MODEL}/{MODEL_FILE}"
+        if name not in self.manifest["files"]:
+            return None
+        return load_model(self.files().path(MODEL), self.manifest["files"][name])
 
 
 def write_result(
@@ -78,7 +83,7 @@ def write_result(
         write_geojson(detection.alarms, home / "alarms.geojson")
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
         if detection.features is not None:
-            write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
+            write_table(detection.features, home / "features.csv")
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
     write_view(partial, detections, lane, run, parse_recipe(recipe_text), border)
@@ -111,17 +116,38 @@ def _content(
         "lane": asdict(lane),
         "run": run,
         "detections": [{"name": d.name, "title": d.title, "notes": d.notes} for d in detections],
-        "files": {
-            file.relative_to(home).as_posix(): sha256(file.read_bytes())
-            for file in sorted(home.rglob("*"))
-            if file.is_file()
-        },
+        **_listing(home),
     }
 
 
-def _manifest(content: dict[str, Any], added: dict[str, list[str | None]]) -> bytes:
-    """Seal the content, its identity, and the digests of what is added to the folder later."""
-    return seal({**content, "identity": sha256(canonical_json(content)), "added": added})
+def _listing(home: Path) -> dict[str, dict[str, Any]]:
+    """List digests and sizes of all files of a folder that was just written."""
+    files = {path.relative_to(home).as_posix(): path.read_bytes() for path in sorted(home.rglob("*")) if path.is_file()}
+    return {
+        "files": {name: sha256(data) for name, data in files.items()},
+        "sizes": {name: len(data) for name, data in files.items()},
+    }
+
+
+Added = Mapping[str, list[tuple[str | None, int | None]]]
+"""Digest and size of what is added to a folder later; several, and None for no file, while it is being written."""
+
+
+def _manifest(content: dict[str, Any], added: Added) -> bytes:
+    """Seal the content, its identity, and digests and sizes of what is added to the folder later."""
+    digests = {name: [digest for digest, _ in versions] for name, versions in added.items()}
+    sizes = {name: [size for _, size in versions] for name, versions in added.items()}
+    identity = sha256(canonical_json(content))
+    return seal({**content, "identity": identity, "added": digests, "added_sizes": sizes})
+
+
+def _added(manifest: Mapping[str, Any]) -> dict[str, list[tuple[str | None, int | None]]]:
+    """Read what :func:`_manifest` told of files that were added; sizes are None in a manifest of an older version."""
+    sizes = manifest.get("added_sizes", {})
+    return {
+        name: list(zip(digests, sizes.get(name, [None] * len(digests)), strict=True))
+        for name, digests in manifest["added"].items()
+    }
 
 
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
@@ -133,21 +159,25 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     manifest = read_result_manifest(folder)
     data = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name in data:
-        (folder / name).parent.mkdir(exist_ok=True)
-    content = {name: value for name, value in manifest.items() if name not in ("identity", "added", "sha256")}
-    added: dict[str, list[str | None]] = dict(manifest["added"])
-    both = {name: [*added.get(name, [None]), sha256(body)] for name, body in data.items()}
-    write_whole(folder / "manifest.json", _manifest(content, added | both))
+        parent = (folder / name).parent
+        parent.mkdir(exist_ok=True)
+        if parent != folder:
+            Folder(folder).path(parent.relative_to(folder).as_posix())  # a link would lead the file elsewhere
+    content = {name: value for name, value in manifest.items() if name not in _NOT_CONTENT}
+    before = _added(manifest)
+    after: Added = {name: [(sha256(body), len(body))] for name, body in data.items()}
+    both = {name: [*before.get(name, [(None, None)]), *versions] for name, versions in after.items()}
+    write_whole(folder / "manifest.json", _manifest(content, {**before, **both}))
     for name, body in data.items():
         write_whole(folder / name, body)
-    write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
+    write_whole(folder / "manifest.json", _manifest(content, {**before, **after}))
 
 
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """Read the manifest of a result folder and no other file; ``identity`` stays when files are added."""
     folder = Path(folder)
     try:
-        manifest = unseal(read_limited(folder / "manifest.json"))
+        manifest = read_sealed(folder, "manifest.json")
         if (manifest["format"], manifest["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format must be {FORMAT} version {VERSION}")
         return manifest
@@ -162,19 +192,20 @@ def read_result(folder: str | Path) -> Result:
     folder = Path(folder)
     manifest = read_result_manifest(folder)
     try:
-        for name, digest in manifest["files"].items():
-            _check_file(folder, name, [digest])
-        for name, digests in manifest["added"].items():
-            _check_file(folder, name, digests)
+        files = listed_files(folder, manifest)
         lane = Lane(**manifest["lane"])
-        detections = [_read_detection(folder, entry) for entry in manifest["detections"]]
-        text = (folder / "recipe.toml").read_text(encoding="utf-8")
+        detections = [_read_detection(files, entry) for entry in manifest["detections"]]
+        text = files.read("recipe.toml").decode("utf-8")
         recipe = parse_recipe(text, str(folder / "recipe.toml"))
+        for name in (files.listed or {}).keys() - files.proven:
+            files.check(name)
     except FileNotFoundError as error:
         raise ResultError(f"{folder}: not a whole result folder: {error.filename} is missing") from None
+    except DoorError as error:
+        raise ResultError(str(error)) from None
     except ResultError:
         raise
-    except (KeyError, TypeError, AttributeError, ValueError, OSError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OSError, RecursionError) as error:
         raise ResultError(f"{folder}: manifest.json cannot be read ({error})") from None
     return Result(folder, manifest, recipe, lane, detections, text)
 
@@ -185,9 +216,9 @@ def join_sections(folder: Path, homes: Sequence[Path], most: int = 2400) -> Resu
     rows = read_result_manifest(homes[-1])["section"]["rows"][1]
     step = -(-rows // max(1, most - len(homes)))
     views = [_thinned_view(read_result(home).detections[0].view, step) for home in homes]
-    alarms = read_table(folder / "alarms.csv", "alarms")
-    whole = replace(first.detections[0], alarms=alarms, view=xr.concat(views, "y"), features=None)
-    return replace(first, folder=folder, lane=read_lane(folder / "lane.toml"), detections=[whole])
+    sections = read_sections(folder)
+    whole = replace(first.detections[0], alarms=sections.alarms(), view=xr.concat(views, "y"), features=None)
+    return replace(first, folder=folder, lane=sections.lane(), detections=[whole])
 
 
 def thinned(view: xr.DataArray, step: int) -> xr.DataArray:
@@ -205,41 +236,33 @@ def _thinned_view(view: xr.DataArray, step: int) -> xr.DataArray:
     return thinned(view, step).assign_coords(looks=thinned(view["looks"].reset_coords(drop=True), step))
 
 
-def _check_file(folder: Path, name: str, digests: list[str | None]) -> None:
+def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
+    home = "" if entry["name"] == MAIN else f"variants/{entry['name']}/"
+    data = files.read(f"{home}run_view.npz")
     try:
-        path = inside(folder, name)
-    except ValueError as error:
-        raise ResultError(str(error)) from None
-    if None in digests and not path.exists():
-        return
-    if sha256(path.read_bytes()) not in digests:
-        raise ResultError(f"{folder}: {name} differs from what was written")
-
-
-def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
-    home = folder if entry["name"] == MAIN else inside(folder, f"variants/{entry['name']}")
-    try:
-        view = _read_view(home / "run_view.npz")
+        view = parse_view(data)
     except Exception as error:  # the parser raises whatever it stumbles over
-        raise ResultError(f"{folder}: run_view.npz cannot be read ({error!r})") from None
-    alarms = read_table(home / "alarms.csv", "alarms")
-    features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
+        raise ResultError(f"{files.root}: {home}run_view.npz cannot be read ({error!r})") from None
+    alarms = parse_table(files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv")
+    table = files.read_if_listed(f"{home}features.csv")
+    features = None if table is None else parse_columns(table)
     return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
 
 
-def _read_view(path: Path) -> xr.DataArray:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        return xr.DataArray(
-            arrays["magnitude"],
-            dims=("polarization", "subband", "y", "x"),
-            coords={
-                **{name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")},
-                "y": arrays["y"],
-                "x": arrays["x"],
-                "looks": (("y", "x"), arrays["looks"]),
-            },
-            name="run_view",
-        )
+def parse_view(data: bytes) -> xr.DataArray:
+    """Read a run-view from the bytes of ``run_view.npz``, whose arrays must fit one another before one is decoded."""
+    arrays = Archive(io.BytesIO(data))
+    shapes = {name: member.shape for name, member in arrays.members.items()}
+    axes = [shapes[name] for name in ("polarization", "subband", "y", "x")]
+    if any(len(axis) != 1 for axis in axes):
+        raise ValueError(f"polarization, subband, y and x must be lists, got the shapes {axes}")
+    sizes = tuple(axis[0] for axis in axes)
+    if shapes["magnitude"] != sizes or shapes["looks"] != sizes[2:]:
+        raise ValueError(f"magnitude and looks must fit {sizes}, got {shapes['magnitude']} and {shapes['looks']}")
+    labels = {name: [str(label) for label in arrays[name]] for name in ("polarization", "subband")}
+    coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
+    dims = ("polarization", "subband", "y", "x")
+    return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:

@@ -14,8 +14,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import flgpr
+from flgpr.door import MOST_JSON, Folder, parse_json
 from flgpr.io import canonical_json, sha256
-from flgpr.results.result import Result
+from flgpr.io.files import listed_files
+from flgpr.results.result import Result, read_result_manifest
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import BlindScore, Rules, Score, SideBySide, operating_row, pd_mean, refraction_shift, roc_of, score
 
@@ -106,11 +108,13 @@ def read_scored_truth(result: Result, folder: Path | None = None) -> tuple[pd.Da
 
     A file that is altered or another result's is a ValueError.
     """
-    path = (result.folder if folder is None else folder) / VIEW_SCORE
-    if not path.is_file():
+    files = listed_files(result.folder, read_result_manifest(result.folder)) if folder is None else Folder(folder)
+    path = files.root / VIEW_SCORE
+    data = files.read_if_listed(VIEW_SCORE, MOST_JSON)
+    if data is None:
         return None
     try:
-        stored = json.loads(path.read_bytes())
+        stored = parse_json(data)
         content = stored["content"]
         if sha256(canonical_json(content)) != stored["sha256"]:
             raise ValueError("it differs from what was written")
@@ -118,7 +122,7 @@ def read_scored_truth(result: Result, folder: Path | None = None) -> tuple[pd.Da
             raise ValueError("it belongs to another result")
         objects = content["objects"]
         return pd.DataFrame(content["truth"]), None if objects is None else pd.DataFrame(objects)
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: {error}; run flgpr score again") from None
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from flgpr.door import parse_json, read_named
 from flgpr.model import check_truth
 from flgpr.scoring.chance_level import Chance, chance
 from flgpr.scoring.curve import operating_row
@@ -197,7 +198,7 @@ def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
     from cryptography.exceptions import InvalidTag  # there, since the cipher was made
 
     try:
-        content = json.loads(cipher.decrypt(*_nonce_and(header, sealed)))
+        content = parse_json(cipher.decrypt(*_nonce_and(header, sealed)))
     except InvalidTag:
         raise ValueError("passphrase must be the one of the sealed truth, or the file was altered") from None
     rules = {"show": SHOWS[0], **content["rules"]}
@@ -222,23 +223,22 @@ def _written(header: Mapping[str, Any], sealed: bytes) -> bytes:
 
 def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
     """Read header and ciphertext of a sealed file; one not written as :func:`seal_truth` does is a ValueError."""
+    data = read_named(path, _MOST_BYTES)
     try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
-        told = json.loads(data)
+        told = parse_json(data)
         format_, salt = told["format"], base64.b64decode(told["scrypt"]["salt"])
         nonce, sealed = base64.b64decode(told["nonce"]), base64.b64decode(told["sealed"])
         header = _header(salt, nonce)
         header["scrypt"]["n"] = int(told["scrypt"]["n"])
         as_written = _written(header, sealed) == data
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         if b"flgpr-sealed-truth-1" in data[:200]:
             raise ValueError(
                 f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, which did not "
                 "authenticate all of it: seal the truth again"
             ) from None
         format_, as_written = None, False
-    if format_ != FORMAT or len(data) > _MOST_BYTES:
+    if format_ != FORMAT:
         raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
     if not as_written or len(nonce) != 12:
         raise ValueError(f"sealed must be as it was written, got {path}, which was altered")

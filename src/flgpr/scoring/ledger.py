@@ -14,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from flgpr.append_log import AppendLog, read_log
+from flgpr.door import MOST_CHECKED, parse_json, read_named
 
 OPENED = "truth opened"
 """Event of a register: what is registered after it was registered too late."""
@@ -25,7 +26,7 @@ _PATIENCE = 30.0  # s to wait for another process that is adding a line
 def content_hash(content: bytes | str | Path | Mapping[str, Any]) -> str:
     """Hash (SHA-256) bytes or text as they are, the file at a ``Path``, or a mapping as JSON with sorted keys."""
     if isinstance(content, Path):
-        data = content.read_bytes()
+        data = read_named(content, MOST_CHECKED)
     elif isinstance(content, bytes):
         data = content
     else:
@@ -166,10 +167,10 @@ def _parsed(file: Path, texts: Sequence[bytes]) -> list[dict[str, Any]]:
 def _fitting(text: bytes, lines: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """Read a line if its hash is that of its content and it follows the line before; else None."""
     try:
-        line = json.loads(text)
+        line = parse_json(text)
         body = {key: value for key, value in line.items() if key != "hash"}
         fits = line["hash"] == content_hash(body) and line["previous"] == (lines[-1]["hash"] if lines else "")
-    except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
+    except (ValueError, AttributeError, KeyError, TypeError):
         return None
     return line if fits else None
 

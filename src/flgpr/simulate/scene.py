@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
+from flgpr.door import parse_toml, read_named
 from flgpr.model import Lane
 from flgpr.model.bounds import Angle, Decibels, NotNegative, Positive
 from flgpr.model.faults import parse_entries, preset_names
@@ -323,7 +324,7 @@ def site_tables(site: Any) -> dict[str, Any]:
     own = Path(str(site))
     if own.suffix == ".toml" and own.is_file():
         try:
-            tables = tomllib.loads(own.read_text(encoding="utf-8"))
+            tables = parse_toml(read_named(own))
         except ValueError as error:
             raise ValueError(f"site {own} must be TOML in UTF-8 ({error})") from None
         parts = {name for name, entry in Scene.model_fields.items() if isinstance(entry.default, _Part)} - {"track"}
@@ -346,4 +347,4 @@ def load_scene(path: str | Path) -> Scene:
     """Load a scene from a TOML file; if it is not there or breaks a rule, that is a ValueError that names the entry."""
     if not Path(path).is_file():
         raise ValueError(f"scene file not found: {path}")
-    return parse_entries(Scene, Path(path).read_bytes(), f"scene {path}", "scene")
+    return parse_entries(Scene, read_named(path), f"scene {path}", "scene")

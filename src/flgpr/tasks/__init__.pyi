@@ -16,9 +16,9 @@ from flgpr.live.session import LiveReport as LiveReport
 from flgpr.live.session import LiveRun as LiveRun
 from flgpr.live.vehicle import Vehicle as Vehicle
 from flgpr.report import design_report as design_report
-from flgpr.results.result import SECTIONS as SECTIONS
 from flgpr.results.result import Result as Result
 from flgpr.results.result import read_result as read_result
+from flgpr.results.sections import SECTIONS as SECTIONS
 from flgpr.scoring import PASSPHRASE_RULE as PASSPHRASE_RULE
 from flgpr.scoring import WitnessedRegister as WitnessedRegister
 from flgpr.scoring import check_passphrase as check_passphrase

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -14,6 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from flgpr.chain.lane_chain import Detection
+from flgpr.door import read_named
 from flgpr.io import (
     MAX_MEMORY,
     georeferenced,
@@ -21,7 +21,6 @@ from flgpr.io import (
     open_run,
     qgis,
     read_gpr,
-    read_table,
     save_run,
     sha256,
     write_table,
@@ -30,7 +29,7 @@ from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.files import check_new, existing, partial_of
 from flgpr.io.mapped import Imported, import_mapped
-from flgpr.io.tables import json_value
+from flgpr.io.tables import json_value, parse_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.track import reference_track
 from flgpr.results.result import Result, read_result
@@ -131,8 +130,8 @@ def export_table(
 
     ``time`` is when, ISO 8601 with a time zone.
     """
-    rows = read_table(table, kind)
-    digest = sha256(Path(table).read_bytes())
+    data = read_named(existing(table, f"{kind} file"))
+    rows, digest = parse_table(data, kind, table), sha256(data)
     return _write_points(rows, Path(output), to, _tie(anchor, None, table), kind, f"sha256:{digest}", time)
 
 
@@ -220,7 +219,7 @@ def _shaded(result: Result, detection: Detection) -> ElementTree.Element:
     """Draw the channel that raised the alarms, from the median to what only one pixel in 500 exceeds."""
     view = detection.view
     names = [(str(a), str(b)) for a in view["polarization"].values for b in view["subband"].values]
-    channel = tuple(json.loads((result.folder / "view" / "index.json").read_bytes())["channel"])
+    channel = tuple(result.files().json("view/index.json")["channel"])
     band = names.index(channel) if channel in names else 0
     values = view.values.reshape(len(names), -1)[band]
     seen = values[np.isfinite(values)]

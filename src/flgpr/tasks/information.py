@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flgpr.calibrate import channel_health, health_summary
 from flgpr.chain.fitting import fit_faults
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
+from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
@@ -90,9 +91,9 @@ def model_info(folder: PathLike) -> dict[str, Any]:
     home = Path(folder)
     if (home / MODEL_FILE).is_file():
         return describe_model(home)
-    if not (home / MODEL / MODEL_FILE).is_file():
+    if not Folder(home).has(f"{MODEL}/{MODEL_FILE}"):
         raise ValueError(f"{folder}: this result was made without a model: its recipe alone decides")
-    return describe_model(home / MODEL) | {"result": str(home)}
+    return describe_model(Folder(home).path(MODEL)) | {"result": str(home)}
 
 
 def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:

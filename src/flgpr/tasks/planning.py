@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from flgpr.io import read_anchor, read_table, write_table, write_whole
+from flgpr.door import read_named
+from flgpr.io import read_anchor, write_table, write_whole
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import check_new, existing, faults_of
-from flgpr.io.tables import read_columns
+from flgpr.io.tables import parse_table, read_columns
 from flgpr.model import check_truth
 from flgpr.report import sheet_html
 from flgpr.scoring import (
@@ -121,7 +122,7 @@ def plan_lane(
     write_table(plan, files["plan"])
     entry["plan"] = content_hash(files["plan"])
     sheet = _sheet(plan, tie)
-    write_whole(files["sheet"], sheet.to_csv(index=False, lineterminator="\n"))
+    write_table(sheet, files["sheet"])
     write_whole(files["page"], sheet_html(sheet, as_lanes(where), files["plan"].name, entry["plan"], tie))
     if anchor is not None:
         for kind in ("gpkg", "gpx"):
@@ -157,12 +158,13 @@ def survey_plan(
     of other targets. Nothing is written then, nor over a file that exists.
     """
     check_new(output)
-    planned = read_table(plan, "truth")
+    data = read_named(existing(plan, "truth file"))
+    planned = parse_table(data, "truth", plan)
     own = own_book(plan, planned) if book is None else Path(book)
     if own is None:
         raise ValueError(f"book must be given: {plan} names no register")
     lines = read_register(existing(own, "register"))
-    digest = content_hash(Path(plan))
+    digest = content_hash(data)
     entered = [line for line in lines if line.get("event") == "plan" and line.get("plan") == digest]
     if not entered:
         raise ValueError(f"plan must be one that stands in {own}, unaltered, got {plan}")

@@ -11,6 +11,7 @@ import xarray as xr
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.clutter import band_pass, dewow, gate, remove_standing, shift_time, subtract_run, time_gain
+from flgpr.door import read_named
 from flgpr.io import MAX_MEMORY, open_run, save_run
 from flgpr.io.files import check_new, existing
 from flgpr.model.faults import first_fault, parse_entries
@@ -123,7 +124,7 @@ class _Steps(BaseModel):
 
 def read_steps(path: PathLike) -> list[Step]:
     """Read steps from TOML, a table ``[[step]]`` each, with its name in ``do``; a fault is a ValueError."""
-    return parse_entries(_Steps, existing(path, "file of steps").read_bytes(), str(path)).step
+    return parse_entries(_Steps, read_named(existing(path, "file of steps")), str(path)).step
 
 
 def check_steps(entries: Sequence[dict[str, Any]]) -> list[Step]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
+from flgpr.door import parse_json
 from flgpr.io import MAX_MEMORY, open_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
@@ -188,8 +189,8 @@ class RawRun:
 
     def _steps(self, text: str) -> list[Step]:
         try:
-            entries = json.loads(text)
-        except (ValueError, RecursionError):
+            entries = parse_json(text)
+        except ValueError:
             entries = None
         if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
             raise ValueError("steps must be a JSON list of steps")

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from flgpr.chain.model import MODEL_FILE
+from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
+from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
 from flgpr.execution.lane_run import results_at
-from flgpr.io import read_limited, read_table
-from flgpr.io.files import existing
-from flgpr.results.result import MODEL, SECTIONS, read_result_manifest
+from flgpr.io.files import existing, listed_files
+from flgpr.io.tables import parse_table
+from flgpr.results.result import MODEL, read_result_manifest
+from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import Registration, check_head, content_hash, head_of, require_registered, require_truth
 from flgpr.scoring.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
 
@@ -29,14 +30,19 @@ class Entrant:
     """An alarm list, and what it was made with, by hash; None where that is not known."""
 
     path: Path  #: the list
+    data: bytes = field(repr=False)  #: what it holds, read once: what is scored is what is hashed
     recipe: str | None
     model: str | None = None
     of_result: bool = False  #: whether a result folder tells the recipe, and nobody has to be believed
     named: bool = False  #: whether a recipe was named, which asks for a register
 
+    def table(self) -> pd.DataFrame:
+        """Give the alarms."""
+        return parse_table(self.data, "alarms", self.path)
+
     def notes(self, line: Mapping[str, Any] | None) -> dict[str, Any]:
         """Tell of what was scored: its digest, and the recipe with the line of the register."""
-        told: dict[str, Any] = {"alarms_sha256": content_hash(self.path)}
+        told: dict[str, Any] = {"alarms_sha256": content_hash(self.data)}
         if line is not None:
             how = "its result folder" if self.of_result else "whoever gave the list"
             told |= {"recipe_sha256": self.recipe, "recipe_registered": line["time"], "recipe_told_by": how}
@@ -51,14 +57,18 @@ def find_entrant(alarms: PathLike, recipe: PathLike | None = None) -> Entrant:
     """
     path = Path(alarms)
     home = path if path.is_dir() else path.parent
-    told = {name for name in ("manifest.json", SECTIONS) if (home / name).is_file()}
-    if not told or (path.is_file() and path.name != "alarms.csv"):
+    marks = {name for name in ("manifest.json", SECTIONS) if Folder(home).has(name)}
+    if not marks or (path.is_file() and path.name != "alarms.csv"):
         mark = None if recipe is None else recipe_hash(recipe)[0]
-        return Entrant(existing(path, "alarms file"), mark, named=recipe is not None)
+        data = read_named(existing(path, "alarms file"))
+        return Entrant(path, data, mark, named=recipe is not None)
     path = existing(home / "alarms.csv", "alarms file")
     manifests = [read_result_manifest(one) for one in results_at(home)]
-    if SECTIONS not in told and manifests[0]["files"].get("alarms.csv") != content_hash(path):
-        raise ValueError(f"{path} differs from what was written: a changed list is scored under a name of its own")
+    try:
+        files = read_sections(home).files if SECTIONS in marks else listed_files(home, manifests[0])
+        data = files.read("alarms.csv")
+    except DoorError as error:
+        raise ValueError(f"{error}: a changed list is scored under a name of its own") from None
     recipes = {one["recipe_sha256"] for one in manifests}
     models = {one["files"].get(f"{MODEL}/{MODEL_FILE}") for one in manifests}
     given = set(recipe_hash(recipe)) if recipe is not None else recipes
@@ -67,7 +77,12 @@ def find_entrant(alarms: PathLike, recipe: PathLike | None = None) -> Entrant:
     if not recipes <= given:
         raise ValueError(f"recipe must be the one that {home} was made with, got {recipe}")
     return Entrant(
-        path, recipe_hash(recipe)[0] if recipe is not None else recipes.pop(), models.pop(), True, recipe is not None
+        path,
+        data,
+        recipe_hash(recipe)[0] if recipe is not None else recipes.pop(),
+        models.pop(),
+        True,
+        recipe is not None,
     )
 
 
@@ -78,8 +93,8 @@ def recipe_hash(recipe: PathLike) -> tuple[str, str]:
     if Path(recipe).is_dir():
         raise ValueError(f"recipe must be a file or a packaged recipe, got the folder {recipe}; is it a model?")
     path = existing(recipe, "recipe file")
-    text = path.read_bytes().replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return content_hash(path), content_hash(text)
+    data = read_named(path)
+    return content_hash(data), content_hash(data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
 
 
 def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None) -> dict[str, Any]:
@@ -92,7 +107,8 @@ def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None)
     existing(parts_of(book)[0], "register")
     entry = {"event": "recipe", "recipe": recipe_hash(recipe)[0]}
     if model is not None:
-        entry["model"] = content_hash(existing(Path(model) / MODEL_FILE, "model"))
+        existing(Path(model) / MODEL_FILE, "model")
+        entry["model"] = content_hash(read_model(model))
 
     def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
         early = before_opening(lines)
@@ -139,20 +155,26 @@ def check_register(
 def _heads_in(report: PathLike) -> list[dict[str, Any]]:
     """List what a report tells of a register, once for every alarm list of it; a ValueError where it tells nothing."""
     place = Path(report)
-    if place.is_dir():
-        place = next((place / name for name in ("roc.json", "comparison.json") if (place / name).is_file()), place)
     try:
-        notes = json.loads(read_limited(place))["notes"]
+        notes = parse_json(_report_bytes(place))["notes"]
         told = [notes, *(one for one in notes.values() if isinstance(one, dict))]
         heads = [one["register"] for one in told if isinstance(one.get("register"), dict)]
         known = bool(heads) and all(
             type(one["lines"]) is int and one["lines"] >= 0 and isinstance(one["head"], str) for one in heads
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         known = False
     if not known:
         raise ValueError(f"report must be the roc.json of a score that was made with a register, got {report}")
     return heads
+
+
+def _report_bytes(place: Path) -> bytes:
+    """Read the JSON of a score: a file that was named, or that of a score's folder."""
+    if not place.is_dir():
+        return read_named(place, MOST_JSON)
+    files = Folder(place)
+    return files.read(next((name for name in ("roc.json", "comparison.json") if files.has(name)), "roc.json"))
 
 
 def own_book(truth: PathLike, table: pd.DataFrame) -> Path | None:
@@ -179,18 +201,18 @@ def open_truth(
     A truth that was planned has a register of its own, which must tell of it, of the lanes and of the rules. Every
     opening is entered there. Without a register the truth is open to all.
     """
-    targets = read_table(truth, "truth")
+    data = read_named(existing(truth, "truth file"))
+    targets, digest = parse_table(data, "truth", truth), content_hash(data)
     own = own_book(truth, targets)
     book = own if book is None else book
     if book is None:
         if any(one.named for one in entrants):
             raise ValueError(f"recipe and book must be given together, got no book, and {truth} names none")
-        return targets, [one.notes(None) | {"truth_sha256": content_hash(Path(truth))} for one in entrants]
+        return targets, [one.notes(None) | {"truth_sha256": digest} for one in entrants]
     asked = [registration(one, book) for one in entrants]
     path, _ = parts_of(book)
     read_book(book)
     lines = [require_registered(path, one.recipe, one.model) for one in asked if one is not None]
-    digest = content_hash(Path(truth))
     require_truth(path, digest, lanes, rules, planned=own is not None)
     notes = [one.notes(line) | {"truth_sha256": digest} for one, line in zip(entrants, lines, strict=True)]
     for one, note in zip(entrants, notes, strict=True):

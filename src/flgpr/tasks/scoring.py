@@ -6,7 +6,6 @@ import dataclasses
 import importlib.util
 import itertools
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,14 +13,16 @@ from typing import Any, Literal
 import pandas as pd
 
 from flgpr.chain.progress import Track, silent
+from flgpr.door import Folder, parse_toml, read_named
 from flgpr.execution.lane_run import results_at
 from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
 from flgpr.io.files import existing, faults_of
-from flgpr.io.tables import read_columns, read_lane
+from flgpr.io.tables import parse_table, read_columns
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
-from flgpr.results.result import SECTIONS, Result, add_files, join_sections, read_result
+from flgpr.results.result import Result, add_files, join_sections, read_result
 from flgpr.results.score import VIEW_SCORE, blind_roc_json, comparison_json, score_detections, view_score
+from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import (
     Agreement,
     BlindScore,
@@ -53,7 +54,7 @@ def read_lanes(path: PathLike) -> Lane | dict[str, Lane]:
     path = existing(path, "lane file")
     with faults_of(path):
         table = path.suffix.lower() == ".csv"
-        lanes = as_lanes(read_columns(path) if table else tomllib.loads(path.read_text(encoding="utf-8")))
+        lanes = as_lanes(read_columns(path) if table else parse_toml(read_named(path)))
     return lanes[""] if list(lanes) == [""] else lanes
 
 
@@ -104,7 +105,7 @@ def score_result(
 
 def score_home(folder: PathLike) -> Path:
     """Tell where the score of a result is written by default: in it, or in ``score`` in a folder of sections."""
-    return Path(folder) / "score" if (Path(folder) / SECTIONS).is_file() else Path(folder)
+    return Path(folder) / "score" if Folder(folder).has(SECTIONS) else Path(folder)
 
 
 def score_alarms(
@@ -125,7 +126,7 @@ def score_alarms(
     the opening is entered; a planned truth names its own. ``rules`` are those of :class:`flgpr.scoring.Rules`.
     """
     one, where, how = find_entrant(alarms, recipe), read_lanes(lane), Rules(**rules)
-    table = read_table(one.path, "alarms")
+    table = one.table()
     targets, (notes,) = open_truth(truth, [one], borders(where), {"halo": how.halo, "far": how.far}, book)
     scored = [score(table, targets, where, how)]
     _write(Path(output), score_files(scored, notes, title=title))
@@ -171,7 +172,7 @@ def compare_alarms(
     if len(halos) > 1:
         raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
-    names, tables = _names(entrants), [read_table(one.path, "alarms") for one in entrants]
+    names, tables = _names(entrants), [one.table() for one in entrants]
     targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book)
     scored = [score(table, targets, where, rules) for table in tables]
     fars = scored[0].operating_points()["far_allowed"].tolist()
@@ -199,7 +200,7 @@ def compare_sealed(
     entrants = _entrants(alarms, recipes)
     check_registered(entrants, book)
     place, names = existing(sealed, "sealed truth"), _names(entrants)
-    tables = [read_table(one.path, "alarms") for one in entrants]
+    tables = [one.table() for one in entrants]
     phrase = passphrase() if callable(passphrase) else passphrase
     matches, notes = {}, {}
     for name, one, table in zip(names, entrants, tables, strict=True):
@@ -253,7 +254,7 @@ def _entrants(alarms: Sequence[PathLike], recipes: Sequence[PathLike]) -> list[E
 def _lane_and_halo(folder: Path) -> tuple[Lane, float]:
     """Tell the lane of a result, or of one in sections, and its recipe's halo, m."""
     first = read_result(results_at(folder)[0])
-    lane = read_lane(folder / "lane.toml") if (folder / SECTIONS).is_file() else first.lane
+    lane = read_sections(folder).lane() if Folder(folder).has(SECTIONS) else first.lane
     return lane, first.recipe.score.halo
 
 
@@ -302,12 +303,13 @@ def seal(
     The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`. A planned truth is sealed
     with its register, or with the ``book`` that is given: scores then demand it, with the recipe in it.
     """
-    table, where = read_table(truth, "truth"), read_lanes(lane)
+    data = read_named(existing(truth, "truth file"))
+    table, where = parse_table(data, "truth", truth), read_lanes(lane)
     own = own_book(truth, table)
     held, bound = own if book is None else book, None
     if held is not None:
         place = existing(parts_of(held)[0], "register")
-        lines, digest = read_book(held), content_hash(Path(truth))
+        lines, digest = read_book(held), content_hash(data)
         require_truth(place, digest, borders(where), {"halo": halo}, planned=own is not None)
         if not lines:
             raise ValueError(f"book must hold a plan or a recipe, got the empty {place}")
@@ -337,7 +339,7 @@ def score_sealed(
     """
     one = find_entrant(alarms, recipe)
     check_registered([one], book)
-    place, table = existing(sealed, "sealed truth"), read_table(one.path, "alarms")
+    place, table = existing(sealed, "sealed truth"), one.table()
     told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
         notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}

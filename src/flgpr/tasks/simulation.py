@@ -16,6 +16,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from flgpr import __version__
 from flgpr.chain.progress import Track, silent
+from flgpr.door import Folder
 from flgpr.io import (
     GprmaxRun,
     RunWriter,
@@ -194,10 +195,10 @@ def import_gprmax_results(
         for scan in track(range(done, total), label, total - done):
             writer.append(results.scan(scan), manifest["pose"][scan], manifest["time"][scan])
         for name in _BESIDE:  # before the run, whose presence says that all is there
-            source = Path(folder) / name
-            if source.is_file():
+            data = Folder(folder).read_if_listed(name)
+            if data is not None:
                 target = store.with_name(f"{store.stem}-{name}")
-                write_whole(target, source.read_bytes())
+                write_whole(target, data)
                 written.append(target)
     return written
 

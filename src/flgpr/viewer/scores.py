@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flgpr.io import canonical_json, read_limited
+from flgpr.door import MOST_JSON, Folder, parse_json
+from flgpr.io import canonical_json
 
 _FILES = {"roc.json": "flgpr-score", "comparison.json": "flgpr-comparison"}
 _CURVE = ("pd", "pd_low", "pd_high", "chance", "far", "far_low", "far_high", "n_detected", "n_false")
@@ -18,8 +18,9 @@ _TARGET = ("target_id", "kind", "depth", "far", "confidence")
 
 def score_file(path: Path) -> Path | None:
     """Find the file of a score at a path: itself, or in a folder of ``flgpr score``; None if there is none."""
-    places = [path / name for name in _FILES] if path.is_dir() else [path] if path.suffix == ".json" else []
-    return next((place for place in places if place.is_file()), None)
+    if path.is_dir():
+        return next((path / name for name in _FILES if Folder(path).has(name)), None)
+    return path.resolve() if path.suffix == ".json" and path.is_file() else None
 
 
 class IndexOnly:
@@ -50,14 +51,14 @@ class ScoreFiles(IndexOnly):
     def __init__(self, path: Path) -> None:
         self.folder = path.parent.resolve()
         try:
-            told = json.loads(read_limited(path))
+            told = parse_json(Folder(path.parent).read(path.name, MOST_JSON))
             if told["format"] not in _FILES.values() or told["version"] != 1:
                 raise ValueError(f"format must be {' or '.join(_FILES.values())} version 1")
             several = _compared(told) if told["format"] == "flgpr-comparison" else told["detections"]
             detections = {str(name): _scored(one, told["rules"]) for name, one in several.items()}
             rules = {name: told["rules"][name] for name in _RULES if name in told["rules"]}
             self._score = canonical_json(_score(detections, {**rules, **_truth(told["notes"])}))
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as error:
             raise ValueError(f"{path}: not a score that can be shown ({type(error).__name__}: {error})") from None
         self.title = f"{self.folder.name} (score)"
         nowhere: dict[str, list[Any]] = {name: [] for name in ("x", "y", "z", "heading", "masked")}

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
 from flgpr.io import (
     MOST_VERDICT_BYTES,
     canonical_json,
     check_verdicts,
     open_run,
     parse_verdicts,
-    read_limited,
     sha256,
-    unseal,
     verdict_bytes,
     write_whole,
 )
+from flgpr.io.files import listed_files, read_sealed
 from flgpr.viewer.scores import IndexOnly, ScoreFiles, score_file
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 LIVE_FILE = "live.jsonl"
-_LIVE_BYTES = 2**22
+_MANIFEST, _SCORE = "manifest.json", "view/score.json"
+_LIVE_BYTES, _MOST_LIVE = 2**22, 2**40
 
 
 class ViewError(ValueError):
@@ -41,16 +42,18 @@ class ResultFiles:
     def __init__(self, folder: str | Path, score: str | Path | None = None) -> None:
         self.folder = Path(folder).resolve()
         try:
-            manifest = unseal(read_limited(self.folder / "manifest.json"))
+            manifest = read_sealed(self.folder, _MANIFEST)
             self.identity: str = manifest["identity"]
-            self._digests: dict[str, str] = manifest["files"]
-        except (OSError, ValueError, KeyError, TypeError):
-            raise ViewError(f"{folder}: not a result folder (manifest.json is missing or cannot be read)") from None
-        self._checked: dict[str, tuple[int, int]] = {}
-        self.index: dict[str, Any] = json.loads(self._read("index.json"))
+            self._files = listed_files(self.folder, manifest)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            why = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be read: {error}"
+            raise ViewError(f"{folder}: not a result folder ({_MANIFEST} {why})") from None
+        with _as_view_error():
+            self.index: dict[str, Any] = self._files.json("view/index.json")
         if self.index.get("format") != VIEW_FORMAT or self.index.get("version") != VIEW_VERSION:
             raise ViewError(f"{folder}: view must be {VIEW_FORMAT} version {VIEW_VERSION}")
-        self._score_home = Path(score).resolve() if score is not None else self.folder
+        home = None if score is None else Path(score).resolve()
+        self._score_home = None if home == self.folder else home
 
     @property
     def title(self) -> str:
@@ -59,22 +62,37 @@ class ResultFiles:
 
     def index_bytes(self) -> bytes:
         """Read the index as it was written."""
-        return self._read("index.json")
+        with _as_view_error():
+            return self._files.read("view/index.json", MOST_JSON)
 
     def score_bytes(self) -> bytes | None:
         """Read the score, JSON; None where the result was not scored, an error where it is altered or another's."""
-        try:
-            stored = json.loads((self._score_home / "view" / "score.json").read_bytes())
-            body = canonical_json(stored["content"])
-        except FileNotFoundError:
+        files = self._score_folder()
+        if not files.has(_SCORE):
             return None
-        except (ValueError, KeyError, TypeError):
-            raise ViewError("view/score.json cannot be read") from None
-        if sha256(body) != stored.get("sha256"):
-            raise ViewError("view/score.json differs from what was written")
-        if stored["content"]["result_sha256"] != self.identity:
-            raise ViewError("view/score.json belongs to another result; run flgpr score again")
+        with _as_view_error():
+            files.refuse_unlisted(_SCORE)
+            data = files.read(_SCORE, MOST_JSON)
+        try:
+            stored = parse_json(data)
+            body = canonical_json(stored["content"])
+            digest, identity = stored.get("sha256"), stored["content"]["result_sha256"]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise ViewError(f"{_SCORE} cannot be read") from None
+        if sha256(body) != digest:
+            raise ViewError(f"{_SCORE} differs from what was written")
+        if identity != self.identity:
+            raise ViewError(f"{_SCORE} belongs to another result; run flgpr score again")
         return body
+
+    def _score_folder(self) -> Folder:
+        """Give the folder of the score; the result's own manifest is read anew, for it may have been scored since."""
+        if self._score_home is not None:
+            return Folder(self._score_home)
+        try:
+            return listed_files(self.folder, read_sealed(self.folder, _MANIFEST))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ViewError(f"{self.folder}: {_MANIFEST} cannot be read: {error}") from None
 
     def tile(self, layer: int, level: int, tile: int) -> bytes | None:
         """Read a tile, ``tile_rows`` rows of a layer: little-endian half floats, dB; None if there is none."""
@@ -87,7 +105,7 @@ class ResultFiles:
             return None
         width = 2 * self.index["grid"]["nx"]
         rows = min(self.index["tile_rows"], entry["rows"] - first)
-        return self._read(entry["file"], first * width, rows * width)
+        return self._part(entry["file"], first * width, rows * width)
 
     def evidence(self, detection: int, alarm: int) -> bytes | None:
         """Read what explains an alarm of a detection: little-endian half floats, dB; None if nothing is stored."""
@@ -98,26 +116,25 @@ class ResultFiles:
         if not 0 <= alarm < len(entry["start"]) - 1:
             return None
         first, end = entry["start"][alarm : alarm + 2]
-        return self._read(entry["file"], 2 * first, 2 * (end - first))
+        return self._part(entry["file"], 2 * first, 2 * (end - first))
 
-    def _read(self, name: str, offset: int = 0, length: int = -1) -> bytes:
-        """Read part of a file of the view, whose digest is checked whenever it has changed on disk."""
-        home = self.folder / "view"
-        path = (home / name).resolve()
-        if not path.is_relative_to(home):
-            raise ViewError(f"view/{name} leads out of the result folder")
-        try:
-            with path.open("rb") as file:
-                state = os.fstat(file.fileno())
-                stamp = state.st_mtime_ns, state.st_size
-                if self._checked.get(name) != stamp:
-                    if sha256(file.read()) != self._digests.get(f"view/{name}"):
-                        raise ViewError(f"view/{name} differs from what was written")
-                    self._checked[name] = stamp
-                file.seek(offset)
-                return file.read(length)
-        except OSError:
-            raise ViewError(f"view/{name} is missing") from None
+    def _part(self, name: str, offset: int, length: int) -> bytes:
+        """Read part of a file of the view; what is sent is proven, whatever became of the file since it was opened."""
+        with _as_view_error():
+            return self._files.read_part(f"view/{name}", offset, length)
+
+
+@contextmanager
+def _as_view_error() -> Iterator[None]:
+    """Say in a ViewError what is wrong with a file."""
+    try:
+        yield
+    except ViewError:
+        raise
+    except FileNotFoundError as error:
+        raise ViewError(f"{error.filename} is missing") from None
+    except (OSError, ValueError) as error:
+        raise ViewError(str(error)) from None
 
 
 class RunFiles(IndexOnly):
@@ -170,14 +187,14 @@ class VerdictFile:
     def read(self) -> dict[str, Any]:
         """Read the notes, none where there is no file yet, with the digest of what was read."""
         try:
-            data = read_limited(self.path, MOST_VERDICT_BYTES)
+            data = read_named(self.path, MOST_VERDICT_BYTES)
         except FileNotFoundError:
             return {"sha256": "", "notes": []}
         return {"sha256": sha256(data), "notes": parse_verdicts(data, self.path)}
 
     def write(self, body: bytes) -> dict[str, Any]:
         """Replace the file by the notes of a page, unless it changed since the page read it: a ValueError says so."""
-        told = json.loads(body)
+        told = parse_json(body)
         data = verdict_bytes(check_verdicts(told))
         if len(data) > MOST_VERDICT_BYTES:
             raise ValueError(f"verdicts must take at most {MOST_VERDICT_BYTES >> 20} MiB, got {len(data) >> 20}")
@@ -195,8 +212,7 @@ class LiveFile:
 
     def __init__(self, path: str | Path) -> None:
         whole = Path(path).resolve()
-        self._path = whole if whole.suffix == ".jsonl" else whole / LIVE_FILE
-        self.folder = self._path.parent
+        self.folder, self._name = (whole.parent, whole.name) if whole.suffix == ".jsonl" else (whole, LIVE_FILE)
 
     def after(self, offset: int) -> dict[str, Any]:
         """Read ``events`` that came since a byte offset, where the last answer's ``next`` ended.
@@ -205,14 +221,14 @@ class LiveFile:
         more; ``age``, s, since detection last touched the file, None without one; ``now`` is the time, s since 1970.
         """
         try:
-            with self._path.open("rb") as file:
+            with Folder(self.folder).open(self._name, _MOST_LIVE) as file:
                 state = os.fstat(file.fileno())
                 size, age = state.st_size, max(time.time() - state.st_mtime, 0.0)
                 restarted = offset > size
                 start = 0 if restarted else offset
                 file.seek(start)
                 data = file.read(_LIVE_BYTES)
-        except OSError:
+        except (OSError, DoorError):
             return {"events": [], "next": 0, "bad": 0, "restarted": offset > 0, "more": False, "age": None}
         whole = data[: data.rfind(b"\n") + 1]
         if not whole and len(data) == _LIVE_BYTES:
@@ -220,7 +236,7 @@ class LiveFile:
         events, bad = [], 0
         for line in whole.splitlines():
             try:
-                event = json.loads(line, parse_constant=lambda _: None)
+                event = parse_json(line, lambda _: None)
             except ValueError:
                 event = None
             if isinstance(event, dict):
@@ -263,14 +279,15 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         raise FileNotFoundError(f"nothing to view at {path}")
     if path.name == "alarms.csv":
         path = path.parent
-    if (path / "manifest.json").is_file():
+    inside = Folder(path)
+    if inside.has(_MANIFEST):
         return ResultFiles(path, score)
-    if (path / "commit.json").is_file():
+    if inside.has("commit.json"):
         return RunFiles(path)
     scored = score_file(path)
     if scored is not None:
         return ScoreFiles(scored)
-    if (path / "sections.json").is_file():
+    if inside.has("sections.json"):
         names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
         raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
     raise ViewError(f"path must be a result folder, a run or a score, got {path}")

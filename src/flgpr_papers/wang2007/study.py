@@ -20,7 +20,8 @@ from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.kernels.sampling import bilinear
 from flgpr.model import Lane, lane_to_scan
 from flgpr.results.description import describe_run
-from flgpr.results.result import ResultError, read_result, write_result
+from flgpr.results.errors import ResultError
+from flgpr.results.result import read_result, write_result
 from flgpr.screen import RunViewSums, view_array
 from flgpr.simulate import Scene, Sensor
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from flgpr.archive import array_bytes, npy_header
+from flgpr.door import Folder
 from flgpr.simulate.signature import table as nodes
 from flgpr.simulate.signature.body import Body
 from flgpr.simulate.signature.dipoles import solve_box
@@ -59,8 +62,17 @@ def build_table(
         done += 1
         if progress is not None:
             progress(done, len(pieces))
-    values = np.stack([np.load(folder / piece.file, allow_pickle=False) for piece in pieces])
+    values = np.stack([_read_piece(folder, piece) for piece in pieces])
     return SignatureTable(body, values.reshape(*shape, *values.shape[1:]).astype(np.complex64))
+
+
+def _read_piece(folder: Path, piece: _Piece) -> NDArray[np.complex64]:
+    """Read a piece that was kept; one that holds something else is a ValueError."""
+    data = Folder(folder).read(piece.file)
+    shape, dtype, head = npy_header(io.BytesIO(data))
+    if dtype != np.complex64 or head + array_bytes(shape, dtype) != len(data):
+        raise ValueError(f"{folder / piece.file} must hold a piece of a table, got {shape} {dtype}: take it away")
+    return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
 
 
 def _worked(body: Body, folder: Path, pieces: Iterable[_Piece], workers: int) -> Iterator[None]:

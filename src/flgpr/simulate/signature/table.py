@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import io
 import json
-import zlib
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from hashlib import sha256
 from importlib import resources
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from flgpr.archive import Archive
+from flgpr.door import parse_json, read_named
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import no_preset
@@ -138,10 +138,10 @@ def table_nodes() -> dict[str, list[float]]:
 def load_table(path: Any) -> SignatureTable:
     """Read what :func:`save_table` wrote; another file, or one for other nodes, is a ValueError."""
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
-            about = json.loads(bytes(data["about"]))
-            values = data["values"].astype(np.float32).view(np.complex64) * data["scale"]
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
+        data = Archive(io.BytesIO(read_named(path) if isinstance(path, Path) else path.read_bytes()))
+        about = parse_json(bytes(data["about"]))
+        values = data["values"].astype(np.float32).view(np.complex64) * data["scale"]
+    except (OSError, ValueError, KeyError) as error:
         raise ValueError(f"signature {path}: not a table of signatures: {error}") from None
     if about.get("format") != FORMAT or about.get("nodes") != table_nodes():
         raise ValueError(f"signature {path}: made for other nodes, make it again with flgpr simulate signature")
