@@ -332,6 +332,8 @@ class LaneChain(Chain):
             notes["confidence"] = self._reads.single if detector is None else " + ".join(detector.features)
         if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
             notes |= self.roadside.notes()
+        for stage in self.images.stages.values():
+            notes |= stage.notes()
         return notes
 
     def _image(self, index: int, suppressed: bool, rows: int | None = None) -> xr.DataArray:
