@@ -1,5 +1,6 @@
 """The reproduction of Fuse et al. 2018 on a made-up lane of points: thresholds, masks, variants, scores, page."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.progress import silent
+from flgpr.chain.recipe import load_recipe
 from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
@@ -16,6 +18,7 @@ from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
+    clutter_findings,
     follow,
     frame_match,
     lane_match,
@@ -377,9 +380,62 @@ def test_the_chain_cleans_as_the_study_does(calibration):
     frames = make_frames("A", 2, 3)
     forms = stage_forms(frames, calibration)
     cleaned = clean(forms, 2, ("original", *forms))
-    for name in ("iteration", "shared", "least squares", "least squares spared"):
-        stage = trained(frames.stage, calibration.learnt, method=forms[name].settings.method)
+    for name, form in forms.items():
+        stage = trained(frames.stage, calibration.learnt, **form.settings.model_dump())
         kept = stage.passes()[-1].start(None)
         kept.add(2)
         np.testing.assert_array_equal(kept.state(False)["data"][0], cleaned.data[name])
-    assert not np.array_equal(cleaned.data["least squares"], cleaned.data["iteration"])
+    data = list(cleaned.data.values())
+    assert not any(np.array_equal(one, other) for one, other in itertools.combinations(data, 2))
+
+
+def test_the_packaged_recipe_is_the_papers_form():
+    """Sec. 2.3: the same mask in each frame; Sec. 2.4: the roadside's average of a frame of the test lane."""
+    (masks,) = (one.settings for one in load_recipe("fuse2018").clutter if one.stage == "masks")
+    assert (masks.method, masks.low_threshold) == ("iteration-per-frame", "frame")
+    assert (masks.iterations, masks.combination, masks.roadside) == (7, 6, (4.0, 10.0))
+
+
+def test_the_extended_masks_threshold_is_that_of_the_frame(calibration):
+    frames = make_frames("A", 2, 3)
+    forms = stage_forms(frames, calibration)
+    one = forms["iteration"].aperture(2)
+    own, learnt = (forms[name].limits_for(one) for name in ("iteration", "calibrated roadside"))
+    beside = (np.abs(forms["iteration"].across) >= 4) & (np.abs(forms["iteration"].across) <= 10)
+    for number in range(4):
+        pixels = beside & (forms["iteration"].region == number)
+        assert own.low_vh[number] == pytest.approx(np.abs(one.vh[pixels]).mean(), rel=1e-5)
+    np.testing.assert_array_equal(learnt.low_vh, calibration.learnt["low_vh"])
+    assert own.vv is not None
+    np.testing.assert_array_equal(own.vv, learnt.vv)
+
+
+def test_a_course_that_fell_back_is_told(calibration):
+    frames = make_frames("A", 2, 3)
+    stage = trained(frames.stage, calibration.learnt)
+    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}})
+    assert stage.notes() == {"suppressions_fallen_back": 2}
+    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([False])}})
+    assert stage.notes() == {}
+
+
+def made_up_boxes(powers):
+    """Clutter boxes of many objects whose power falls so much, dB, by stage, with a little spread."""
+    rng = np.random.default_rng(7)
+    count = 40
+    boxes = pd.DataFrame({"cluster": [f"O{k}" for k in range(count)], "frame": np.arange(count), "lane": "A"})
+    for stage, fall in powers.items():
+        boxes[stage] = 10 ** ((-fall + rng.normal(0, 0.3, count)) / 10)
+    return boxes.assign(**{"#0": 1.0})
+
+
+@pytest.mark.parametrize(("third", "verdict"), [(12.0, "agrees"), (25.0, "disagrees"), (20.0, "cannot say")])
+def test_the_best_combination_is_better_than_each_of_the_others(third, verdict):
+    """#6 over #5 does not suffice: here #3 is worse, better, or alike."""
+    falls = {f"#{k}": 3.0 * k for k in range(1, 6)} | {"#3": third, "#6": 20.0}
+    falls |= {f"iteration {k}": 2.0 * k for k in range(8)}
+    found = {one.claim: one for one in clutter_findings(made_up_boxes(falls), RECIPE)}
+    best = found["#6 is the best combination"]
+    assert best.verdict == verdict
+    assert len(best.parts) == 6
+    assert all(f"#{k} less #6" in best.ours for k in range(6))

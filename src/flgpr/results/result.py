@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 import flgpr
 from flgpr.chain.lane_chain import MAIN, Detection
@@ -30,6 +31,9 @@ MODEL = "model"
 """Folder of the model inside a result."""
 SECTIONS = "sections.json"
 """What lists the result folders of a lane that was taken in sections."""
+FRAMES = "frames.npz"
+"""Alarms of every frame, where the recipe scores by frames."""
+_FRAME_COLUMNS = ("frame", "across", "ahead", "confidence")
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
 
 
@@ -79,6 +83,8 @@ def write_result(
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
         if detection.features is not None:
             write_whole(home / "features.csv", detection.features.to_csv(index=False, lineterminator="\n"))
+        if detection.frames is not None:
+            write_whole(home / FRAMES, _frames_bytes(*detection.frames))
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
     write_view(partial, detections, lane, run, parse_recipe(recipe_text), border)
@@ -224,7 +230,11 @@ def _read_detection(folder: Path, entry: dict[str, Any]) -> Detection:
         raise ResultError(f"{folder}: run_view.npz cannot be read ({error!r})") from None
     alarms = read_table(home / "alarms.csv", "alarms")
     features = pd.read_csv(home / "features.csv") if (home / "features.csv").is_file() else None
-    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
+    try:
+        frames = _read_frames(home / FRAMES) if (home / FRAMES).is_file() else None
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ResultError(f"{folder}: {FRAMES} cannot be read ({error!r})") from None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features, frames=frames)
 
 
 def _read_view(path: Path) -> xr.DataArray:
@@ -240,6 +250,21 @@ def _read_view(path: Path) -> xr.DataArray:
             },
             name="run_view",
         )
+
+
+def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]) -> bytes:
+    """Write the alarms of every frame, and the poses of all frames that were searched, as arrays."""
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
+    arrays |= {"frames": np.array(list(poses), dtype=np.int64), "poses": np.array(list(poses.values())).reshape(-1, 6)}
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _read_frames(path: Path) -> tuple[pd.DataFrame, dict[int, NDArray[np.float64]]]:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        alarms = pd.DataFrame({name: arrays[name] for name in _FRAME_COLUMNS})
+        return alarms, dict(zip(arrays["frames"].tolist(), arrays["poses"], strict=True))
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:

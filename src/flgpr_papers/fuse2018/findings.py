@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from flgpr.clutter import TABLE_II
-from flgpr.model import Lane
-from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
+from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of, unroll_frames
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
-from flgpr_papers.fuse2018.lanes import FuseRecipe, local
+from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.kit.findings import (
     OPEN,
@@ -44,7 +43,7 @@ BY_MEAN = f"averaging alone gives about {PAPER_MEAN_DB:g} dB of it"
 KEPT = "the targets' signals remain"
 COVERS = "the mask does not cover targets"
 FloatArray = NDArray[np.float64]
-_SLOT = 10.0  # m of the unrolled lane given to a frame: its 5 m and a gap that no halo bridges
+_BLOCK = 100.0  # m of the unrolled lane: ten frames
 _HITS = 2
 _OWN = ("iteration", "least squares", "least squares spared")
 _RIVALS = ("shared", "whole response", "calibrated roadside", "least squares", "least squares spared",
@@ -94,25 +93,14 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
 
     Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the detection area.
     """
-    score, reach, looks = recipe.score, recipe.score.halo / 2, []
+    score = recipe.score
     used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
-    slot = {int(frame): number * _SLOT - score.y[0] for number, frame in enumerate(used)}
-    alarms = lane.alarms[lane.alarms["variant"] == variant]
-    unrolled = pd.DataFrame(
-        {
-            "x": alarms["across"].to_numpy(),
-            "y": alarms["ahead"].to_numpy() + alarms["frame"].map(slot).to_numpy(dtype=np.float64),
-            "confidence": alarms["magnitude"].to_numpy(),
-        }
+    alarms = lane.alarms[lane.alarms["variant"] == variant].rename(columns={"magnitude": "confidence"})
+    poses = {int(frame): lane.poses[frame] for frame in used}
+    frames = unroll_frames(
+        alarms[["frame", "across", "ahead", "confidence"]], poses, lane.truth, recipe.area, score.halo / 2
     )
-    wide = Lane(score.x[0] - reach, score.x[1] + reach, score.y[0] - reach, score.y[1] + reach)
-    for k in used.tolist():
-        x, y = local(lane.truth, lane.poses[k]).T
-        near = wide.contains(x, y)
-        table = lane.truth.assign(x=x, y=y + slot[k], inside=recipe.area.contains(x, y))[near]
-        looks.append(table.assign(mine=table["target_id"], target_id=table["target_id"].astype(str) + f"-{k}"))
-    strip = Lane(*score.x, 0.0, _SLOT * len(used))
-    return match(unrolled, pd.concat(looks, ignore_index=True), strip, score.halo, halo_as="diameter")
+    return match(frames.alarms, frames.looks, frames.lane, score.halo, halo_as="diameter")
 
 
 def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
@@ -141,7 +129,7 @@ def scored(
     if convention == "frames":
         matched = frame_match(lane, variant, recipe)
         total = accumulated_area(lane.frames, recipe.score.x, recipe.score.y)
-        options: dict[str, object] = {"area": "frames", "frame_area": total, "block": 10 * _SLOT, "cluster": "mine"}
+        options: dict[str, object] = {"area": "frames", "frame_area": total, "block": _BLOCK, "cluster": "mine"}
     else:
         matched = lane_match(lane, variant, recipe)
         options = {"area": "union", "block": 10.0, "cluster": "mine"}
@@ -169,7 +157,7 @@ def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
     """Judge the paper's statements; those on roadside clutter only where there is some."""
     boxes = []
     if any(len(one.boxes) for one in lanes):
-        boxes = [*_clutter_findings(strongest_boxes(lanes), recipe), *band_findings(lanes, recipe)]
+        boxes = [*clutter_findings(strongest_boxes(lanes), recipe), *band_findings(lanes, recipe)]
     return [*boxes, *_mine_findings(lanes, recipe), *_roc_findings(lanes, recipe)]
 
 
@@ -212,7 +200,8 @@ def _figure_finding(claim: str, boxes: pd.DataFrame, values: FloatArray, figure:
     return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap, asks=asks, unit="dB")
 
 
-def _clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
+def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
+    """Judge what Sec. 3.2 says of the clutter power, by named boxes under all iterations and combinations."""
     single = (power_db(boxes, "iteration 6") + power_db(boxes, "iteration 7")) / 2
     gain = single - power_db(boxes, "#6")
     steps = _gap(boxes, power_db(boxes, "iteration 1") - power_db(boxes, "iteration 7"), recipe)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.passes import Arrays
@@ -26,7 +25,7 @@ from flgpr.clutter import (
     suppress_by_model,
 )
 from flgpr.model import Grid, ground_points, lane_to_scan, scan_to_lane
-from flgpr.screen import MeanViewSums, prescreen
+from flgpr.screen import MeanViewSums, frame_alarms
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local, trained
 
 BoolArray = NDArray[np.bool_]
@@ -371,15 +370,9 @@ def _frame_alone(cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, 
 
 
 def _record_alarms(records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe) -> None:
-    grid, area, radius = cleaned.stage.grid, recipe.area, recipe.score.radius
-    # Pixels beyond the area's border take part, so that the flank of a peak outside is no alarm inside.
-    rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
-    columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
-    axes = {"y": grid.y[rows], "x": grid.x[columns]}
     for name, level in levels.items():
-        view = xr.DataArray(level[np.ix_(rows, columns)], dims=("y", "x"), coords=axes)
-        found = prescreen(view, area, radius, density=10.0)
-        found = found[area.contains(found["x"], found["y"])]
+        found = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(found), cleaned.pose).T
         found = found.rename(columns={"x": "across", "y": "ahead"}).assign(variant=name, frame=cleaned.index, x=x, y=y)
-        records.alarms += found.to_dict("records")
+        rows: list[dict[Any, Any]] = found.to_dict("records")
+        records.alarms += rows
