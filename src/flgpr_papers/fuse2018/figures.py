@@ -73,8 +73,8 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
     axes.plot(*pixel, "C3s", ms=5)
     axes.set(xlabel="x, cross-range (m)", ylabel="y, range (m)", zlabel="z (m)", zlim=(0, 4))
     axes.view_init(24, -62)
-    axes.set_box_aspect((20, 15, 5))
-    axes.legend(fontsize=7, loc="upper left")
+    axes.set_box_aspect((20, 15, 5), zoom=1.15)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, 1.02), ncols=2)
     return figure
 
 
@@ -296,7 +296,8 @@ def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
-            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.4)
+            axes.plot(x, y, "^", mfc="none", mec="black", ms=8, mew=3.0)  # to be seen on bright ground, too
+            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.5)
     if boxes:
         side = float(example["box side"])
         for x, y in example["boxes"]:

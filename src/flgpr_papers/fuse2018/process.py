@@ -99,8 +99,8 @@ class LaneRecords:
     coherence: list[dict[str, Any]] = field(default_factory=list)
     #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x, share of the VV power that the fundamental mask
-    #: holds
+    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it lies in, share of
+    #: its VV power that the fundamental mask holds
     bands: list[dict[str, Any]] = field(default_factory=list)
     maps: Arrays = field(default_factory=dict)  #: mean magnitude over the background of all looks, by variant
 
@@ -342,8 +342,13 @@ def _record_bands(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe
         power = images["vv"][pixels] ** 2
         records.bands.append(
             {"frame": cleaned.index, "what": what, "name": name, "held": float(power[held[pixels]].sum() / power.sum())}
-            | {band: float(image[pixels].max()) for band, image in images.items()}
+            | {band: _over_rows(image, pixels) for band, image in images.items()}
         )
+
+
+def _over_rows(image: NDArray[np.floating[Any]], pixels: BoolArray) -> float:
+    """Peak of a magnitude on some pixels over the median of the rows they lie in."""
+    return float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
 
 
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:

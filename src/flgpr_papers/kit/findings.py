@@ -288,13 +288,20 @@ def parts_larger(
     """
     cut = {name: one if bounds is None else clip(one, bounds) for name, one in parts.items()}
     least = min(cut.values(), key=lambda one: one[1])
-    ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in cut.items())
+    ours = "; ".join(f"{name} {_signed(one)}" for name, one in cut.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in cut.values()])
     values = tuple(value for value, _, _ in cut.values())
     asks = ("larger", limit, 0.0)
     return Finding(
         claim, paper, ours, verdict, note, interval=least, group=group, asks=asks, parts=values, bounds=bounds
     )
+
+
+def _signed(interval: Interval) -> str:
+    """Write a difference with its interval, signs shown."""
+    digits = decimals(interval, interval[2] - interval[1]) if np.isfinite(interval).all() else 2
+    value, low, high = (f"{number:+z.{digits}f}" for number in interval)
+    return f"{value} ({low} to {high})"
 
 
 def together(parts: int) -> float:
