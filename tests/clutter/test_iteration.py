@@ -170,6 +170,38 @@ def test_an_array_thinned_in_frequency_diverges_and_the_average_does_not(seed):
     assert np.linalg.norm(averaged(course, 6)) < np.linalg.norm(single)
 
 
+@pytest.fixture(scope="module")
+def sparse():
+    """An array and tones so sparse that the residual rises on the way, with A as a matrix, and sub-regions."""
+    points = Grid.spanning((-1.5, 1.5), (3, 5.5), 0.1).points()
+    tones, pairs = FREQUENCY[::4], slice(None, None, 2)
+
+    def operator_on(on):
+        return ImagingOperator(tones, TX[pairs], RX[pairs], on, tolerance=1e-6)
+
+    A = equation_3_matrix(tones, TX[pairs], RX[pairs], points.reshape(-1, 3))
+    return operator_on, points, (points[..., 1] > 4.25).astype(int), A
+
+
+@pytest.mark.parametrize(("seed", "diverges"), [(0, False), (2, False), (1, True)])
+def test_all_seven_iterations_are_those_of_the_equations_through_a_rise(sparse, seed, diverges):
+    """The slow twin knows nothing of a residual: it iterates Eq. 5 to 8 seven times, whatever comes."""
+    operator_on, points, region, A = sparse
+    mask = np.ones(region.shape, bool)
+    b = some_spots(seed, operator_on)
+    want = equations_5_to_8(b.ravel().astype(complex), A, mask.ravel(), region.ravel(), 7)
+    got = iterate_suppression(b, operator_on, points, mask, region)
+    residual = np.array([np.linalg.norm(one) for one in want]) / np.linalg.norm(b)
+    assert (np.diff(residual) > 0).any()
+    for one, other in zip(got.data, want, strict=True):
+        assert np.linalg.norm(one.ravel() - other) < 1e-3 * np.linalg.norm(b)
+    np.testing.assert_allclose(got.residual[:, 0], residual, rtol=1e-3)
+    assert got.rises == (np.diff(residual) > 0).sum()
+    assert got.diverged == diverges == bool(residual[-1] > residual.min())
+    mean = (want[6] + want[7]) / 2
+    np.testing.assert_allclose(averaged(got, 6, fall_back=False).ravel(), mean, atol=1e-3 * np.abs(mean).max())
+
+
 def made_up(*residuals):
     """A course whose residual is given, for one polarization or several side by side."""
     residual = np.array(residuals, dtype=float).reshape(len(residuals), -1)
