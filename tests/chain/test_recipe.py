@@ -1,6 +1,10 @@
+import re
+
+import numpy as np
 import pytest
 
-from flgpr.chain.recipe import line_of, load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.chain.recipe import course_lane, line_of, load_recipe, parse_recipe, recipe_names, recipe_text
+from flgpr.model import Lane
 
 DEMO = recipe_text("demo")
 
@@ -31,6 +35,29 @@ def test_a_broken_recipe_names_the_entry_and_the_rule(old, new, words):
         parse_recipe(DEMO.replace(old, new), "mine.toml")
     for word in ["mine.toml", *words]:
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("demo", 'area = "union"', 'area = "frames"', "with variants, got"),
+        ("flsar2004", "", "", "with run_view.look and screen, got"),
+        ("fuse2018", "x = [-10.0, 10.0]", "x = [-5.0, 5.0]", "run_view.x must lie within image.x, -5 to 5 m"),
+    ],
+)
+def test_what_cannot_raise_alarms_frame_by_frame_is_refused(name, old, new, words):
+    text = re.sub(r'\narea = "\w+"', '\narea = "frames"', recipe_text(name)).replace(old, new)
+    with pytest.raises(ValueError, match=re.escape(words)):
+        parse_recipe(text)
+
+
+def test_the_paper_scores_frames_of_70_square_metres():
+    recipe = load_recipe("fuse2018")
+    assert recipe.frame_area() == Lane(-7.0, 7.0, 5.0, 10.0)
+    poses = np.zeros((2, 6))
+    poses[:, :2] = [[0.3, 0.0], [0.3, 20.0]]
+    assert course_lane(recipe, poses) == Lane(-7.0, 7.0, 5.0, 25.0)
+    assert course_lane(load_recipe("wang2007"), poses) == Lane(-1.2, 1.8, 7.0, 27.0)
 
 
 def test_an_unknown_recipe_lists_the_packaged_ones():

@@ -12,6 +12,7 @@ from flgpr.clutter import (
     fundamental_mask,
     intersect,
     mixed_mask,
+    roadside_level,
     subregions,
 )
 
@@ -120,6 +121,19 @@ def test_the_low_threshold_is_the_roadside_mean_of_vh():
     want = [np.mean([np.abs(vh)[side & (r == REGION)].mean() for _, vh, _ in images]) for r in range(4)]
     np.testing.assert_allclose(found.low_vh, want)
     assert found.second is None
+
+
+def test_the_roadside_of_the_frame_under_test_gives_the_papers_own_threshold():
+    """Sec. 2.4: "the average value of the roadside clutter in a frame in test lane"; pixel by pixel."""
+    vh = speckle() + 3.0 * (ACROSS > 4)
+    beside = (np.abs(ACROSS) >= 4) & (np.abs(ACROSS) <= 10)
+    level = roadside_level(vh, REGION, beside, 4)
+    for number in range(4):
+        pixels = [abs(vh[i]) for i in np.ndindex(*vh.shape) if beside[i] and REGION[i] == number]
+        assert level[number] == pytest.approx(sum(pixels) / len(pixels))
+    # What lies on the road does not enter, and a sub-region without roadside has no level.
+    assert np.array_equal(roadside_level(np.where(beside, vh, 99.0), REGION, beside, 4), level)
+    assert np.isnan(roadside_level(vh, REGION, beside & (REGION != 2), 4)).tolist() == [False, False, True, False]
 
 
 def test_a_calibration_lane_must_show_targets_and_roadside_in_every_sub_region():

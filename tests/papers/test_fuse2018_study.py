@@ -1,5 +1,6 @@
 """The reproduction of Fuse et al. 2018 on a made-up lane of points: thresholds, masks, variants, scores, page."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 
 from flgpr.chain.progress import silent
+from flgpr.chain.recipe import load_recipe
 from flgpr.clutter import equal_cost, standing_field, subtract_standing
 from flgpr.imaging import ImagingOperator
 from flgpr.model import make_run, vehicle_to_lane
@@ -16,6 +18,7 @@ from flgpr_papers.fuse2018 import results as fuse2018_results
 from flgpr_papers.fuse2018 import study as fuse2018
 from flgpr_papers.fuse2018.findings import (
     all_findings,
+    clutter_findings,
     follow,
     frame_match,
     lane_match,
@@ -32,7 +35,7 @@ from flgpr_papers.fuse2018.lanes import Frames, band_sensor, fuse_recipe, lane_s
 from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, stage_forms, suppressed_alone
-from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, clustered
+from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, clustered, without_paper
 
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
 RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 4), np.zeros(4), np.full(4, -0.2)]), (4, 1))
@@ -183,10 +186,11 @@ def test_every_variant_lowers_the_boxes_and_the_papers_keeps_the_mines(lanes):
             continue
         assert power_db(boxes, name).mean() < -10, name
     # With 16 pairs, regions and reflectivities of a frame's own take part of the mines too.
-    for name in ("iteration", "L band alone"):
-        assert abs(np.median(mine_changes(both(lanes), name)[0])) < 1.0, name
-    np.testing.assert_allclose(power_db(boxes, "#6"), power_db(boxes, "iteration"), atol=0.05)
-    assert (power_db(boxes, "least squares") < power_db(boxes, "iteration")).mean() > 0.5
+    assert abs(np.median(mine_changes(both(lanes), "shared")[0])) < 1.0
+    for name in ("iteration", "whole response", "calibrated roadside", "L band alone"):
+        assert -3.0 < np.median(mine_changes(both(lanes), name)[0]) < 1.0, name
+    np.testing.assert_allclose(power_db(boxes, "#6"), power_db(boxes, "as printed"), atol=0.05)
+    assert (power_db(boxes, "least squares") < power_db(boxes, "shared")).mean() > 0.5
 
 
 def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
@@ -200,7 +204,7 @@ def test_the_loss_of_a_mine_is_that_of_its_own_data(lanes, calibration):
     assert len(change) == len(mine) > 8
     clear = result.own[(result.own["variant"] == "iteration") & ~result.own["masked"]]
     assert (clear["change_db"] < 0.5).all()
-    assert clear["change_db"].median() > -1.0  # nothing lies over them
+    assert clear["change_db"].median() > -3.0  # nothing lies over them, but the frame's own fit takes a part
     one = clean(stage_forms(frames, calibration), 1, ("original", "iteration"))
     data = one.data["original"]
     made = [suppressed_alone(one, part) for part in (frames.mines[:2], data - frames.mines[:2], data)]
@@ -267,8 +271,8 @@ def test_equal_cost_counts_pixels(calibration):
     mask = np.zeros(region.shape, bool)
     mask[0, :10] = True
     area = int((region == 0).sum())
-    assert equal_cost(cleaned.course, mask, region) == 7 * (20 + area) // 20
-    assert equal_cost(cleaned.course, np.zeros_like(mask), region) == 1
+    assert equal_cost(7, mask, region) == 7 * (20 + area) // 20
+    assert equal_cost(7, np.zeros_like(mask), region) == 1
 
 
 def test_scores_count_every_frame_or_every_place(lanes):
@@ -363,7 +367,9 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     html = page_html(
         RECIPE, results, loose, calibration, lanes["A"][2], poses, fullwave, found, True, tmp_path
     )  # fmt: skip
-    assert html.count("data:image/png;base64,") == 10
+    assert html.count("data:image/png;base64,") == 14
+    assert all(f"Fig. {number}. " in html for number in range(1, 10))
+    assert without_paper(found) == []
     assert "Quick run" in html
     assert html.count(f"<b>{NO_VERDICT}</b>") + html.count(f"<b>{OPEN}</b>") == len(found)
     assert (tmp_path / "figure-9.png").is_file()
@@ -374,9 +380,62 @@ def test_the_chain_cleans_as_the_study_does(calibration):
     frames = make_frames("A", 2, 3)
     forms = stage_forms(frames, calibration)
     cleaned = clean(forms, 2, ("original", *forms))
-    for name in ("iteration", "least squares", "least squares spared"):
-        stage = trained(frames.stage, calibration.learnt, method=forms[name].settings.method)
+    for name, form in forms.items():
+        stage = trained(frames.stage, calibration.learnt, **form.settings.model_dump())
         kept = stage.passes()[-1].start(None)
         kept.add(2)
         np.testing.assert_array_equal(kept.state(False)["data"][0], cleaned.data[name])
-    assert not np.array_equal(cleaned.data["least squares"], cleaned.data["iteration"])
+    data = list(cleaned.data.values())
+    assert not any(np.array_equal(one, other) for one, other in itertools.combinations(data, 2))
+
+
+def test_the_packaged_recipe_is_the_papers_form():
+    """Sec. 2.3: the same mask in each frame; Sec. 2.4: the roadside's average of a frame of the test lane."""
+    (masks,) = (one.settings for one in load_recipe("fuse2018").clutter if one.stage == "masks")
+    assert (masks.method, masks.low_threshold) == ("iteration-per-frame", "frame")
+    assert (masks.iterations, masks.combination, masks.roadside) == (7, 6, (4.0, 10.0))
+
+
+def test_the_extended_masks_threshold_is_that_of_the_frame(calibration):
+    frames = make_frames("A", 2, 3)
+    forms = stage_forms(frames, calibration)
+    one = forms["iteration"].aperture(2)
+    own, learnt = (forms[name].limits_for(one) for name in ("iteration", "calibrated roadside"))
+    beside = (np.abs(forms["iteration"].across) >= 4) & (np.abs(forms["iteration"].across) <= 10)
+    for number in range(4):
+        pixels = beside & (forms["iteration"].region == number)
+        assert own.low_vh[number] == pytest.approx(np.abs(one.vh[pixels]).mean(), rel=1e-5)
+    np.testing.assert_array_equal(learnt.low_vh, calibration.learnt["low_vh"])
+    assert own.vv is not None
+    np.testing.assert_array_equal(own.vv, learnt.vv)
+
+
+def test_a_course_that_fell_back_is_told(calibration):
+    frames = make_frames("A", 2, 3)
+    stage = trained(frames.stage, calibration.learnt)
+    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([True, False, True])}})
+    assert stage.notes() == {"suppressions_fallen_back": 2}
+    stage.setup = replace(stage.setup, known={"masks-000000": {"fallen": np.array([False])}})
+    assert stage.notes() == {}
+
+
+def made_up_boxes(powers):
+    """Clutter boxes of many objects whose power falls so much, dB, by stage, with a little spread."""
+    rng = np.random.default_rng(7)
+    count = 40
+    boxes = pd.DataFrame({"cluster": [f"O{k}" for k in range(count)], "frame": np.arange(count), "lane": "A"})
+    for stage, fall in powers.items():
+        boxes[stage] = 10 ** ((-fall + rng.normal(0, 0.3, count)) / 10)
+    return boxes.assign(**{"#0": 1.0})
+
+
+@pytest.mark.parametrize(("third", "verdict"), [(12.0, "agrees"), (25.0, "disagrees"), (20.0, "cannot say")])
+def test_the_best_combination_is_better_than_each_of_the_others(third, verdict):
+    """#6 over #5 does not suffice: here #3 is worse, better, or alike."""
+    falls = {f"#{k}": 3.0 * k for k in range(1, 6)} | {"#3": third, "#6": 20.0}
+    falls |= {f"iteration {k}": 2.0 * k for k in range(8)}
+    found = {one.claim: one for one in clutter_findings(made_up_boxes(falls), RECIPE)}
+    best = found["#6 is the best combination"]
+    assert best.verdict == verdict
+    assert len(best.parts) == 6
+    assert all(f"#{k} less #6" in best.ours for k in range(6))

@@ -37,8 +37,11 @@ def equation_3_matrix(frequency, tx, rx, pixels):
     return np.array(columns).T
 
 
-def equations_5_to_8(b, A, mask, region, iterations):
-    """Data after every iteration; b (sample,), A (sample, pixel), mask and region (pixel,)."""
+def equations_5_to_8(b, A, mask, region, iterations, whole=False):
+    """Data after every iteration; b (sample,), A (sample, pixel), mask and region (pixel,).
+
+    ``whole``: x'_2 of Eq. 8 is that of the masked image of all sub-regions, not of the sub-region's own.
+    """
     course = [b]
     for _ in range(iterations):
         x = A.conj().T @ course[-1]
@@ -46,7 +49,7 @@ def equations_5_to_8(b, A, mask, region, iterations):
         for r in set(region[mask]):
             x_hat = np.where(mask & (region == r), x, 0)
             b_hat = A @ x_hat
-            x_2 = A.conj().T @ b_hat
+            x_2 = A.conj().T @ (A @ np.where(mask, x, 0) if whole else b_hat)
             total = total + max(abs(x_hat)) / max(abs(x_2[region == r])) * b_hat
         course.append(course[-1] - total)
     return course

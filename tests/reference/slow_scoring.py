@@ -215,3 +215,25 @@ def moved_best(alarms, targets, lane, halo, shift):
         else:
             best.append(max((a["confidence"] for a in free if apart(x, y, a) <= halo), default=-math.inf))
     return best
+
+
+def frame_counts(alarms, poses, truth, area, halo, threshold=-math.inf):
+    """Fuse et al. 2018, Sec. 4, frame by frame: whether each look at a target has an alarm, and all false alarms.
+
+    A look is a target in a frame's detection area. An alarm near a target that is in none is not counted.
+    """
+    looks, n_false = [], 0
+    for frame, pose in poses.items():
+        x, y, heading = pose[0], pose[1], pose[3]  # clockwise from +y
+        declared = alarms[(alarms["frame"] == frame) & (alarms["confidence"] >= threshold)]
+        seen = [(row.across, row.ahead) for row in declared.itertuples()]
+        targets = []
+        for target in truth.itertuples():
+            east, north = target.x - x, target.y - y
+            across = east * math.cos(heading) - north * math.sin(heading)
+            ahead = east * math.sin(heading) + north * math.cos(heading)
+            targets.append((across, ahead))
+            if area.x_min <= across <= area.x_max and area.y_min <= ahead <= area.y_max:
+                looks.append(any(math.dist(one, (across, ahead)) <= halo for one in seen))
+        n_false += sum(all(math.dist(one, target) > halo for target in targets) for one in seen)
+    return looks, n_false

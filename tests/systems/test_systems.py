@@ -6,11 +6,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 from flgpr import tasks
 from flgpr.chain.recipe import load_recipe, recipe_names
+from flgpr.cli import app
 from flgpr.io import Scan, describe_for_live, open_run, read_lane
 from flgpr.live.detector import LiveDetector, LiveSettings
+from reference.slow_scoring import frame_counts
 from systems.lanes import LENGTH, SMALL
 
 SYSTEMS = sorted(SMALL)
@@ -190,6 +193,46 @@ def test_without_a_model_it_says_how_to_get_one(lanes, name, tmp_path):
     with pytest.raises(ValueError, match=f"recipe '{name}' learns .* `flgpr train RUN"):
         tasks.detect_run(lanes / "test.zarr", lanes / f"{name}.toml", tmp_path / "result", lanes / "lane.toml")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("system", ["fuse2018"], indirect=True)
+def test_every_frame_counts_its_area_where_the_recipe_says_so(lanes, system, tmp_path):
+    """Fuse et al. 2018, Sec. 4: alarms of every frame, the same ground again in each; counted here by hand."""
+    text = (lanes / "fuse2018.toml").read_text("utf-8").replace('area = "union"', 'area = "frames"')
+    (tmp_path / "frames.toml").write_text(text, encoding="utf-8")
+    where = lanes / "test.zarr", tmp_path / "frames.toml"
+    for name, more in (("whole", {}), ("sections", {"section": 12.5})):
+        tasks.detect_long(*where, tmp_path / name, lanes / "lane.toml", **system.options, **more)
+    told = CliRunner().invoke(app, ["score", str(tmp_path / "whole"), "--truth", str(system.truth)])
+    assert told.exit_code == 0, told.output
+    result = tasks.read_result(tmp_path / "whole")
+    alarms, poses = result.detections[0].frames
+    assert sorted(poses) == list(range(1, open_run(lanes / "test.zarr").sizes["scan"]))  # two scans are summed
+    area, halo = result.recipe.frame_area(), result.recipe.score.halo
+    assert (alarms["across"].between(area.x_min, area.x_max) & alarms["ahead"].between(area.y_min, area.y_max)).all()
+    looks, false = frame_counts(alarms, poses, pd.read_csv(system.truth), area, halo)
+    scored = json.loads((tmp_path / "whole" / "roc.json").read_text())
+    last = scored["detections"]["main"]["points"][-1]
+    assert scored["rules"]["convention"] == "frames"
+    assert scored["detections"]["main"]["area"] == pytest.approx(len(poses) * area.area)
+    assert (scored["detections"]["main"]["n_targets"], last["n_detected"]) == (len(looks), sum(looks))
+    assert last["n_false"] == false
+    assert "every frame counts its area" in (tmp_path / "whole" / "report.html").read_text()
+    (tmp_path / "sections" / "score").mkdir(exist_ok=True)
+    _, again = tasks.score_result(tmp_path / "sections", system.truth)
+    pd.testing.assert_frame_equal(again[0].curve, tasks.score_result(tmp_path / "whole", system.truth)[1][0].curve)
+    plain = tasks.read_result(system.folder / "result")
+    assert plain.detections[0].frames is None
+    pd.testing.assert_frame_equal(plain.detections[0].alarms, result.detections[0].alarms)
+
+
+@pytest.mark.parametrize("system", ["fuse2018"], indirect=True)
+def test_without_a_lane_all_of_the_run_view_is_searched(lanes, system):
+    """The small recipe's run-view is 4 m wide, the lane of other recipes 3 m."""
+    where = lanes / "test.zarr", lanes / "fuse2018.toml", system.folder / "no-lane"
+    tasks.detect_long(*where, **system.options)
+    lane = tasks.read_result(system.folder / "no-lane").lane
+    assert (lane.x_min, lane.x_max) == (-2.0, 2.0)
 
 
 @pytest.mark.parametrize("system", ["fuse2018"], indirect=True)

@@ -23,7 +23,7 @@ from flgpr.chain.gathering import AlarmFeatures, AlarmSums, check_confidence, lo
 from flgpr.chain.images import RunImages
 from flgpr.chain.memory import CACHE
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
-from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled, group_of
+from flgpr.chain.passes import Accumulator, Arrays, Chain, Pass, added, bundled, gathered, group_of
 from flgpr.chain.recipe import Recipe, as_imaged
 from flgpr.chain.roadside import Roadside
 from flgpr.chain.sections import Section, kept_rows, lane_threshold
@@ -32,7 +32,7 @@ from flgpr.clutter import Background, BackgroundEstimator, shared_level
 from flgpr.imaging import ScanImager
 from flgpr.io import sha256
 from flgpr.model import ALARM_COLUMNS, Lane, empty_table
-from flgpr.screen import RunViewSums, local_maxima, select, view_array
+from flgpr.screen import RunViewSums, frame_alarms, local_maxima, select, view_array
 
 MAIN = "main"
 KINDS = {
@@ -85,6 +85,8 @@ class Detection:
     training: pd.DataFrame | None = None  #: features of the training alarms, with their ``label``
     evidence: Evidence | None = None  #: what explains the alarms, for the viewer
     before: xr.DataArray | None = None  #: run-view before clutter suppression, for the viewer
+    #: alarms of every scan's own image, and the pose of each scan by its number, where the recipe scores by frames
+    frames: tuple[pd.DataFrame, dict[int, FloatArray]] | None = None
 
 
 def ranked(alarms: pd.DataFrame, features: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.intp]]:
@@ -218,6 +220,8 @@ class LaneChain(Chain):
                     return passes
                 if name == "alarms" and suppresses:
                     passes.append(Pass("share", "share of the roadside", self._share))
+                if name == "view" and self.recipe.score.area == "frames":
+                    passes.append(Pass("frames", "alarms of every frame", self._frames, whole=True))
         return passes
 
     def basis(self, name: str) -> dict[str, Any] | None:
@@ -303,7 +307,8 @@ class LaneChain(Chain):
         variation = variation or self.variations[0]
         alarms, features = self.ranked_alarms(variation)
         view, notes = self._own_view(variation.of("view")), self._notes(variation)
-        return Detection(variation.name, variation.title, alarms, view, notes, features=features)
+        frames = self._found_by_frames() if variation.name == MAIN else None
+        return Detection(variation.name, variation.title, alarms, view, notes, features=features, frames=frames)
 
     def detections(self) -> list[Detection]:
         """Give what every variation found, the recipe's own first, and what explains it; needs all passes."""
@@ -332,6 +337,8 @@ class LaneChain(Chain):
             notes["confidence"] = self._reads.single if detector is None else " + ".join(detector.features)
         if "share" in self.passes and (variation.name == MAIN or variation.suppressed):
             notes |= self.roadside.notes()
+        for stage in self.images.stages.values():
+            notes |= stage.notes()
         return notes
 
     def _image(self, index: int, suppressed: bool, rows: int | None = None) -> xr.DataArray:
@@ -406,11 +413,7 @@ class LaneChain(Chain):
 
         def add(index: int) -> None:
             image = cleaned.scan(index)
-            if self.mapper is not None:
-                coherent = cleaned.background.own_coherent(image.values, cleaned.gains[index])
-                magnitude = self.mapper.map(image.copy(data=coherent))[None, None]
-            else:
-                magnitude = cleaned.background.magnitude(image.values, cleaned.gains[index])
+            magnitude = self._magnitude(cleaned, image, index)
             sums.add(magnitude, cleaned.grid, np.asarray(image.attrs["pose"]))
             if before is not None:
                 before.add(np.abs(image.values), cleaned.grid, np.asarray(image.attrs["pose"]))
@@ -434,6 +437,40 @@ class LaneChain(Chain):
             return view | bundled({"before": earlier})
 
         return Accumulator(add, lambda _: state(), merge, result)
+
+    def _magnitude(self, cleaned: CleanedRun, image: xr.DataArray, index: int) -> NDArray[np.float32]:
+        """Magnitude (polarization, subband, y, x) of a cleaned image in units of its background, or the map of it."""
+        if self.mapper is None:
+            return cleaned.background.magnitude(image.values, cleaned.gains[index])
+        coherent = cleaned.background.own_coherent(image.values, cleaned.gains[index])
+        return self.mapper.map(image.copy(data=coherent))[None, None]
+
+    def _frames(self, block: range | None) -> Accumulator:  # noqa: ARG002
+        """Raise alarms on every scan's own image (Fuse et al. 2018, Sec. 4), once as many are summed as shall be."""
+        cleaned, screen, labels = self._cleaned_by(self.variations[0]), self.recipe.prescreen, self._labels()
+        channel = labels["polarization"].index(screen.polarization), labels["subband"].index(screen.subband)
+        parts: list[Arrays] = []
+
+        def add(index: int) -> None:
+            if index + 1 < self.images.frames:
+                return
+            image = cleaned.scan(index)
+            level = self._magnitude(cleaned, image, index)[channel]
+            alarms = frame_alarms(level, cleaned.grid, self.recipe.frame_area(), screen.radius)
+            pose = np.asarray(image.attrs["pose"], dtype=np.float64)
+            frame: Arrays = {"frame": np.array([index]), "pose": pose[None], "count": np.array([len(alarms)])}
+            parts.append(frame | table_arrays(alarms[["x", "y", "magnitude"]]))
+
+        return gathered(parts, add)
+
+    def _found_by_frames(self) -> tuple[pd.DataFrame, dict[int, FloatArray]] | None:
+        """Give the alarms of every frame, and their poses, where they were asked for."""
+        if "frames" not in self.passes:
+            return None
+        known = self.known["frames"]
+        names = {"x": "across", "y": "ahead", "magnitude": "confidence"}
+        alarms = {"frame": np.repeat(known["frame"], known["count"]), **{names[one]: known[one] for one in names}}
+        return pd.DataFrame(alarms), dict(zip(known["frame"].tolist(), known["pose"], strict=True))
 
     def _alarms(self, variation: Variation, block: range | None) -> Accumulator:  # noqa: ARG002
         """Gather no scans: its result is what may become alarms, and how many pixels of the channel were seen."""

@@ -126,16 +126,18 @@ class BackgroundTable(Table):
 class RunViewTable(Table):
     """Run-view: pixels in the lane frame (m) and the farthest distance ahead of the array (m).
 
-    Without ``y`` it is as long as the lane. ``look`` tells what becomes of the scans that see a pixel: the
-    "second-largest" magnitude stands (Wang et al. 2007), or the "mean", in which a look weighs as its distance to the
-    power -``falloff``, or one view is made for each of the ``ranges`` ahead of the array (m), of the scan that sees the
-    pixel nearest to it, at most ``within`` off (flsar2004).
+    Without ``y`` it is as long as the lane. Where no lane is given, ``search`` tells what is searched: a "lane" 3 m
+    wide about the vehicle's course, or all of the "view" across. ``look`` tells what becomes of the scans that see a
+    pixel: the "second-largest" magnitude stands (Wang et al. 2007), or the "mean", in which a look weighs as its
+    distance to the power -``falloff``, or one view is made for each of the ``ranges`` ahead of the array (m), of the
+    scan that sees the pixel nearest to it, at most ``within`` off (flsar2004).
     """
 
     x: Limits
     y: Limits | None = None
     spacing: Spacing
     y_max: Annotated[float, Field(gt=0, le=1000)]
+    search: Literal["lane", "view"] = "lane"
     look: Literal["second-largest", "mean", "ranges"] = "second-largest"
     falloff: Annotated[float, Field(ge=0, le=10)] = 0.0
     ranges: tuple[Positive, ...] = ()
@@ -244,10 +246,14 @@ class LaneTable(Table):
 
 
 class ScoreTable(Table):
-    """Scoring: halo radius (m) and how the area of the halos is taken from the lane's."""
+    """Scoring: halo radius (m), and the area that false alarms are counted on.
+
+    It is the lane's less the "union" of the halos, or as the "paper" of Wang et al. 2007 takes it; or that of all
+    "frames", each of which counts its detection area and raises alarms of its own (Fuse et al. 2018, Sec. 4).
+    """
 
     halo: Window
-    area: Literal["union", "paper"] = "union"
+    area: Literal["union", "paper", "frames"] = "union"
 
 
 class SuppressionTable(Table):
@@ -320,6 +326,31 @@ class Recipe(Table):
         reach = self.run_view.y_max + self.contrast.size * self.contrast.spacing / 2 + self.image.steps[1]
         rows = min(whole.ny, math.ceil((reach - whole.y_min) / whole.dy) + 1)
         return Grid(whole.x_min, whole.y_min, whole.nx, rows, whole.dx, whole.dy)
+
+    def frame_area(self) -> Lane:
+        """Give the detection area of a frame, in its scan frame: as wide and as far as the run-view."""
+        return Lane(*self.run_view.x, self.image.y[0], min(self.run_view.y_max, self.image.y[1]))
+
+    def _check_frames(self) -> None:
+        """Refuse what cannot raise alarms frame by frame."""
+        against = {
+            "run_view.look": self.run_view.look == "ranges",
+            "screen": self.screen is not None,
+            "variants": bool(self.variants),
+            'image.frames = "all"': self.image.frames == "all",
+        }
+        wrong = [name for name, is_there in against.items() if is_there]
+        if wrong:
+            raise ValueError(
+                f'score.area must be "union" or "paper" with {" and ".join(wrong)}, got "frames", for which the local '
+                "maxima of every scan's image are alarms"
+            )
+        reach = self.image.x
+        if not (reach[0] <= self.run_view.x[0] and self.run_view.x[1] <= reach[1]):
+            raise ValueError(
+                f'run_view.x must lie within image.x, {reach[0]:g} to {reach[1]:g} m, with score.area = "frames", got '
+                f"{self.run_view.x[0]:g} to {self.run_view.x[1]:g} m"
+            )
 
     @property
     def view_channels(self) -> list[str]:
@@ -403,6 +434,8 @@ class Recipe(Table):
         if len(set(names)) != len(names):
             raise ValueError(f"variants must have different names, got {names}")
         self._check_size()
+        if self.score.area == "frames":
+            self._check_frames()
         self.contrast.patch()
         return self
 
@@ -443,9 +476,9 @@ def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     """Take the recipe's lane or, where it has none, the ground that the run's scans cover.
 
-    That is 3 m wide about the vehicle's mean course, from the image's nearest row at the first scan to its nearest
-    at the last, so that all of it was looked at from near. Of a run that is taken as one scan it is what the image
-    covers up to ``run_view.y_max``.
+    That is 3 m wide about the vehicle's mean course or, with ``run_view.search`` "view", as wide as the run-view, from
+    the image's nearest row at the first scan to its nearest at the last, so that all of it was looked at from near. Of
+    a run that is taken as one scan it is what the image covers up to ``run_view.y_max``.
     """
     if recipe.lane is not None:
         return recipe.lane.lane()
@@ -465,7 +498,10 @@ def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> 
     """
     middle, near = float(np.median(poses[:, 0])), recipe.image.y[0]
     last = float(poses[:, 1].max() + near) if end is None else end
-    return Lane(middle - HALF_LANE, middle + HALF_LANE, float(poses[:, 1].min() + near), last)
+    left, right = middle - HALF_LANE, middle + HALF_LANE
+    if recipe.run_view.search == "view":
+        left, right = recipe.run_view.x
+    return Lane(left, right, float(poses[:, 1].min() + near), last)
 
 
 def parse_recipe(text: str, source: str = "recipe") -> Recipe:

@@ -10,9 +10,11 @@ from flgpr.clutter.coherence import coherent_loss_db as coherent_loss_db
 from flgpr.clutter.coherence import iterate_frames as iterate_frames
 from flgpr.clutter.coherence import measured_coherence as measured_coherence
 from flgpr.clutter.iteration import TABLE_II as TABLE_II
+from flgpr.clutter.iteration import Amplitude as Amplitude
 from flgpr.clutter.iteration import Iterated as Iterated
 from flgpr.clutter.iteration import averaged as averaged
 from flgpr.clutter.iteration import equal_cost as equal_cost
+from flgpr.clutter.iteration import fallen_back as fallen_back
 from flgpr.clutter.iteration import iterate_suppression as iterate_suppression
 from flgpr.clutter.masks import ROADSIDE as ROADSIDE
 from flgpr.clutter.masks import Intersection as Intersection
@@ -23,6 +25,7 @@ from flgpr.clutter.masks import extended_mask as extended_mask
 from flgpr.clutter.masks import fundamental_mask as fundamental_mask
 from flgpr.clutter.masks import intersect as intersect
 from flgpr.clutter.masks import mixed_mask as mixed_mask
+from flgpr.clutter.masks import roadside_level as roadside_level
 from flgpr.clutter.masks import roadside_mask as roadside_mask
 from flgpr.clutter.masks import subregions as subregions
 from flgpr.clutter.standing import standing_field as standing_field

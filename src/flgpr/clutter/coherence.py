@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import brentq
 
-from flgpr.clutter.iteration import Iterated, OperatorOn, averaged, iterate_suppression
+from flgpr.clutter.iteration import Amplitude, Iterated, OperatorOn, averaged, iterate_suppression
 from flgpr.clutter.suppression import Operator
 from flgpr.model import SPEED_OF_LIGHT
 
@@ -21,7 +21,9 @@ FloatArray = NDArray[np.float64]
 class FrameStack:
     """Operators of several frames as one: its adjoint is the coherent sum over frames (Fuse et al. 2018, Eq. 4).
 
-    The image is one reflectivity that all frames share; ``operators`` are A of every frame, on the same pixels.
+    The image is one reflectivity that all frames share: to iterate on it is a reading of the paper, which sums the
+    frames' images and says of the suppression "the same mask in each frame" (Sec. 2.3), see :func:`iterate_frames`.
+    ``operators`` are A of every frame, on the same pixels.
     """
 
     def __init__(self, operators: Sequence[Operator]) -> None:
@@ -51,20 +53,22 @@ def iterate_frames(
     mask: ArrayLike,
     region: ArrayLike,
     iterations: int = 7,
+    amplitude: Amplitude = "region",
 ) -> list[Iterated]:
     """Suppress frame by frame under one mask, with a reflectivity of its own in every frame.
 
-    It asks for no coherence from frame to frame: what stands above the ground, turns its side to the radar or is seen
-    from a pose that is a little wrong still fits. Data have a leading axis of frames, each with its ``operator_on``;
-    the rest is as in :func:`iterate_suppression`.
+    This is "using the same mask in each frame" (Fuse et al. 2018, Sec. 2.3) as it is written. It asks for no coherence
+    from frame to frame: what stands above the ground, turns its side to the radar or is seen from a pose that is a
+    little wrong still fits. Data have a leading axis of frames, each with its ``operator_on``; the rest is as in
+    :func:`iterate_suppression`.
     """
     frames = zip(np.asarray(data), operator_on, strict=True)
-    return [iterate_suppression(one, make, pixels, mask, region, iterations) for one, make in frames]
+    return [iterate_suppression(one, make, pixels, mask, region, iterations, amplitude) for one, make in frames]
 
 
-def averaged_frames(courses: Sequence[Iterated], combination: int) -> ComplexArray:
+def averaged_frames(courses: Sequence[Iterated], combination: int, fall_back: bool = True) -> ComplexArray:
     """Average the iterations of a combination in every frame, see :func:`averaged`; (frame, ...) ndarray."""
-    return np.stack([averaged(course, combination) for course in courses])
+    return np.stack([averaged(course, combination, fall_back) for course in courses])
 
 
 def coherent_loss_db(error: ArrayLike, frequency: ArrayLike) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from flgpr.clutter.suppression import Operator
 
 ComplexArray = NDArray[np.complex64]
 OperatorOn = Callable[[NDArray[np.float64]], Operator]
+Amplitude = Literal["region", "whole"]
 
 TABLE_II: dict[int, tuple[int, ...]] = {0: (0,), 1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (5, 6), 6: (6, 7)}
 """Iterations whose images each combination averages (Table II); 0 is the original."""
@@ -23,26 +25,62 @@ class Iterated:
     """Course of an iterated suppression."""
 
     data: tuple[ComplexArray, ...]  #: (..., polarization, pair, frequency): data after 0, 1, ... iterations
-    #: (iteration + 1, polarization): norm of the cleaned data over that of the data, of the iterations kept
-    residual: NDArray[np.float64]
+    residual: NDArray[np.float64]  #: (iteration + 1, polarization): norm of the cleaned data over that of the data
     amplitude: NDArray[np.float64]  #: (iteration, region, polarization): B of Eq. 7
-    asked: int  #: number of iterations asked for
-    #: relative rise of the residual at which the iteration was stopped; None if it ran to its end
-    rise: float | None = None
+    #: (iteration + 1, polarization): energy of the cleaned data less that of the data, and how far it must differ
+    #: between two iterations to be told from rounding, both over the energy of the data
+    energy: NDArray[np.float64]
+    rounding: NDArray[np.float64]
 
     @property
     def iterations(self) -> int:
-        """Number of iterations kept."""
+        """Number of iterations."""
         return len(self.data) - 1
 
-    def told(self) -> str:
-        """Say in words how the iteration ended."""
-        if self.rise is None:
-            return f"{self.iterations} iterations, residual {self.residual[-1].max():.3f}"
-        return (
-            f"stopped after {self.iterations} of {self.asked} iterations: the next would have raised the residual by "
-            f"{100 * self.rise:.2g} %"
-        )
+    @property
+    def rise(self) -> float:
+        """Largest relative rise of the residual from one iteration to the next, 0 if it never rose."""
+        rose = self._rises()
+        if not rose.any():
+            return 0.0
+        return float((_ratio(self.residual[1:], self.residual[:-1]) - 1)[rose].max())
+
+    @property
+    def rises(self) -> int:
+        """Number of iterations that raised the residual of a polarization."""
+        return int(self._rises().any(axis=1).sum())
+
+    def _rises(self) -> NDArray[np.bool_]:
+        """Mark the iterations that raised the residual, (iteration, polarization)."""
+        return np.asarray(np.diff(self.energy, axis=0) > self.rounding)
+
+    def best(self, last: int) -> NDArray[np.int64]:
+        """Find the iteration of the least residual up to ``last`` for every polarization; ``last`` if it is no worse.
+
+        An iteration that raised the residual for a while and then went below all earlier ones has done no harm: what
+        counts is where it arrives.
+        """
+        best = self.energy[: last + 1].argmin(axis=0)
+        for polarization, least in enumerate(best):
+            rounding = self.rounding[least:last, polarization].max(initial=0.0)
+            if self.energy[last, polarization] <= self.energy[least, polarization] + rounding:
+                best[polarization] = last
+        return np.asarray(best, dtype=np.int64)
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the last iteration leaves more than an earlier one."""
+        return bool((self.best(self.iterations) < self.iterations).any())
+
+    def summary(self) -> str:
+        """Say in words how the iteration went."""
+        words = f"{self.iterations} iterations, residual {self.residual[-1].max():.3f}"
+        if self.rises:
+            words += f"; {self.rises} of them raised it, by up to {100 * self.rise:.2g} %"
+        if self.diverged:
+            least = ", ".join(str(number) for number in self.best(self.iterations))
+            words += f"; the last is worse than iteration {least}"
+        return words
 
 
 def iterate_suppression(
@@ -52,19 +90,22 @@ def iterate_suppression(
     mask: ArrayLike,
     region: ArrayLike,
     iterations: int = 7,
+    amplitude: Amplitude = "region",
 ) -> Iterated:
     """Suppress what lies under a mask by iterating Eq. 5 to 8 of Fuse et al. 2018.
 
     With m_r the part of the mask in sub-region r, an iteration takes x = A^H b and ``x̂_r = m_r∘x``, and subtracts, all
-    at once, ``B_r b̂_r`` with ``b̂_r = A x̂_r`` (Eq. 5) and ``B_r = max|x̂_r| / max|x'_2|``, ``x'_2 = A^H b̂_r`` (Eq. 7
-    and 8), the second maximum over all pixels of the sub-region. The paper wants B "in each sub-region area,
-    respectively"; here each B_r is made of its own sub-region's response alone, so that sidelobes of a strong one do
-    not enter.
+    at once, ``B_r b̂_r`` with ``b̂_r = A x̂_r`` (Eq. 5) and ``B_r = max|x̂_r| / max|x'_2|`` (Eq. 7), the second maximum
+    over all pixels of the sub-region. The paper wants B "in each sub-region area, respectively", which can be read in
+    two ways: ``x'_2 = A^H b̂_r`` (Eq. 8) of the sub-region's own response, so that sidelobes of a strong one elsewhere
+    do not enter, or ``x'_2 = A^H Σ b̂_r`` of the whole response, the b̂ of Eq. 5 to the letter.
 
     The iteration is stable while the spectrum of ``Σ B_r m_r A^H A m_r`` lies within 0 to 2, which Eq. 7 does not
-    warrant. The residual of every polarization is watched: an iteration that would raise one is dropped, none
-    follows, and the result says so. Watched is ``|b - r|² - |b|²`` in double precision against ``|r|²``, r being what
-    is subtracted, so that echoes outside the mask, however strong, hide no rise.
+    warrant: B follows the one pixel that is strongest, and where another takes its place the residual can rise for an
+    iteration and fall below all earlier ones afterwards. All iterations are therefore run, as in the paper, and the
+    residual of every polarization is kept; :func:`averaged` falls back to the best iteration where all went wrong.
+    The residual is followed by ``|b - r|² - |b|²`` in double precision against ``|r|²``, r being what is subtracted,
+    so that echoes outside the mask, however strong, hide no rise.
 
     Parameters
     ----------
@@ -78,10 +119,15 @@ def iterate_suppression(
         Where to suppress, and the sub-region of every pixel: -1 for none, which the mask must not hold.
     iterations : int
         How many.
+    amplitude : {"region", "whole"}
+        Which response the second maximum of Eq. 7 is taken of: "region", ``b̂_r`` of the sub-region alone; "whole",
+        ``b̂ = Σ b̂_r`` of all sub-regions, both over the sub-region's pixels.
     """
     points, chosen, part = np.asarray(pixels, dtype=np.float64), np.asarray(mask, dtype=bool), np.asarray(region)
     if iterations < 1:
         raise ValueError(f"iterations must be at least 1, got {iterations}")
+    if amplitude not in ("region", "whole"):
+        raise ValueError(f"amplitude must be region or whole, got {amplitude!r}")
     if chosen.shape != points.shape[:-1] or part.shape != chosen.shape:
         raise ValueError(
             f"mask and region must have the shape of the pixels, {points.shape[:-1]}, got {chosen.shape} and "
@@ -96,47 +142,80 @@ def iterate_suppression(
     on_mask_of = {int(r): operator_on(one) for r, one in zip(used, under, strict=True)}
     on_region = {int(r): operator_on(points[part == r]) for r in used}
     ends = np.cumsum([len(one) for one in under])[:-1]
-    rise: float | None = None
-    start = _norms(b)
-    kept, course = [b], [np.where(start > 0, 1.0, 0.0)]
+    start = _norms(b) ** 2
+    cleaned, energy, rounding = [b], [np.zeros_like(start)], []
     amplitudes = np.zeros((iterations, int(part.max(initial=-1)) + 1, b.shape[-3]))
     for B in amplitudes:
-        subtracted = np.zeros_like(b)
         masked = [] if on_mask is None else np.split(on_mask.adjoint(b), ends, axis=-1)
-        for r, x_hat in zip(on_mask_of, masked, strict=True):
-            b_hat = on_mask_of[r].forward(x_hat)  # Eq. 5
-            x_2 = on_region[r].adjoint(b_hat)  # Eq. 8
-            B[r] = _ratio(_peaks(x_hat), _peaks(x_2))  # Eq. 7
-            subtracted += B[r].astype(np.float32)[:, None, None] * b_hat
+        x_hat = dict(zip(on_mask_of, masked, strict=True))
+        b_hat = {r: on_mask_of[r].forward(x_hat[r]) for r in x_hat}  # Eq. 5
+        whole = np.sum(list(b_hat.values()), axis=0) if amplitude == "whole" else None
+        subtracted = np.zeros_like(b)
+        for r in x_hat:
+            x_2 = on_region[r].adjoint(b_hat[r] if whole is None else whole)  # Eq. 8
+            B[r] = _ratio(_peaks(x_hat[r]), _peaks(x_2))  # Eq. 7
+            subtracted += B[r].astype(np.float32)[:, None, None] * b_hat[r]
         change, size = _energy_change(b, subtracted)
-        power = np.maximum(course[-1] ** 2 + _ratio(change, start**2), 0.0)
-        if (change > _ROUNDING * size).any():
-            rise = float((_ratio(np.sqrt(power), course[-1]) - 1).max())
-            break
+        energy.append(energy[-1] + _ratio(change, start))
+        rounding.append(_ROUNDING * _ratio(size, start))
         b = (b - subtracted).astype(np.complex64)  # Eq. 6, whose image is x'
-        kept.append(b)
-        course.append(np.sqrt(power))
-    return Iterated(tuple(kept), np.array(course), amplitudes[: len(kept) - 1].copy(), iterations, rise)
+        cleaned.append(b)
+    residual = np.sqrt(np.maximum((start > 0) + np.array(energy), 0.0))
+    return Iterated(tuple(cleaned), residual, amplitudes, np.array(energy), np.array(rounding))
 
 
-def averaged(course: Iterated, combination: int) -> ComplexArray:
+def averaged(course: Iterated, combination: int, fall_back: bool = True) -> ComplexArray:
     """Average the iterations of a combination of Table II, by its index in ``TABLE_II``.
 
-    The mean of images is the image of the mean of their data, so that one image needs to be made. Where the iteration
-    was stopped before, its last kept iteration stands in; one that would need more than were asked for is a ValueError.
+    The mean of images is the image of the mean of their data, so that one image needs to be made. See
+    :func:`fallen_back` for where the best iteration alone stands in for the mean, unless ``fall_back`` is off: the
+    paper averages whatever comes.
+
+    Raises
+    ------
+    ValueError
+        If there is no such combination, or it needs more iterations than there are.
     """
+    wanted = _parts(course, combination)
+    mean = np.asarray(np.sum([course.data[number] for number in wanted], axis=0) / len(wanted), dtype=np.complex64)
+    if fall_back:
+        for polarization, number in fallen_back(course, combination).items():
+            mean[..., polarization, :, :] = course.data[number][..., polarization, :, :]
+    return mean
+
+
+def fallen_back(course: Iterated, combination: int) -> dict[int, int]:
+    """Find the polarizations in which an average of Table II is no good, and the iteration that stands in.
+
+    It is none where the last iteration of the average is worse than an earlier one and the average is worse, too.
+    The second is asked because iterations that overshoot change sign from one to the next: each leaves more than was
+    there, and the mean of two leaves little.
+    """
+    wanted = _parts(course, combination)
+    best = course.best(max(wanted))
+    first, last = course.data[wanted[0]], course.data[wanted[-1]]
+    # |(u + v)/2|² = (|u|² + |v|²)/2 - |u - v|²/4, from energies that strong echoes elsewhere do not hide
+    apart = _ratio(_norms(last - first) ** 2, _norms(course.data[0]) ** 2)
+    energy = course.energy[list(wanted)].mean(axis=0) - apart / 4
+    return {
+        polarization: int(number)
+        for polarization, number in enumerate(best)
+        if number < max(wanted) and energy[polarization] > course.energy[number, polarization]
+    }
+
+
+def _parts(course: Iterated, combination: int) -> tuple[int, ...]:
+    """Look up the iterations of a combination, which must be there."""
     if combination not in TABLE_II:
         raise ValueError(f"combination must be one of {', '.join(map(str, TABLE_II))}, got {combination}")
     wanted = TABLE_II[combination]
-    if max(wanted) > course.asked:
-        raise ValueError(f"combination {combination} needs {max(wanted)} iterations, got {course.asked}")
-    last = course.iterations
-    total = np.sum([course.data[min(i, last)] for i in wanted], axis=0)
-    return np.asarray(total / len(wanted), dtype=np.complex64)
+    if max(wanted) > course.iterations:
+        raise ValueError(f"combination {combination} needs {max(wanted)} iterations, got {course.iterations}")
+    return wanted
 
 
-def equal_cost(course: Iterated, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
-    """Count the least-squares iterations that cost no more than an iterated suppression, in pixels.
+def equal_cost(iterations: int, mask: NDArray[np.bool_], region: NDArray[np.int64]) -> int:
+    """Count the least-squares iterations that cost no more than so many of an iterated suppression, in pixels.
 
     An iteration of Eq. 5 to 8 images the mask, models it and images the sub-regions it touches; one of least squares
     images the mask and models it.
@@ -145,7 +224,7 @@ def equal_cost(course: Iterated, mask: NDArray[np.bool_], region: NDArray[np.int
     if under == 0:
         return 1
     area = int(np.isin(region, np.unique(region[mask])).sum())
-    return max(1, course.asked * (2 * under + area) // (2 * under))
+    return max(1, iterations * (2 * under + area) // (2 * under))
 
 
 def _norms(data: ComplexArray) -> NDArray[np.float64]:

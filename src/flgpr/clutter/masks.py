@@ -152,6 +152,21 @@ def extended_mask(
     return above(vh, thresholds.low_vh, region) & (away >= least) & (away <= greatest)
 
 
+def roadside_level(image: ArrayLike, region: IntArray, roadside: BoolArray, regions: int) -> FloatArray:
+    """Average the magnitude of an image (y, x) at the roadside, sub-region by sub-region; NaN where there is none.
+
+    Of the VH image of the frame under test it is the threshold of the extended mask as the paper has it: "the average
+    value of the roadside clutter in a frame in test lane" (Fuse et al. 2018, Sec. 2.4). No target's place enters.
+    """
+    magnitude = np.abs(np.asarray(image))
+    level = np.full(regions, np.nan)
+    for number in range(regions):
+        beside = roadside & (region == number)
+        if beside.any():
+            level[number] = magnitude[beside].mean()
+    return level
+
+
 def mixed_mask(
     vv: ArrayLike,
     vh: ArrayLike,
@@ -177,8 +192,8 @@ class ThresholdCalibration:
     A target's response is what lies in its halo within ``response_db`` of its peak in VV. Per sub-region, the
     thresholds of VH and of the second band are the largest that any target's response reaches there, so that no mask
     holds it. That of VV is the smallest peak of any target: what is weaker cannot be mistaken for one. The low
-    threshold of VH is the mean magnitude at the roadside, mean over frames; the paper takes that from the lane
-    under test, here it comes from the calibration lane too.
+    threshold of VH is the mean magnitude at the roadside, mean over frames, of the calibration lane; the paper takes
+    it from a frame of the lane under test, see :func:`roadside_level`.
     """
 
     def __init__(self, regions: int, response_db: float = 6.0) -> None:
@@ -221,11 +236,7 @@ class ThresholdCalibration:
             self._vh[where] = max(self._vh[where], float(cross[response].max()))
             if other is not None:
                 self._second[where] = max(self._second[where], float(other[response].max()))
-        means = [
-            float(cross[here].mean()) if (here := roadside & (region == r)).any() else np.nan
-            for r in range(self.regions)
-        ]
-        self._roadside.append(np.asarray(means))
+        self._roadside.append(roadside_level(cross, region, roadside, self.regions))
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Give what was gathered, to be taken in by another."""

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 import flgpr
 from flgpr.archive import Archive
@@ -32,6 +34,9 @@ FORMAT, VERSION = "flgpr-result", 2
 MODEL = "model"
 """Folder of the model inside a result."""
 _NOT_CONTENT = ("identity", "added", "added_sizes", "sha256")
+FRAMES = "frames.npz"
+"""Alarms of every frame, where the recipe scores by frames."""
+_FRAME_COLUMNS = ("frame", "across", "ahead", "confidence")
 _LIBRARIES = ("numpy", "scipy", "numba", "xarray", "zarr", "pandas", "scikit-learn", "scikit-image")
 
 
@@ -84,6 +89,8 @@ def write_result(
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
         if detection.features is not None:
             write_table(detection.features, home / "features.csv")
+        if detection.frames is not None:
+            write_whole(home / FRAMES, _frames_bytes(*detection.frames))
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
     write_view(partial, detections, lane, run, parse_recipe(recipe_text), border)
@@ -246,7 +253,12 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
     alarms = parse_table(files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv")
     table = files.read_if_listed(f"{home}features.csv")
     features = None if table is None else parse_columns(table)
-    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features)
+    stored = files.read_if_listed(f"{home}{FRAMES}")
+    try:
+        frames = None if stored is None else _parse_frames(stored)
+    except Exception as error:  # the parser raises whatever it stumbles over
+        raise ResultError(f"{files.root}: {home}{FRAMES} cannot be read ({error!r})") from None
+    return Detection(entry["name"], entry["title"], alarms, view, entry["notes"], features=features, frames=frames)
 
 
 def parse_view(data: bytes) -> xr.DataArray:
@@ -263,6 +275,28 @@ def parse_view(data: bytes) -> xr.DataArray:
     coords = {**labels, "y": arrays["y"], "x": arrays["x"], "looks": (("y", "x"), arrays["looks"])}
     dims = ("polarization", "subband", "y", "x")
     return xr.DataArray(arrays["magnitude"], dims=dims, coords=coords, name="run_view")
+
+
+def _frames_bytes(alarms: pd.DataFrame, poses: Mapping[int, NDArray[np.float64]]) -> bytes:
+    """Write the alarms of every frame, and the poses of all frames that were searched, as arrays."""
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {str(name): alarms[name].to_numpy() for name in _FRAME_COLUMNS}
+    arrays |= {"frames": np.array(list(poses), dtype=np.int64), "poses": np.array(list(poses.values())).reshape(-1, 6)}
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _parse_frames(data: bytes) -> tuple[pd.DataFrame, dict[int, NDArray[np.float64]]]:
+    """Read the alarms and poses of the frames from the bytes of ``frames.npz``, whose arrays must fit one another."""
+    arrays = Archive(io.BytesIO(data))
+    shapes = {name: member.shape for name, member in arrays.members.items()}
+    columns = {shapes[name] for name in _FRAME_COLUMNS}
+    if len(columns) != 1 or len(columns.pop()) != 1:
+        raise ValueError(f"{', '.join(_FRAME_COLUMNS)} must be lists of one length")
+    if len(shapes["frames"]) != 1 or shapes["poses"] != (*shapes["frames"], 6):
+        raise ValueError(f"poses must be 6 numbers per frame, got {shapes['poses']} for {shapes['frames']}")
+    alarms = pd.DataFrame({name: arrays[name] for name in _FRAME_COLUMNS})
+    return alarms, dict(zip(arrays["frames"].tolist(), arrays["poses"], strict=True))
 
 
 def _view_bytes(view: xr.DataArray) -> bytes:

@@ -19,7 +19,18 @@ from flgpr.io import canonical_json, sha256
 from flgpr.io.files import listed_files
 from flgpr.results.result import Result, read_result_manifest
 from flgpr.results.view_files import plain_json
-from flgpr.scoring import BlindScore, Rules, Score, SideBySide, operating_row, pd_mean, refraction_shift, roc_of, score
+from flgpr.scoring import (
+    BlindScore,
+    Rules,
+    Score,
+    SideBySide,
+    operating_row,
+    pd_mean,
+    refraction_shift,
+    roc_of,
+    score,
+    score_frames,
+)
 
 ROC_FORMAT, ROC_VERSION = "flgpr-score", 1
 COMPARISON_FORMAT = "flgpr-comparison"
@@ -30,11 +41,29 @@ VIEW_SCORE = "view/score.json"
 
 
 def score_detections(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> list[Score]:
-    """Score the main result and every variant by the halo and the area of the recipe, at an operating point."""
-    rules = Rules(halo=result.recipe.score.halo, area=result.recipe.score.area, far=far)
+    """Score the main result and every variant by the halo and the area of the recipe, at an operating point.
+
+    Places of the lane are scored once here: a recipe whose area is "frames" is scored by the union of halos, and frame
+    by frame by :func:`score_by_frames`.
+    """
+    own = result.recipe.score
+    rules = Rules(halo=own.halo, area="union" if own.area == "frames" else own.area, far=far)
     scored = [score(one.alarms, truth, result.lane, rules, name=one.name, title=one.title) for one in result.detections]
     shift = expected_shift(scored[0].matched.truth, result.manifest["run"])
     return [replace(one, outcomes=one.outcomes.assign(expected_shift=shift)) for one in scored]
+
+
+def score_by_frames(result: Result, truth: pd.DataFrame, far: float = Rules.far) -> Score:
+    """Score a result whose recipe has ``score.area = "frames"``: every frame counts its area (Fuse et al. 2018)."""
+    main = result.detections[0]
+    if main.frames is None:
+        raise ValueError(
+            'score.area must be "frames" when the run is detected for its alarms to be kept frame by frame, got a '
+            "result without them; run flgpr detect again"
+        )
+    rules = Rules(halo=result.recipe.score.halo, far=far)
+    title = f"{main.title}, every frame counts its area"
+    return score_frames(*main.frames, truth, result.recipe.frame_area(), rules, name=main.name, title=title)
 
 
 def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float64]:
@@ -184,7 +213,8 @@ def _shared(one: Score) -> dict[str, Any]:
 
 def _curve(one: Score, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     subset = chosen if len(chosen) else None
-    curve = one.chance.beside(roc_of(one.matched, subset, area=one.rules.area, level=one.rules.level), subset)
+    options: dict[str, Any] = {"area": one.rules.area, "frame_area": one.rules.frame_area, "level": one.rules.level}
+    curve = one.chance.beside(roc_of(one.matched, subset, **options), subset)
     mean = pd_mean(curve) if len(chosen) else None
     return {"n_targets": int(curve.iloc[-1]["n_targets"]), "pd_mean": mean, **_rounded(curve, _OWN)}
 

@@ -38,6 +38,9 @@ from flgpr.scoring.curve import with_area as with_area
 from flgpr.scoring.figures import figure_bytes as figure_bytes
 from flgpr.scoring.figures import patch_figure as patch_figure
 from flgpr.scoring.figures import roc_figure as roc_figure
+from flgpr.scoring.frames import UnrolledFrames as UnrolledFrames
+from flgpr.scoring.frames import score_frames as score_frames
+from flgpr.scoring.frames import unroll_frames as unroll_frames
 from flgpr.scoring.lane_roc import accumulated_area as accumulated_area
 from flgpr.scoring.lane_roc import assign as assign
 from flgpr.scoring.lane_roc import far_area as far_area

@@ -29,10 +29,11 @@ _FIRST_POINTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 class Rules:
     """By which rules an alarm list is scored, and how sure its figures are said to be."""
 
-    #: halo, halo_as, area, refraction, survey_error: as for :func:`flgpr.scoring.roc`
+    #: halo, halo_as, area, frame_area, refraction, survey_error: as for :func:`flgpr.scoring.roc`
     halo: float = 1.0
     halo_as: Literal["radius", "diameter"] = "radius"
-    area: Literal["union", "paper"] = "union"
+    area: Literal["union", "paper", "frames"] = "union"
+    frame_area: float | None = None
     refraction: Refraction | None = None
     survey_error: float | None = None
     far: float = 0.05  #: operating point at which targets count as found or missed and Pd is broken down, per m²
@@ -41,6 +42,9 @@ class Rules:
     draws: int = 1000  #: draws of the bootstrap
     shifts: int = SHIFTS  #: shifts of the targets for the chance level, see :func:`flgpr.scoring.chance`
     seed: int = 0  #: seed of both
+    #: block, cluster: what the bootstrap draws together, see :func:`flgpr.scoring.band`
+    block: float = 10.0
+    cluster: str | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,10 @@ class Score:
 
     @property
     def _bootstrap(self) -> dict[str, Any]:
-        return {name: getattr(self.rules, name) for name in ("area", "level", "draws", "seed")}
+        return {
+            name: getattr(self.rules, name)
+            for name in ("area", "frame_area", "level", "draws", "seed", "block", "cluster")
+        }
 
     @property
     def too_small(self) -> bool:
@@ -118,7 +125,8 @@ class Score:
         return {name: self._curve_of((kinds == name).to_numpy()) for name in sorted(kinds.unique())}
 
     def _curve_of(self, rows: NDArray[np.bool_]) -> pd.DataFrame:
-        return self.chance.beside(roc_of(self.matched, rows, area=self.rules.area, level=self.rules.level), rows)
+        options = {"area": self.rules.area, "frame_area": self.rules.frame_area, "level": self.rules.level}
+        return self.chance.beside(roc_of(self.matched, rows, **options), rows)  # type: ignore[arg-type]
 
     def bands(self, by: Literal["kind", "depth"] | None = None) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
         """Compute curve and simultaneous band of all targets, or of each group of them; none without targets."""
@@ -147,8 +155,8 @@ class Score:
 
     def breakdown(self) -> pd.DataFrame:
         """Tabulate Pd by kind, depth and soil, see :func:`flgpr.scoring.pd_table`."""
-        options: dict[str, Any] = {"area": self.rules.area, "level": self.rules.level, "chance": self.chance}
-        return pd_table(self.matched, self.far, **options)
+        options: dict[str, Any] = {"area": self.rules.area, "frame_area": self.rules.frame_area}
+        return pd_table(self.matched, self.far, level=self.rules.level, chance=self.chance, **options)
 
     def missed(self) -> pd.DataFrame:
         """Take the outcomes of the targets that are not found at the operating point, the hardest first."""
@@ -226,9 +234,9 @@ def score(
     matched = match(alarms, truth, lane, rules.halo, halo_as=rules.halo_as, refraction=rules.refraction)
     survey = None if rules.survey_error is None else survey_share(rules.survey_error, matched.halo)
     level = chance(matched, rules.shifts, rules.seed)
-    curve = level.beside(roc_of(matched, area=rules.area, level=rules.level))
+    curve = level.beside(roc_of(matched, area=rules.area, frame_area=rules.frame_area, level=rules.level))
     far = max(rules.far, 1 / curve.attrs["area"])
-    outcomes = assign(matched, rules.area)
+    outcomes = assign(matched, rules.area, rules.frame_area)
     best = outcomes["alarm"].to_numpy(dtype=int)
     for axis in ("x", "y"):
         place = np.append(matched.alarms[axis].to_numpy(dtype=float), np.nan)[best]  # -1, no alarm, takes the NaN

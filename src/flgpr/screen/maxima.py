@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -11,9 +11,10 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
-from flgpr.model import Lane, check_truth
+from flgpr.model import Grid, Lane, check_truth
 
 Count = Literal["lane", "view"]
+_ALL = 10.0  # alarms per disc of their radius: more than there can be maxima
 _AT_ONCE = 2**18  # neighbours of candidate maxima that are looked at in one go
 
 
@@ -71,6 +72,20 @@ def prescreen(
     table = local_maxima(view, radius)
     threshold = view_threshold(table, lane, _area_seen(view), radius, density, count)
     return table[table["magnitude"] >= threshold].reset_index(drop=True)
+
+
+def frame_alarms(level: NDArray[Any], grid: Grid, area: Lane, radius: float) -> pd.DataFrame:
+    """Raise alarms at all local maxima of one frame's magnitude (y, x) inside its detection area.
+
+    ``area`` is in the frame's own coordinates, m. Pixels within the radius beyond its border take part, so that the
+    flank of a peak outside is no alarm inside. The table is that of :func:`prescreen`, ``x`` being cross-range and
+    ``y`` the distance ahead.
+    """
+    rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
+    columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
+    view = xr.DataArray(level[np.ix_(rows, columns)], dims=("y", "x"), coords={"y": grid.y[rows], "x": grid.x[columns]})
+    found = prescreen(view, area, radius, density=_ALL)
+    return found[area.contains(found["x"], found["y"])].reset_index(drop=True)
 
 
 def counts(x: ArrayLike, y: ArrayLike, lane: Lane, count: Count) -> NDArray[np.bool_]:

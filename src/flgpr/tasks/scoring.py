@@ -21,7 +21,14 @@ from flgpr.io.tables import parse_table, read_columns
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
 from flgpr.results.result import Result, add_files, join_sections, read_result
-from flgpr.results.score import VIEW_SCORE, blind_roc_json, comparison_json, score_detections, view_score
+from flgpr.results.score import (
+    VIEW_SCORE,
+    blind_roc_json,
+    comparison_json,
+    score_by_frames,
+    score_detections,
+    view_score,
+)
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import (
     Agreement,
@@ -77,9 +84,10 @@ def score_result(
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
     ``truth`` is CSV of the targets, ``objects`` of what else stands there, for the pictures; ``output`` takes the
-    files, by default :func:`score_home`. Targets count as found or missed at the operating point ``far``, per m²;
-    ``recipe`` and ``book`` are as for :func:`score_alarms`. If an input is not valid or altered, or the recipe is not
-    registered, nothing is written.
+    files, by default :func:`score_home`. With ``score.area = "frames"`` in the recipe the score and its report are of
+    the alarms of every frame, see :func:`flgpr.scoring.score_frames`; the viewer shows those of the lane. Targets count
+    as found or missed at the operating point ``far``, per m²; ``recipe`` and ``book`` are as for :func:`score_alarms`.
+    If an input is not valid or altered, or the recipe is not registered, nothing is written.
     """
     home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
@@ -90,17 +98,21 @@ def score_result(
     targets, (notes,) = open_truth(truth, [find_entrant(home, recipe)], borders(result.lane), rules, book)
     scored = score_detections(result, targets, far)
     sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
+    by_frames = [score_by_frames(result, targets, far)] if result.recipe.score.area == "frames" else []
     files: dict[str, bytes | str] = {}
     for _ in track(["report.html"], "drawing the report", 1):
-        files |= score_files(scored, notes, result=result, objects=others, sections=sections)
+        if by_frames:
+            files |= score_files(by_frames, notes, title=by_frames[0].title)
+        else:
+            files |= score_files(scored, notes, result=result, objects=others, sections=sections)
     if whole:
         files[VIEW_SCORE] = view_score(result, scored, others)
     to.mkdir(parents=True, exist_ok=True)
     if to.resolve() == home.resolve():
         add_files(to, files)
-        return read_result(to), scored
+        return read_result(to), by_frames or scored
     _write(to, files)
-    return result, scored
+    return result, by_frames or scored
 
 
 def score_home(folder: PathLike) -> Path:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from flgpr.clutter import TABLE_II
 from flgpr.scoring import random_pd
-from flgpr_papers.fuse2018.findings import CONVENTIONS, power_db, scored, strongest_boxes
+from flgpr_papers.fuse2018.findings import CONVENTIONS, PAPER_DB, power_db, scored, strongest_boxes
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
-from flgpr_papers.fuse2018.lanes import FuseRecipe
+from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS
 from flgpr_papers.fuse2018.results import LaneResult
@@ -28,7 +28,7 @@ _DEEP = 55.0  # dB, where a mine must show beside a post
 COMPARED = {
     "original": ("0.25", "-"),
     "iteration": ("C3", "-"),
-    "per frame": ("C0", "--"),
+    "shared": ("C0", "--"),
     "least squares": ("C1", "-."),
     "least squares spared": ("C5", "-."),
     "least squares per frame": ("C2", ":"),
@@ -49,15 +49,78 @@ def mask_figure(example: Arrays, image: str, mask: str, title: str, boxes: bool 
     return figure
 
 
+def geometry_figure(recipe: FuseRecipe) -> Figure:
+    """Draw the imaging geometry, as Fig. 1: antennas of both bands, the imaged ground and the path of Eq. 2."""
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    for band, colour in (("l", "C0"), ("x", "C1")):
+        sensor = band_sensor(recipe, band)
+        height = np.array([0.0, 0.0, sensor.height])
+        for side, mark in (("tx", "^"), ("rx", "v")):
+            places = np.unique(sensor.pairs()[side == "rx"], axis=0) + height
+            label = f"{band.upper()} band, {len(places)} {'transmitters' if side == 'tx' else 'receivers'}"
+            axes.plot(*places.T, mark, color=colour, ms=4, mfc=colour if side == "tx" else "none", label=label)
+    (left, right), (near, far) = recipe.image.x, recipe.image.y
+    corners = np.array([[left, near], [right, near], [right, far], [left, far], [left, near]])
+    axes.plot(*corners.T, 0, "k-", lw=1, label="imaged ground")
+    for edge in recipe.image.edges[1:-1]:
+        axes.plot([left, right], [edge, edge], 0, "k:", lw=0.8)
+    pixel = np.array([3.0, 9.0, 0.0])
+    tx, rx = (
+        side[index] + np.array([0, 0, sensor.height]) for side, index in zip(sensor.pairs(), (0, -1), strict=True)
+    )
+    axes.plot(*np.array([tx, pixel, rx]).T, "C3-", lw=1.2, label="path L of Eq. 2")
+    axes.plot(*pixel, "C3s", ms=5)
+    axes.set(xlabel="x, cross-range (m)", ylabel="y, range (m)", zlabel="z (m)", zlim=(0, 4))
+    axes.view_init(24, -62)
+    axes.set_box_aspect((20, 15, 5), zoom=1.15)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, 1.02), ncols=2)
+    return figure
+
+
+def procedure_figure(example: Arrays) -> Figure:
+    """Draw how the masks are made of one another on the example frame, as Fig. 2: (a) fundamental, (b) extended."""
+    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    vv, vh, x = example["mask vv"], example["mask vh"], example.get("mask x")
+    none = np.zeros_like(vv)
+    x_and_vv = none if x is None else vv & x
+    rows: tuple[Arrays, ...] = (
+        {"(a) VV": vv, "VH": vh, "VV \u2229 VH": vv & vh, "union: fundamental part": example["fundamental"]},
+        {"VV": vv, "X": none if x is None else x, "VV \u2229 X": x_and_vv},
+        {
+            "(b) VV low": example["mask vv low"],
+            "VH low": example["mask vh low"],
+            "VV low \u2229 VH low": example["mask vv low"] & example["mask vh low"],
+            "\u222a VH low, roadside: extended part": example["extended"],
+        },
+    )
+    for row, parts in zip(figure.subplots(3, 4, sharex=True, sharey=True), rows, strict=True):
+        for axes, (title, mask) in zip(row, parts.items(), strict=False):
+            _mask(axes, example, mask, title)
+            axes.title.set_fontsize(8)
+            axes.tick_params(labelsize=7)
+        for axes in row[len(parts) :]:
+            axes.set_visible(False)
+    figure.supxlabel("cross-range, m", fontsize=9)
+    figure.supylabel("ahead of the array, m", fontsize=9)
+    return figure
+
+
 def mixed_figure(example: Arrays) -> Figure:
-    """Draw the mixed masks of the example frame, as Fig. 6, and the fundamental part by connected region beside."""
-    figure = Figure(figsize=(9.5, 2.7), layout="constrained")
-    parts = {
-        "fundamental": "(a) fundamental, by pixel",
-        "fundamental by region": "(a') fundamental, by connected region",
-        "extended": "(b) extended: low VH threshold",
-    }
-    for axes, (name, title) in zip(figure.subplots(1, 3, sharey=True), parts.items(), strict=True):
+    """Draw the mixed masks of the example frame, as Fig. 6."""
+    parts = {"fundamental": "(a) fundamental part", "extended": "(b) extended part"}
+    return _masks(example, parts)
+
+
+def regions_figure(example: Arrays) -> Figure:
+    """Draw the fundamental part by pixel and by connected region, the two readings of "the intersection"."""
+    parts = {"fundamental": "intersected pixel by pixel", "fundamental by region": "by connected region"}
+    return _masks(example, parts)
+
+
+def _masks(example: Arrays, parts: Mapping[str, str]) -> Figure:
+    figure = Figure(figsize=(8.6, 3.1), layout="constrained")
+    for axes, (name, title) in zip(figure.subplots(1, 2, sharey=True), parts.items(), strict=True):
         _mask(axes, example, example[name], title)
         _dress(axes, example)
     return figure
@@ -71,7 +134,7 @@ def stages_figure(example: Arrays) -> Figure:
 
 def variants_figure(example: Arrays) -> Figure:
     """Draw the example frame as every variant leaves it."""
-    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (9.5, 6.6), 3)
+    return _many(example, {f"variant {name}": name for name in VARIANTS if f"variant {name}" in example}, (9.5, 8.6), 3)
 
 
 def _many(example: Arrays, chosen: Mapping[str, str], size: tuple[float, float], columns: int) -> Figure:
@@ -97,7 +160,10 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
     named = named[named["frame"] == int(example["frame"])]
     singles = {i: f"iteration {i}" for i in range(recipe.suppress.iterations + 1)}
     averages = {i: f"#{i}" for i in TABLE_II}
-    panels = (("without averaging", "iteration", singles), ("with averaging", "combination # (Table II)", averages))
+    panels = (
+        ("(a) without averaging", "iteration", singles),
+        ("(b) with averaging", "combination # (Table II)", averages),
+    )
     for axes, (title, label, stages) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
         for row in named.to_dict("records"):
             one = pd.DataFrame([row])
@@ -105,7 +171,7 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
         spread = np.array([clustered(power_db(boxes, s), boxes["cluster"], 500) for s in stages.values()])
         axes.plot(list(stages), spread[:, 0], "k-", lw=2, label=f"mean of {len(boxes)} boxes, lanes A and B")
         axes.fill_between(list(stages), spread[:, 1], spread[:, 2], color="0.6", alpha=0.4)
-        axes.axhline(-26.5, color="C3", ls=":", label="paper, #6: -26.5 dB")
+        axes.axhline(-PAPER_DB, color="C3", ls=":", label=f"paper, #6: {-PAPER_DB:g} dB")
         axes.set(title=title, xlabel=label, xticks=list(stages))
         axes.grid(alpha=0.3)
     left = figure.axes[0]
@@ -115,7 +181,22 @@ def power_figure(lanes: Sequence[LaneResult], example: Arrays, recipe: FuseRecip
 
 
 def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
-    """Draw the ROC curves of both lanes by both conventions, as Fig. 9."""
+    """Draw the ROC curves of both lanes with and without processing, every frame counting its area, as Fig. 9."""
+    figure = Figure(figsize=(8.6, 3.5), layout="constrained")
+    styles = {"iteration": ("--", "with processing"), "original": ("-", "without processing")}
+    for axes, letter, lane in zip(figure.subplots(1, len(lanes), sharey=True), "ab", lanes, strict=True):
+        for name, (dash, label) in styles.items():
+            curve = scored(lane, name, recipe, "frames")[1]
+            axes.step(curve["far"], curve["pd"], "k", where="post", ls=dash, lw=1.6, label=label)
+        _chance(axes, recipe)
+        axes.set(title=f"({letter}) lane {lane.name}", xlabel="false alarms per m² of all frames")
+    figure.axes[0].set_ylabel("Pd")
+    figure.axes[0].legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def variants_roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
+    """Draw the ROC curves of all variants on both lanes by both conventions."""
     figure = Figure(figsize=(8.6, 6.4), layout="constrained")
     places = figure.subplots(len(CONVENTIONS), len(lanes), sharex=True, sharey=True, squeeze=False)
     for row, (convention, words) in zip(places, CONVENTIONS.items(), strict=True):
@@ -124,17 +205,22 @@ def roc_figure(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Figure:
                 curve = scored(lane, name, recipe, convention)[1]
                 width = 2.2 if name in ("original", "iteration") else 1.2
                 axes.step(curve["far"], curve["pd"], where="post", color=colour, ls=dash, lw=width, label=name)
-            rates = np.linspace(0, 0.3, 101)
-            axes.plot(rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance")
-            axes.set(title=f"lane {lane.name}, {words}", xlim=(0, 0.3), ylim=(0, 1.02))
-            axes.title.set_fontsize(9)
-            axes.grid(alpha=0.3)
+            _chance(axes, recipe)
+            axes.set_title(f"lane {lane.name}, {words}", fontsize=9)
     for axes in places[-1]:
         axes.set_xlabel("false alarms per m²")
     for axes in places[:, 0]:
         axes.set_ylabel("Pd")
     places[0, 0].legend(fontsize=8, loc="lower right")
     return figure
+
+
+def _chance(axes: Axes, recipe: FuseRecipe) -> None:
+    """Draw what alarms strewn at random would find."""
+    rates = np.linspace(0, 0.3, 101)
+    axes.plot(rates, random_pd(rates, recipe.score.halo / 2), color="0.5", ls=":", lw=1, label="chance")
+    axes.set(xlim=(0, 0.3), ylim=(0, 1.02))
+    axes.grid(alpha=0.3)
 
 
 def pose_figure(study: PoseStudy, lanes: Sequence[LaneResult], loose: LaneResult) -> Figure:
@@ -210,7 +296,8 @@ def _dress(axes: Axes, example: Arrays, boxes: bool = False) -> None:
     x_min, x_max, y_min, y_max = _extent(example)
     for x, y in example["mines"]:
         if x_min <= x <= x_max and y_min <= y <= y_max:
-            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.4)
+            axes.plot(x, y, "^", mfc="none", mec="black", ms=8, mew=3.0)  # to be seen on bright ground, too
+            axes.plot(x, y, "^", mfc="none", mec="#37d67a", ms=8, mew=1.5)
     if boxes:
         side = float(example["box side"])
         for x, y in example["boxes"]:

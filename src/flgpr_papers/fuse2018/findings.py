@@ -14,19 +14,42 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from flgpr.model import Lane
-from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of
+from flgpr.clutter import TABLE_II
+from flgpr.scoring import Comparison, Match, accumulated_area, compare, match, roc_of, unroll_frames
 from flgpr.screen import prescreen
 from flgpr.screen.views import view_array
-from flgpr_papers.fuse2018.lanes import FuseRecipe, local
+from flgpr_papers.fuse2018.lanes import FuseRecipe
 from flgpr_papers.fuse2018.results import LaneResult
-from flgpr_papers.kit.findings import OPEN, Finding, Interval, alike, clustered, judge, larger
+from flgpr_papers.kit.findings import (
+    OPEN,
+    SHARE,
+    SHARE_DIFFERENCE,
+    Finding,
+    Interval,
+    alike,
+    clip,
+    clustered,
+    difference_of_means,
+    in_words,
+    judge,
+    larger,
+    parts_larger,
+    together,
+)
 
 CONVENTIONS = {"frames": "area accumulated over all frames (Sec. 4)", "lane": "lane area, every place once"}
+PAPER_DB, PAPER_MEAN_DB = 26.5, 5.03
+"""What the paper's clutter falls by with #6, and how much of it averaging gives, dB (Sec. 3.2)."""
+FALL = f"combination #6 lowers the clutter power by {PAPER_DB:g} dB"
+BY_MEAN = f"averaging alone gives about {PAPER_MEAN_DB:g} dB of it"
+KEPT = "the targets' signals remain"
+COVERS = "the mask does not cover targets"
 FloatArray = NDArray[np.float64]
-_SLOT = 10.0  # m of the unrolled lane given to a frame: its 5 m and a gap that no halo bridges
+_BLOCK = 100.0  # m of the unrolled lane: ten frames
 _HITS = 2
 _OWN = ("iteration", "least squares", "least squares spared")
+_RIVALS = ("shared", "whole response", "calibrated roadside", "least squares", "least squares spared",
+           "least squares per frame", "L band alone")  # fmt: skip
 _KEPT, _ALIKE = 1.0, 6.0  # dB
 _MORE = ("larger", 0.0, 0.0)
 
@@ -72,25 +95,14 @@ def frame_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
 
     Alarms and looks; column ``mine`` of the truth names the mine, ``inside`` the looks in the detection area.
     """
-    score, reach, looks = recipe.score, recipe.score.halo / 2, []
+    score = recipe.score
     used = np.flatnonzero(np.isfinite(lane.poses[:, 0]))
-    slot = {int(frame): number * _SLOT - score.y[0] for number, frame in enumerate(used)}
-    alarms = lane.alarms[lane.alarms["variant"] == variant]
-    unrolled = pd.DataFrame(
-        {
-            "x": alarms["across"].to_numpy(),
-            "y": alarms["ahead"].to_numpy() + alarms["frame"].map(slot).to_numpy(dtype=np.float64),
-            "confidence": alarms["magnitude"].to_numpy(),
-        }
+    alarms = lane.alarms[lane.alarms["variant"] == variant].rename(columns={"magnitude": "confidence"})
+    poses = {int(frame): lane.poses[frame] for frame in used}
+    frames = unroll_frames(
+        alarms[["frame", "across", "ahead", "confidence"]], poses, lane.truth, recipe.area, score.halo / 2
     )
-    wide = Lane(score.x[0] - reach, score.x[1] + reach, score.y[0] - reach, score.y[1] + reach)
-    for k in used.tolist():
-        x, y = local(lane.truth, lane.poses[k]).T
-        near = wide.contains(x, y)
-        table = lane.truth.assign(x=x, y=y + slot[k], inside=recipe.area.contains(x, y))[near]
-        looks.append(table.assign(mine=table["target_id"], target_id=table["target_id"].astype(str) + f"-{k}"))
-    strip = Lane(*score.x, 0.0, _SLOT * len(used))
-    return match(unrolled, pd.concat(looks, ignore_index=True), strip, score.halo, halo_as="diameter")
+    return match(frames.alarms, frames.looks, frames.lane, score.halo, halo_as="diameter")
 
 
 def lane_match(lane: LaneResult, variant: str, recipe: FuseRecipe) -> Match:
@@ -119,7 +131,7 @@ def scored(
     if convention == "frames":
         matched = frame_match(lane, variant, recipe)
         total = accumulated_area(lane.frames, recipe.score.x, recipe.score.y)
-        options: dict[str, object] = {"area": "frames", "frame_area": total, "block": 10 * _SLOT, "cluster": "mine"}
+        options: dict[str, object] = {"area": "frames", "frame_area": total, "block": _BLOCK, "cluster": "mine"}
     else:
         matched = lane_match(lane, variant, recipe)
         options = {"area": "union", "block": 10.0, "cluster": "mine"}
@@ -145,7 +157,9 @@ def all_findings(lanes: Sequence[LaneResult], loose: LaneResult, recipe: FuseRec
 
 def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
     """Judge the paper's statements; those on roadside clutter only where there is some."""
-    boxes = _clutter_findings(strongest_boxes(lanes), recipe) if any(len(one.boxes) for one in lanes) else []
+    boxes = []
+    if any(len(one.boxes) for one in lanes):
+        boxes = [*clutter_findings(strongest_boxes(lanes), recipe), *band_findings(lanes, recipe)]
     return [*boxes, *_mine_findings(lanes, recipe), *_roc_findings(lanes, recipe)]
 
 
@@ -183,36 +197,72 @@ def _pairs(boxes: pd.DataFrame, values: FloatArray) -> pd.Series:
 def _figure_finding(claim: str, boxes: pd.DataFrame, values: FloatArray, figure: float, recipe: FuseRecipe) -> Finding:
     gap, every = one_frame(boxes, values, figure), _gap(boxes, values, recipe)
     ours = f"two boxes of a frame {_in_words((gap[0] + figure, gap[1] + figure, gap[2] + figure))}"
-    note = f"interval of one frame; mean over all {len(boxes)} boxes {_in_words(every)}; alike within {_ALIKE:g} dB"
+    note = f"interval of one frame; mean over all {len(boxes)} boxes {_in_words(every)}"
     asks = ("alike", _ALIKE, frame_error(boxes, values))
-    return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap, asks=asks)
+    return Finding(claim, f"{figure:g} dB", ours, alike(*gap[1:], _ALIKE), note, interval=gap, asks=asks, unit="dB")
 
 
-def _clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
+def clutter_findings(boxes: pd.DataFrame, recipe: FuseRecipe) -> list[Finding]:
+    """Judge what Sec. 3.2 says of the clutter power, by named boxes under all iterations and combinations."""
     single = (power_db(boxes, "iteration 6") + power_db(boxes, "iteration 7")) / 2
     gain = single - power_db(boxes, "#6")
     steps = _gap(boxes, power_db(boxes, "iteration 1") - power_db(boxes, "iteration 7"), recipe)
-    best = _gap(boxes, power_db(boxes, "#5") - power_db(boxes, "#6"), recipe)
+    others = [f"#{number}" for number in TABLE_II if number != 6]
+    better = {f"{name} less #6": _over_six(boxes, name, together(len(others)), recipe) for name in others}
     mean = _gap(boxes, gain, recipe)
     size = f"{len(boxes)} boxes of {boxes['cluster'].nunique()} objects"
     return [
-        _figure_finding(
-            "combination #6 lowers the clutter power by 26.5 dB", boxes, -power_db(boxes, "#6"), 26.5, recipe
-        ),
-        _figure_finding("averaging alone gives about 5.03 dB of it", boxes, gain, 5.03, recipe),
+        _figure_finding(FALL, boxes, -power_db(boxes, "#6"), PAPER_DB, recipe),
+        _figure_finding(BY_MEAN, boxes, gain, PAPER_MEAN_DB, recipe),
         Finding(
-            "averaging lowers the clutter", "yes", _in_words(mean), larger(*mean[1:]), size, interval=mean, asks=_MORE
+            "averaging lowers the clutter", "cancelled out by taking the average (Sec. 3.2)", _in_words(mean),
+            larger(*mean[1:]), size, interval=mean, asks=_MORE, unit="dB",
         ),
         Finding(
             "more iterations leave less clutter", "power falls with the iteration (Fig. 8)", _in_words(steps),
             larger(*steps[1:]), "iteration 7 against iteration 1, without averaging", interval=steps,
-            asks=_MORE,
+            asks=_MORE, unit="dB",
         ),
-        Finding(
-            "#6 is the best combination", "the best pattern", _in_words(best), larger(*best[1:]), "#6 against #5",
-            interval=best, asks=_MORE,
+        parts_larger(
+            "#6 is the best combination", "produces the best pattern (Sec. 3.2)", better,
+            note="dB, #6 against each of #0 to #5, by intervals that hold together",
         ),
     ]  # fmt: skip
+
+
+def _over_six(boxes: pd.DataFrame, stage: str, level: float, recipe: FuseRecipe) -> Interval:
+    """Clutter power under a combination over that under #6, dB."""
+    more = power_db(boxes, stage) - power_db(boxes, "#6")
+    return clustered(more, boxes["cluster"], recipe.boxes.draws, level=level)
+
+
+def band_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Finding]:
+    """Judge what the masks rest on: what tells buried targets from clutter, and what the fundamental part holds."""
+    table = pd.concat([one.bands.assign(lane=one.name) for one in lanes])
+    table["cluster"] = table["lane"] + table["name"].astype(str)
+    mines, clutter = table[table["what"] == "mine"], table[table["what"] == "clutter"]
+    found = []
+    for band, words in (("vh", "L band VH"), ("x", "X band")):
+        if band not in table or table[band].isna().all():
+            continue
+        levels = [clustered(20 * np.log10(one[band]), one["cluster"], recipe.boxes.draws) for one in (clutter, mines)]
+        gap = difference_of_means(*levels)
+        found.append(
+            Finding(
+                f"the {words} response of buried targets is weak", "weak, that of above-ground objects strong (Sec. 1)",
+                _in_words(gap), larger(*gap[1:]), f"peak over the median at its distance, roadside objects less mines; "
+                f"{len(clutter)} and {len(mines)} looks", interval=gap, asks=_MORE, unit="dB",
+            )
+        )  # fmt: skip
+    share = clustered(clutter["held"], clutter["cluster"], recipe.boxes.draws)
+    found.append(
+        Finding(
+            "the fundamental mask covers most of the clutter", "able to cover the most part of the region (Sec. 2.4)",
+            _in_words(share, "", 2), larger(*share[1:], 0.5), "share of the VV power in the boxes of roadside objects",
+            interval=share, asks=("larger", 0.5, 0.0), bounds=SHARE,
+        )
+    )  # fmt: skip
+    return found
 
 
 def own_changes(lanes: Sequence[LaneResult], variant: str) -> tuple[FloatArray, pd.Series]:
@@ -231,15 +281,16 @@ def _mine_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
     count = f"{len(own)} looks at {mine.nunique()} mines"
     return [
         Finding(
-            "the targets' signals remain", "targets still remain", _in_words(mean), peaks_kept(*mean[1:]),
+            KEPT, "target signals still remain (Sec. 3.2)", _in_words(mean),
+            peaks_kept(*mean[1:]),
             f"change of what a mine alone gives at its peak, mask and amplitudes held fixed, {count}; within 1 dB "
             f"agrees. The largest pixel of its halo, clutter included, changes by {_in_words(halo)}", interval=mean,
-            rule=(-_KEPT, _KEPT),
+            rule=(-_KEPT, _KEPT), unit="dB",
         ),
         Finding(
-            "the mask does not cover targets", "covers just the clutter area", _in_words(share, "", 3),
+            COVERS, "covers just the clutter area (Sec. 3.1)", _in_words(share, "", 3),
             judge(*share[1:], (0.0, 0.05)), f"share of {len(peaks)} looks whose peak is masked; up to 5 % agrees",
-            interval=share, rule=(0.0, 0.05),
+            interval=share, rule=(0.0, 0.05), bounds=SHARE,
         ),
     ]  # fmt: skip
 
@@ -255,6 +306,7 @@ def _roc_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Findi
                     f"PD_mean {one.pd_mean_b:.2f} to {one.pd_mean_a:.2f}, by {one.difference:+.2f} "
                     f"({one.low:+.2f} to {one.high:+.2f})",
                     larger(one.low, one.high), interval=(one.difference, one.low, one.high), asks=_MORE,
+                    bounds=SHARE_DIFFERENCE,
                     note=f"Pd averaged over FAR up to {recipe.score.far_max:g} per m², {one.n_targets} "
                     f"{'looks' if convention == 'frames' else 'mines'}; at {one.far:g} per m² {one.only_a} mines are "
                     f"found more often with it, {one.only_b} without",
@@ -277,28 +329,29 @@ def _own_findings(
     words = "; ".join(f"{name} {_in_words(one)}" for name, one in lost.items())
     found = [Finding("what a mine alone gives at its peak", "not tried", words, OPEN, interval=lost["least squares"])]
     found += against(
-        "least squares removes more clutter than the iteration at equal cost", "least squares", "iteration"
+        "least squares removes more clutter than the iteration with one reflectivity at equal cost",
+        "least squares",
+        "shared",
     )
     found += against("the road fitted too and not subtracted", "least squares spared", "least squares")
-    found += against("a reflectivity per frame lets the iteration remove more clutter", "per frame", "iteration")
+    found += against("one reflectivity for all frames removes more than one per frame", "shared", "iteration")
+    found += against(
+        "B of the whole response removes more than B of each sub-region's own", "whole response", "iteration"
+    )
+    found += against(
+        "the roadside's level of the calibration lane removes more than that of the frame itself",
+        "calibrated roadside",
+        "iteration",
+    )
+    found += [_fall_back_finding(lanes, boxes, recipe)]
     found += against(
         "with a reflectivity per frame, least squares removes more than the iteration",
         "least squares per frame",
-        "per frame",
+        "iteration",
     )
     found += against("masks by connected region remove more clutter than by pixel", "regions", "iteration")
     found += against("the X band removes clutter that VV and VH alone leave", "iteration", "L band alone")
-    for better in ("least squares", "least squares spared", "per frame", "least squares per frame", "L band alone"):
-        for lane in lanes:
-            one = compared(lane, better, "iteration", recipe, "frames")
-            found.append(
-                Finding(
-                    f"ROC better with {better} than with the paper's iteration, lane {lane.name}, frames", "not tried",
-                    f"{one.difference:+.3f} ({one.low:+.3f} to {one.high:+.3f})", OPEN,
-                    f"PD_mean {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}",
-                    interval=(one.difference, one.low, one.high),
-                )
-            )  # fmt: skip
+    found += [_rival_finding(name, lanes, recipe) for name in _RIVALS]
     for lane in lanes:
         cleaned, tracks = lane_match(lane, "iteration", recipe), track_match(lane, "iteration", recipe)
         one = compare(tracks, cleaned, far_max=recipe.score.far_max, far=recipe.score.far, draws=recipe.boxes.draws)
@@ -312,7 +365,7 @@ def _own_findings(
             )
         )  # fmt: skip
     wrong = strongest_boxes([loose])
-    for name in ("iteration", "per frame"):
+    for name in ("iteration", "shared"):
         close = boxes.merge(wrong[["cluster", "frame", name, "#0"]], on=["cluster", "frame"], suffixes=("", " loose"))
         worse = power_db(close.assign(**{"#0": close["#0 loose"]}), f"{name} loose") - power_db(close, name)
         gap = clustered(worse, close["cluster"], recipe.boxes.draws)
@@ -323,6 +376,31 @@ def _own_findings(
             )
         )  # fmt: skip
     return found
+
+
+def _rival_finding(name: str, lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Finding:
+    """Compare the ROC of a variant with that of the paper's iteration, lane by lane, every frame counting its area."""
+    each = {lane.name: compared(lane, name, "iteration", recipe, "frames") for lane in lanes}
+    gaps = {lane: (one.difference, one.low, one.high) for lane, one in each.items()}
+    ours = "; ".join(f"lane {lane} {in_words(*clip(gap, SHARE_DIFFERENCE))}" for lane, gap in gaps.items())
+    means = "; ".join(f"lane {lane} {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}" for lane, one in each.items())
+    least = min(gaps.values(), key=lambda gap: gap[1])
+    claim = f"ROC better with {name} than with the paper's iteration (frames)"
+    return Finding(claim, "not tried", ours, OPEN, f"PD_mean {means}", interval=least, bounds=SHARE_DIFFERENCE)
+
+
+def _fall_back_finding(lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe: FuseRecipe) -> Finding:
+    """Tell where the iteration diverged, and what falling back to its best does."""
+    courses = pd.concat([one.courses[one.courses["variant"] == "iteration"] for one in lanes])
+    gap = _gap(boxes, power_db(boxes, "as printed") - power_db(boxes, "iteration"), recipe)
+    counts = {name: int((courses[name] > 0).sum()) for name in ("rises", "diverged", "fallen")}
+    note = (
+        f"of {len(courses)} apertures the residual rose for an iteration in {counts['rises']}, by up to "
+        f"{100 * courses['rise'].max():.1f} %; the last was worse than another in {counts['diverged']}, and their "
+        f"average, too, in {counts['fallen']}"
+    )
+    claim = "falling back to the best iteration where a course diverged removes more"
+    return Finding(claim, "always averages iterations 6 and 7", _in_words(gap), OPEN, note, interval=gap, unit="dB")
 
 
 def follow(alarms: pd.DataFrame, gate: float, hits: int) -> pd.DataFrame:

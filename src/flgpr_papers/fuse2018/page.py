@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from flgpr.clutter import TABLE_II
 from flgpr.io import write_whole
-from flgpr_papers.fuse2018 import figures
 from flgpr_papers.fuse2018.findings import CONVENTIONS, scored
 from flgpr_papers.fuse2018.fullwave import FullwaveStudy
-from flgpr_papers.fuse2018.lanes import FuseRecipe
+from flgpr_papers.fuse2018.lanes import FuseRecipe, band_sensor
 from flgpr_papers.fuse2018.poses import PoseStudy
 from flgpr_papers.fuse2018.process import VARIANTS, Calibration
 from flgpr_papers.fuse2018.results import LaneResult
+from flgpr_papers.fuse2018.twins import Drawing, Shown, own_drawings, paper_drawings
 from flgpr_papers.kit.findings import Finding, by_chance
-from flgpr_papers.kit.page import HEADER, draw, point_rows, study_html
+from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
 
 Row = tuple[Any, ...]
 
@@ -39,11 +39,10 @@ def page_html(
     folder: Path,
 ) -> str:
     """Write the page, which needs nothing beside it; its figures are left in the folder as PNG too."""
-    pictures = []
-    for name, caption, figure in _figures(recipe, lanes, loose, example, poses, fullwave):
-        picture = draw(figure, quick, 60 if quick else 110)
-        write_whole(folder / f"{name}.png", picture)
-        pictures.append((picture, caption))
+    shown = {**example, "box side": np.asarray(recipe.boxes.side)}
+    drawn_from = Shown(recipe, lanes, loose, shown, poses, fullwave, found)
+    twins = [_twin(one, folder, quick) for one in paper_drawings(drawn_from)]
+    others = [_twin(one, folder, quick) for one in own_drawings(drawn_from)]
     write_whole(folder / "fullwave.csv", fullwave.table.to_csv(index=False))
     return study_html(
         "fuse2018.html",
@@ -66,39 +65,43 @@ def page_html(
             (r["roadside"], r["method"], r["false alarms"], f"{100 * r['masked']:.0f} %")
             for r in fullwave.false.to_dict("records")
         ],
-        pictures=pictures,
+        system=_system_rows(recipe),
+        combinations=[(f"#{k}", _iterations(parts)) for k, parts in TABLE_II.items()],
+        twins=twins,
+        others=others,
     )
 
 
-def _figures(
-    recipe: FuseRecipe,
-    lanes: Sequence[LaneResult],
-    loose: LaneResult,
-    example: Mapping[str, NDArray[Any]],
-    poses: PoseStudy,
-    fullwave: FullwaveStudy,
-) -> Iterator[tuple[str, str, Figure]]:
-    shown = {**example, "box side": np.asarray(recipe.boxes.side)}
-    yield (
-        "figure-3", "Fig. 3. L band, VV. Triangles: mines; rectangles: the two named clutter boxes, the strongest "
-        "roadside object on either side.", figures.mask_figure(shown, "vv", "mask vv", "L band VV", True),
-    )  # fmt: skip
-    yield "figure-4", "Fig. 4. L band, VH.", figures.mask_figure(shown, "vh", "mask vh", "L band VH")
-    if "x" in shown:
-        yield "figure-5", "Fig. 5. X band, VV.", figures.mask_figure(shown, "x", "mask x", "X band VV")
-    yield "figure-6", "Fig. 6. Mixed binary masks.", figures.mixed_figure(shown)
-    yield "figure-7", "Fig. 7. Averages of iterations.", figures.stages_figure(shown)
-    yield (
-        "figure-8", "Fig. 8. Clutter power against iterations and combinations; shaded: 95 % interval of the mean. "
-        "(The paper's text and caption exchange its parts a and b.)", figures.power_figure(lanes, example, recipe),
-    )  # fmt: skip
-    yield "figure-9", "Fig. 9. ROC with and without suppression.", figures.roc_figure(lanes, recipe)
-    yield "variants", "The same frame, every variant.", figures.variants_figure(shown)
-    yield "poses", "What poses cost the coherent sum (Eq. 4).", figures.pose_figure(poses, lanes, loose)
-    yield (
-        "fullwave", "The full-wave lane. Triangles: mines; cross: rock; square: post.",
-        figures.fullwave_figure(fullwave),
-    )  # fmt: skip
+def _twin(one: Drawing, folder: Path, quick: bool) -> Twin:
+    """Draw a figure, leave it in the folder and give what the page shows of it."""
+    picture = draw(one.figure, quick, 60 if quick else 110)
+    write_whole(folder / f"{one.name}.png", picture)
+    return Twin(one.number, one.title, picture, one.caption, one.numbers)
+
+
+def _iterations(parts: Sequence[int]) -> str:
+    """Name the output images of a combination as Table II does."""
+    return f"Iterations {' and '.join(map(str, parts))} times" if any(parts) else "Original SAR image"
+
+
+def _system_rows(recipe: FuseRecipe) -> list[Row]:
+    """Tabulate both radars as Table I does."""
+    sensors = [band_sensor(recipe, band) for band in ("l", "x")]
+    antennas, bands, polarizations = [], [], []
+    for sensor in sensors:
+        tx, rx = (len(np.unique(side, axis=0)) for side in sensor.pairs())
+        tones = sensor.tones.axis()
+        antennas.append(f"{tx} transmitters, {rx} receivers")
+        bands.append(f"{tones[0] / 1e9:.2f} GHz to {tones[-1] / 1e9:.2f} GHz, {len(tones)} tones")
+        polarizations.append(", ".join(sensor.polarization))
+    return [
+        ("Antennas, L band", "8 transmitters, 8 receivers", antennas[0]),
+        ("Antennas, X band", "32 transmitters, 4 receivers", antennas[1]),
+        ("Frequency bandwidth, L band", "0.75 GHz to 3.2 GHz", bands[0]),
+        ("Frequency bandwidth, X band", "8.4 GHz to 10.4 GHz (the text: 8 to 12 GHz)", bands[1]),
+        ("Polarization, L band", "VV, HH, VH, HV", polarizations[0]),
+        ("Polarization, X band", "VV", polarizations[1]),
+    ]
 
 
 def _points(recipe: FuseRecipe, lanes: Sequence[LaneResult]) -> Iterator[Row]:
@@ -132,9 +135,11 @@ def _course_rows(lanes: Sequence[LaneResult]) -> list[Row]:
         one = table[table["variant"] == name]
         if one.empty or name == "original":
             continue
-        stopped = f"{(one['stopped'] > 0).sum()} of {len(one)}" if "least" not in name else "cannot diverge"
+        rose, worse, fallen = ("no iterations",) * 3
+        if "least" not in name:
+            rose, worse, fallen = (f"{(one[what] > 0).sum()} of {len(one)}" for what in ("rises", "diverged", "fallen"))
         means = f"{100 * one['masked'].mean():.1f}", f"{one['residual'].mean():.3f}", f"{one['cpu'].median():.2f}"
-        rows.append((words, *means, stopped))
+        rows.append((words, *means, rose, worse, fallen))
     return rows
 
 

@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.passes import Arrays
 from flgpr.chain.progress import Track
-from flgpr.chain.stages.masks import Aperture, MaskedSuppression
+from flgpr.chain.stages.masks import Aperture, MaskedSuppression, OperatorOn
 from flgpr.clutter import (
     TABLE_II,
     Iterated,
     averaged_frames,
     equal_cost,
-    iterate_frames,
+    fallen_back,
+    fundamental_mask,
     measured_coherence,
     suppress_by_model,
 )
 from flgpr.model import Grid, ground_points, lane_to_scan, scan_to_lane
-from flgpr.screen import MeanViewSums, prescreen
+from flgpr.screen import MeanViewSums, frame_alarms
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local, trained
 
 BoolArray = NDArray[np.bool_]
@@ -34,9 +34,12 @@ FloatArray = NDArray[np.float64]
 
 VARIANTS = {
     "original": "original image",
-    "iteration": "iteration, one reflectivity for all frames (the paper's form)",
-    "regions": "iteration, masks intersected by connected region",
-    "per frame": "iteration, a reflectivity for every frame",
+    "iteration": "iteration in each frame under one mask (Sec. 2.3)",
+    "as printed": "the same, averaged whatever came: without a fall-back to the best iteration",
+    "shared": "iteration, one reflectivity for all frames (another reading of Sec. 2.3)",
+    "whole response": "iteration, B made of the whole response (another reading of Eq. 7)",
+    "calibrated roadside": "iteration, the extended mask's threshold from the calibration lane",
+    "regions": "iteration, masks intersected by connected region (another reading of Sec. 2.4)",
     "least squares": "least squares at equal cost, one reflectivity for all frames",
     "least squares per frame": "least squares at equal cost, a reflectivity for every frame",
     "least squares spared": "least squares, the road fitted too and not subtracted, as many iterations",
@@ -45,11 +48,16 @@ VARIANTS = {
 """What is compared, and how it is called in full."""
 _FORMS: dict[str, dict[str, str]] = {
     "iteration": {},
+    "shared": {"method": "iteration"},
+    "whole response": {"amplitude": "whole"},
+    "calibrated roadside": {"low_threshold": "calibration"},
     "regions": {"intersect": "region"},
     "least squares": {"method": "least-squares"},
     "least squares spared": {"method": "least-squares-spared"},
 }
 """Settings of the detection chain's stage that make a variant."""
+MASKS = {"regions": "region", "L band alone": "L", "calibrated roadside": "calibrated"}
+"""Masks of the variants, "pixel" of all others."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +92,16 @@ class LaneRecords:
     boxes: list[dict[str, Any]] = field(default_factory=list)  #: frame, object, side, stage, power in the box
     #: frame, target, variant, peak, whether the mask covers the original peak
     mines: list[dict[str, Any]] = field(default_factory=list)
-    #: frame, variant, iterations kept, rise at which it stopped, residual, share of pixels masked, CPU seconds
+    #: frame, variant, iterations that raised the residual and by how much at most, whether the last was worse than
+    #: another, whether the best had to stand in, residual, share of pixels masked, CPU seconds
     courses: list[dict[str, Any]] = field(default_factory=list)
     #: frame, loss of the coherent sum at the strongest pixels, dB
     coherence: list[dict[str, Any]] = field(default_factory=list)
     #: frame, target, variant, change of what the mine alone gives at its peak, dB
     own: list[dict[str, Any]] = field(default_factory=list)
+    #: frame, what ("mine" or "clutter"), name, peak in vv, vh and x over the median of the rows it lies in, share of
+    #: its VV power that the fundamental mask holds
+    bands: list[dict[str, Any]] = field(default_factory=list)
     maps: Arrays = field(default_factory=dict)  #: mean magnitude over the background of all looks, by variant
 
 
@@ -100,8 +112,8 @@ class Cleaned:
     index: int  #: the latest frame
     forms: dict[str, MaskedSuppression]  #: the stage by variant, as far as it knows them
     aperture: Aperture
-    masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region" and "L"
-    course: Iterated  #: the paper's iteration
+    masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region", "L" and "calibrated"
+    courses: list[Iterated]  #: the paper's iteration, frame by frame
     data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
     images: dict[str, ComplexArray]  #: by variant, in the scan frame of the latest frame
     rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
@@ -125,60 +137,64 @@ def stage_forms(frames: Frames, calibration: Calibration) -> dict[str, MaskedSup
 def clean(forms: dict[str, MaskedSuppression], index: int, variants: Sequence[str]) -> Cleaned:
     """Form the masks of the aperture that ends with a frame and suppress what lies under them."""
     stage = forms["iteration"]
-    one, settings = stage.aperture(index), stage.settings
+    one = stage.aperture(index)
     b, whole = one.data[:, stage.setup.imaged], one.stack_on(stage.points)
-    masks = {"pixel": stage.mask(one), "region": forms["regions"].mask(one), "L": stage.mask(replace(one, second=None))}
-    mask = masks["pixel"]
-    before = time.process_time()
-    main = stage.iterated(one, mask)
-    spent = {"iteration": time.process_time() - before}
-
-    def iterated(name: str) -> tuple[ComplexArray, list[Iterated]]:
-        course = main if name == "pixel" else stage.iterated(one, masks[name])
-        return stage.cleaned(one, masks[name], course), [course]
-
-    def per_frame() -> tuple[ComplexArray, list[Iterated]]:
-        courses = iterate_frames(b, one.operators, stage.points, mask, stage.region, settings.iterations)
-        return averaged_frames(courses, settings.combination), courses
-
-    def least_squares_per_frame() -> tuple[ComplexArray, list[Iterated]]:
-        if not mask.any():
-            return b, []
-        number, pairs = equal_cost(main, mask, stage.region), zip(b, one.operators, strict=True)
-        return np.stack([suppress_by_model(data, make(stage.points[mask]), number).data for data, make in pairs]), []
-
-    how: dict[str, Callable[[], tuple[ComplexArray, list[Iterated]]]] = {
-        "original": lambda: (b, []),
-        "iteration": lambda: iterated("pixel"),
-        "regions": lambda: iterated("region"),
-        "per frame": per_frame,
-        "least squares": lambda: (forms["least squares"].cleaned(one, mask, main), []),
-        "least squares per frame": least_squares_per_frame,
-        "least squares spared": lambda: (forms["least squares spared"].cleaned(one, mask, main), []),
-        "L band alone": lambda: iterated("L"),
+    masks = {
+        "pixel": stage.mask(one),
+        "region": forms["regions"].mask(one),
+        "L": stage.mask(replace(one, second=None)),
+        "calibrated": forms["calibrated roadside"].mask(one),
     }
+    before = time.process_time()
+    main = stage.courses(one, masks["pixel"])
+    spent = {"iteration": time.process_time() - before}
     made, images, rows = {}, {}, []
-    norm = float(np.linalg.norm(b))
     for variant in variants:
         before = time.process_time()
-        data, courses = how[variant]()
+        data, courses = _suppressed(variant, forms, one, masks, main)
         cpu = time.process_time() - before + spent.get(variant, 0.0)
         made[variant], images[variant] = data, whole.adjoint(data)[0, 0]
-        under = masks[{"regions": "region", "L band alone": "L"}.get(variant, "pixel")]
-        rises = [course.rise for course in courses if course.rise is not None]
+        falls_back = variant != "as printed" and forms.get(variant, stage).settings.fall_back
         rows.append(
             {
                 "frame": index,
                 "variant": variant,
-                "iterations": min((course.iterations for course in courses), default=0),
-                "stopped": len(rises),
-                "rise": max(rises, default=np.nan),
-                "residual": float(np.linalg.norm(data)) / norm,
-                "masked": float(under.mean()),
+                "rises": sum(course.rises for course in courses),
+                "rise": max((course.rise for course in courses), default=0.0),
+                "diverged": any(course.diverged for course in courses),
+                "fallen": falls_back and any(fallen_back(course, stage.settings.combination) for course in courses),
+                "residual": float(np.linalg.norm(data) / np.linalg.norm(b)),
+                "masked": float(masks[MASKS.get(variant, "pixel")].mean()),
                 "cpu": cpu,
             }
         )
     return Cleaned(index, forms, one, masks, main, made, images, rows)
+
+
+def _suppressed(
+    variant: str,
+    forms: dict[str, MaskedSuppression],
+    aperture: Aperture,
+    masks: dict[str, BoolArray],
+    main: list[Iterated],
+) -> tuple[ComplexArray, list[Iterated]]:
+    """Clean an aperture by a variant, whose courses of iterations it tells; ``main`` are those of the paper."""
+    stage = forms.get(variant, forms["iteration"])
+    b, mask = aperture.data[:, stage.setup.imaged], masks[MASKS.get(variant, "pixel")]
+    if variant == "original":
+        return b, []
+    if variant == "as printed":
+        return averaged_frames(main, stage.settings.combination, fall_back=False), main
+    if variant in ("least squares", "least squares spared"):
+        return stage.least_squares(aperture, mask), []
+    if variant == "least squares per frame":
+        if not mask.any():
+            return b, []
+        count = equal_cost(stage.settings.iterations, mask, stage.region)
+        pairs = zip(b, aperture.operators, strict=True)
+        return np.stack([suppress_by_model(data, make(stage.points[mask]), count).data for data, make in pairs]), []
+    courses = main if variant == "iteration" else stage.courses(aperture, mask)
+    return stage.averaged(courses), courses
 
 
 def process_lane(
@@ -205,6 +221,7 @@ def process_lane(
         _record_boxes(records, cleaned, frames, recipe)
         _record_mines(records, cleaned, frames, recipe)
         _record_own(records, cleaned, frames, recipe)
+        _record_bands(records, cleaned, frames, recipe)
         levels = {name: np.abs(image) / calibration.background[:, None] for name, image in cleaned.images.items()}
         _record_alarms(records, cleaned, levels, recipe)
         sums.add(np.stack(list(levels.values())).astype(np.float32), cleaned.stage.grid, cleaned.pose)
@@ -244,12 +261,12 @@ def _targets(frames: Frames, cleaned: Cleaned, recipe: FuseRecipe) -> list[tuple
 
 
 def stage_images(cleaned: Cleaned, chosen: BoolArray) -> dict[str, ComplexArray]:
-    """Image iterations ("iteration 0" ...) and the combinations of Table II ("#0" ...) on some pixels."""
-    course, points = cleaned.course, cleaned.stage.points[chosen]
-    stack = cleaned.aperture.stack_on(points)
-    kept = [stack.adjoint(data)[0, 0] for data in course.data]
-    single = {i: kept[min(i, course.iterations)] for i in range(course.asked + 1)}
-    images = {f"iteration {i}": image for i, image in single.items()}
+    """Image iterations ("iteration 0" ...) and the combinations of Table II ("#0" ...), as printed, on some pixels."""
+    stack = cleaned.aperture.stack_on(cleaned.stage.points[chosen])
+    single = []
+    for frames in zip(*(course.data for course in cleaned.courses), strict=True):
+        single.append(stack.adjoint(np.stack(frames))[0, 0])
+    images = {f"iteration {number}": image for number, image in enumerate(single)}
     return images | {f"#{c}": np.mean([single[i] for i in parts], axis=0) for c, parts in TABLE_II.items()}
 
 
@@ -295,7 +312,7 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
     for name in ("least squares", "least squares spared"):
         if name in cleaned.images:
             # Its steps depend on the data: what the mines add is what they change.
-            rest = cleaned.forms[name].cleaned(replace(one, data=without), mask, cleaned.course)
+            rest = cleaned.forms[name].least_squares(replace(one, data=without), mask)
             made[name] = cleaned.data[name] - rest
     whole = one.stack_on(stage.points)
     level = {name: np.abs(whole.adjoint(data)[0, 0]) for name, data in made.items()}
@@ -310,30 +327,57 @@ def _record_own(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: 
         ]
 
 
+def _record_bands(records: LaneRecords, cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> None:
+    """Record how strong mines and roadside objects are in VV, VH and the X band."""
+    one, stage = cleaned.aperture, cleaned.stage
+    images = {"vv": np.abs(one.vv), "vh": np.abs(one.vh)} | ({} if one.second is None else {"x": one.second})
+    settings = stage.settings
+    held = fundamental_mask(one.vv, one.vh, stage.limits_for(one), stage.region, one.second, settings.intersect)
+    objects = roadside_objects(frames, cleaned.pose, recipe)
+    boxes = [box_of(stage.grid, x, y, recipe.boxes.side) for x, y in objects[["x", "y"]].to_numpy()]
+    places = [("clutter", name, box) for name, box in zip(objects["object_id"], boxes, strict=True)]
+    for row, place in _targets(frames, cleaned, recipe):
+        places.append(("mine", row.target_id, _halo(stage.grid, place, recipe.score.halo / 2)))
+    for what, name, pixels in places:
+        power = images["vv"][pixels] ** 2
+        records.bands.append(
+            {"frame": cleaned.index, "what": what, "name": name, "held": float(power[held[pixels]].sum() / power.sum())}
+            | {band: _over_rows(image, pixels) for band, image in images.items()}
+        )
+
+
+def _over_rows(image: NDArray[np.floating[Any]], pixels: BoolArray) -> float:
+    """Peak of a magnitude on some pixels over the median of the rows they lie in."""
+    return float(image[pixels].max() / np.median(image[pixels.any(axis=1)]))
+
+
 def suppressed_alone(cleaned: Cleaned, data: ComplexArray) -> ComplexArray:
     """Suppress data by the mask and the amplitudes B of the aperture's iteration, held fixed: a linear operation."""
-    stage, course, mask, kept = cleaned.stage, cleaned.course, cleaned.masks["pixel"], [data]
-    used = np.unique(stage.region[mask])
-    parts = {int(r): cleaned.aperture.stack_on(stage.points[mask & (stage.region == r)]) for r in used}
-    for amplitude in course.amplitude[: course.iterations]:
-        rest = kept[-1]
-        for r, stack in parts.items():
-            rest = rest - np.float32(amplitude[r, 0]) * stack.forward(stack.adjoint(kept[-1]))
-        kept.append(rest)
-    wanted = TABLE_II[stage.settings.combination]
-    return np.asarray(np.mean([kept[min(i, course.iterations)] for i in wanted], axis=0), dtype=np.complex64)
+    frames = zip(data, cleaned.aperture.operators, cleaned.courses, strict=True)
+    return np.stack([_frame_alone(cleaned, *frame) for frame in frames])
+
+
+def _frame_alone(cleaned: Cleaned, data: ComplexArray, operator_on: OperatorOn, course: Iterated) -> ComplexArray:
+    """Suppress the data (polarization, pair, frequency) of one frame by the amplitudes of its course."""
+    stage, mask = cleaned.stage, cleaned.masks["pixel"]
+    under = {int(r): operator_on(stage.points[mask & (stage.region == r)]) for r in np.unique(stage.region[mask])}
+    iterates = [data]
+    for B in course.amplitude:
+        rest = iterates[-1]
+        for r, operator in under.items():
+            x_hat = operator.adjoint(iterates[-1])
+            rest = rest - np.float32(B[r, 0]) * operator.forward(x_hat)  # Eq. 5 and 6
+        iterates.append(rest)
+    combination = stage.settings.combination
+    best = fallen_back(course, combination).get(0)
+    wanted = TABLE_II[combination] if best is None else (best,)
+    return np.asarray(np.mean([iterates[number] for number in wanted], axis=0), dtype=np.complex64)
 
 
 def _record_alarms(records: LaneRecords, cleaned: Cleaned, levels: dict[str, FloatArray], recipe: FuseRecipe) -> None:
-    grid, area, radius = cleaned.stage.grid, recipe.area, recipe.score.radius
-    # Pixels beyond the area's border take part, so that the flank of a peak outside is no alarm inside.
-    rows = np.flatnonzero((grid.y >= area.y_min - radius) & (grid.y <= area.y_max + radius))
-    columns = np.flatnonzero((grid.x >= area.x_min - radius) & (grid.x <= area.x_max + radius))
-    axes = {"y": grid.y[rows], "x": grid.x[columns]}
     for name, level in levels.items():
-        view = xr.DataArray(level[np.ix_(rows, columns)], dims=("y", "x"), coords=axes)
-        found = prescreen(view, area, radius, density=10.0)
-        found = found[area.contains(found["x"], found["y"])]
+        found = frame_alarms(level, cleaned.stage.grid, recipe.area, recipe.score.radius)
         x, y, _ = scan_to_lane(ground_points(found), cleaned.pose).T
         found = found.rename(columns={"x": "across", "y": "ahead"}).assign(variant=name, frame=cleaned.index, x=x, y=y)
-        records.alarms += found.to_dict("records")
+        rows: list[dict[Any, Any]] = found.to_dict("records")
+        records.alarms += rows

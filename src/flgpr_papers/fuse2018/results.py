@@ -13,8 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.recipe import recipe_text
-from flgpr.clutter import fundamental_mask
-from flgpr.clutter.masks import above, extended_mask
+from flgpr.clutter import above, extended_mask, fundamental_mask, roadside_level
 from flgpr.io import write_whole
 from flgpr_papers.fuse2018.lanes import Frames, FuseRecipe, local
 from flgpr_papers.fuse2018.process import (
@@ -29,7 +28,7 @@ from flgpr_papers.fuse2018.process import (
 from flgpr_papers.kit.cache import Arrays, kept, key_of, read_arrays, write_arrays
 
 FloatArray = NDArray[np.float64]
-TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own")
+TABLES = ("alarms", "boxes", "mines", "courses", "coherence", "own", "bands")
 
 
 @dataclass(frozen=True)
@@ -42,13 +41,14 @@ class LaneResult:
     objects: pd.DataFrame
     frames: int  #: number of apertures
     poses: FloatArray  #: (frame, 6) of each aperture's latest frame, by number of the frame; NaN for frames without one
-    #: alarms, boxes, mines, courses, coherence, own: as :class:`LaneRecords` describes them
+    #: alarms, boxes, mines, courses, coherence, own, bands: as :class:`LaneRecords` describes them
     alarms: pd.DataFrame
     boxes: pd.DataFrame
     mines: pd.DataFrame
     courses: pd.DataFrame
     coherence: pd.DataFrame
     own: pd.DataFrame
+    bands: pd.DataFrame
     maps: Arrays  #: mean magnitude over the background of all looks, by variant; NaN where there was no look
 
 
@@ -97,16 +97,18 @@ def read_records(path: Path, frames: Frames) -> LaneResult:
 def example_arrays(cleaned: Cleaned, frames: Frames, recipe: FuseRecipe) -> Arrays:
     """Gather what the figures show of one aperture, in its scan frame: magnitudes, masks, axes, places."""
     one, stage = cleaned.aperture, cleaned.stage
-    limits, region, grid = stage.limits, stage.region, stage.grid
+    limits, region, grid = stage.limits_for(one), stage.region, stage.grid
     arrays: Arrays = {
         "x_axis": grid.x, "y_axis": grid.y, "frame": np.array(cleaned.index),
         "vv": np.abs(one.vv), "vh": np.abs(one.vh),
         "mask vv": above(one.vv, limits.vv, region), "mask vh": above(one.vh, limits.vh, region),
+        "mask vv low": above(one.vv, roadside_level(one.vv, region, stage.beside, len(limits.vv)), region),
+        "mask vh low": above(one.vh, limits.low_vh, region),
         "fundamental": fundamental_mask(one.vv, one.vh, limits, region, one.second),
         "fundamental by region": fundamental_mask(one.vv, one.vh, limits, region, one.second, "region"),
         "extended": extended_mask(one.vh, limits, region, stage.across, recipe.mask.roadside),
         "mines": local(frames.truth, cleaned.pose),
-        "residual": cleaned.course.residual,
+        "residual": np.stack([course.residual for course in cleaned.courses]),
     }  # fmt: skip
     if one.second is not None and limits.second is not None:
         arrays |= {"x": one.second, "mask x": above(one.second, limits.second, region)}

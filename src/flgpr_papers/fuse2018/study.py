@@ -84,7 +84,7 @@ def loose_result(
     path = folder / "results" / f"{name}-loose-{result_key(recipe, quick, calibration)}.json"
     frames = simulate_lane(folder / "lanes", recipe, name, track)
     if not path.is_file():
-        variants = ("original", "iteration", "per frame")
+        variants = ("original", "iteration", "shared")
         wrong = loosened(frames, recipe)
         records = process_lane(wrong, calibration, recipe, track, variants, recipe.study.loose_every)
         write_records(path, wrong, records)

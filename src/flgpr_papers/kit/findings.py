@@ -201,7 +201,7 @@ def share_error(share: float, count: int) -> float:
     return math.sqrt(p * (1 - p) / count)
 
 
-def clustered(values: ArrayLike, cluster: Any, draws: int, seed: int = 0) -> Interval:
+def clustered(values: ArrayLike, cluster: Any, draws: int, seed: int = 0, level: float = 0.95) -> Interval:
     """Mean of values and its bootstrap interval by percentiles, whole clusters drawn together; NaN without values."""
     data = np.asarray(values, dtype=np.float64)
     if data.size == 0:
@@ -210,8 +210,15 @@ def clustered(values: ArrayLike, cluster: Any, draws: int, seed: int = 0) -> Int
     count, total = np.bincount(code).astype(float), np.bincount(code, weights=data)
     drawn = np.random.default_rng(seed).integers(0, count.size, (draws, count.size))
     means = total[drawn].sum(axis=1) / count[drawn].sum(axis=1)
-    low, high = np.quantile(means, (0.025, 0.975))
+    low, high = np.quantile(means, ((1 - level) / 2, (1 + level) / 2))
     return float(data.mean()), float(low), float(high)
+
+
+def difference_of_means(first: Interval, second: Interval) -> Interval:
+    """Difference of two independent means by their intervals, which need not be symmetric (Zou & Donner 2008)."""
+    (a, a_low, a_high), (b, b_low, b_high) = first, second
+    gap = a - b
+    return gap, gap - math.hypot(a - a_low, b_high - b), gap + math.hypot(a_high - a, b - b_low)
 
 
 def by_chance(found: Sequence[Finding]) -> tuple[int, float, int]:
@@ -281,13 +288,20 @@ def parts_larger(
     """
     cut = {name: one if bounds is None else clip(one, bounds) for name, one in parts.items()}
     least = min(cut.values(), key=lambda one: one[1])
-    ours = "; ".join(f"{name} {value:+.2f} ({low:+.2f} to {high:+.2f})" for name, (value, low, high) in cut.items())
+    ours = "; ".join(f"{name} {_signed(one)}" for name, one in cut.items())
     verdict = all_of([larger(low, high, limit) for _, low, high in cut.values()])
     values = tuple(value for value, _, _ in cut.values())
     asks = ("larger", limit, 0.0)
     return Finding(
         claim, paper, ours, verdict, note, interval=least, group=group, asks=asks, parts=values, bounds=bounds
     )
+
+
+def _signed(interval: Interval) -> str:
+    """Write a difference with its interval, signs shown."""
+    digits = decimals(interval, interval[2] - interval[1]) if np.isfinite(interval).all() else 2
+    value, low, high = (f"{number:+z.{digits}f}" for number in interval)
+    return f"{value} ({low} to {high})"
 
 
 def together(parts: int) -> float:

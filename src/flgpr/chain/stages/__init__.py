@@ -151,6 +151,10 @@ class ClutterStage(Stage):
         """List the passes over the run that it needs beforehand; their names begin with that of the stage."""
         return []
 
+    def notes(self) -> dict[str, Any]:
+        """Give figures worth reporting of the whole run, once its passes are done."""
+        return {}
+
     def examples(self, truth: pd.DataFrame) -> Accumulator:
         """Gather, scan by scan, what ``fit`` needs of a lane with this truth, for stages that learn."""
         raise NotImplementedError

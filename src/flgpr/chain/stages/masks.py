@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -16,15 +16,20 @@ from flgpr.chain.stages import ClutterStage, ComplexArray, FloatArray, Positive,
 from flgpr.chain.stages.standing import standing_pass
 from flgpr.clutter import (
     ROADSIDE,
+    Amplitude,
     FrameStack,
     Intersection,
     Iterated,
     ThresholdCalibration,
     Thresholds,
     averaged,
+    averaged_frames,
     equal_cost,
+    fallen_back,
+    iterate_frames,
     iterate_suppression,
     mixed_mask,
+    roadside_level,
     subregions,
     subtract_standing,
     suppress_by_model,
@@ -43,8 +48,15 @@ class MaskSettings(Table):
     The pixels of the masks are those of ``[image]`` unless ``x``, ``y`` and ``spacing`` say otherwise; ``edges`` are
     the borders of the sub-regions in range, ``frames`` the scans that are summed coherently, the latest the last. A
     calibration target's response is what lies ``halo`` about it, within ``response_db`` of its peak. ``second`` names
-    the run of a second band (``flgpr detect RUN --with NAME=OTHER``). The method "least-squares-spared" fits the road
-    between the roadsides, too, and subtracts only what lies under the mask: mines near it lose less.
+    the run of a second band (``flgpr detect RUN --with NAME=OTHER``).
+
+    ``low_threshold`` tells where the extended mask's threshold comes from: from the "calibration" lanes, or from the
+    roadside of the "frame" under test (Fuse et al. 2018, Sec. 2.4). ``method`` "iteration-per-frame" suppresses "using
+    the same mask in each frame" (Sec. 2.3); "iteration" reads it as one reflectivity that all frames of the sum share;
+    "least-squares" fits that; "least-squares-spared" fits the road between the roadsides, too, and subtracts only what
+    lies under the mask: mines near it lose less. ``amplitude`` tells which response B of Eq. 7 is made of, see
+    :func:`flgpr.clutter.iterate_suppression`; with ``fall_back`` the best iteration stands in where the average of a
+    course that diverged is worse.
     """
 
     edges: tuple[float, ...] = (5.0, 7.5, 10.0, 12.5, 15.0)
@@ -56,7 +68,10 @@ class MaskSettings(Table):
     halo: Positive = 0.5
     response_db: Positive = 6.0
     intersect: Intersection = "pixel"
-    method: Literal["iteration", "least-squares", "least-squares-spared"] = "iteration"
+    low_threshold: Literal["calibration", "frame"] = "calibration"
+    method: Literal["iteration", "iteration-per-frame", "least-squares", "least-squares-spared"] = "iteration"
+    amplitude: Amplitude = "region"
+    fall_back: bool = True
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 7
     combination: Annotated[int, Field(ge=0, le=6)] = 6
     second: str | None = None
@@ -187,10 +202,10 @@ class MaskedSuppression(ClutterStage):
         parts: list[Arrays] = []
 
         def add(index: int) -> None:
-            cleaned = self._suppressed(self.aperture(index))
+            cleaned, fallen = self._suppressed(self.aperture(index))
             kept = np.zeros((self._count, *cleaned.shape[1:]), np.complex64)
             kept[-min(len(cleaned), self._count) :] = cleaned[-self._count :]
-            parts.append({"data": kept[None], "index": np.array([index])})
+            parts.append({"data": kept[None], "index": np.array([index]), "fallen": np.array([fallen])})
 
         return gathered(parts, add)
 
@@ -199,25 +214,47 @@ class MaskedSuppression(ClutterStage):
         """How many of an aperture's scans the images are made of, and so kept."""
         return self.setup.summed
 
-    def _suppressed(self, aperture: Aperture) -> ComplexArray:
-        mask = self.mask(aperture)
-        return self.cleaned(aperture, mask, self.iterated(aperture, mask))
+    def _suppressed(self, aperture: Aperture) -> tuple[ComplexArray, bool]:
+        """Clean an aperture's data; tells, too, whether the best iteration had to stand in for the average."""
+        mask, settings = self.mask(aperture), self.settings
+        if settings.method.startswith("least-squares"):
+            return self.least_squares(aperture, mask), False
+        courses = self.courses(aperture, mask)
+        fallen = settings.fall_back and any(fallen_back(course, settings.combination) for course in courses)
+        return self.averaged(courses), fallen
 
-    def iterated(self, aperture: Aperture, mask: NDArray[np.bool_]) -> Iterated:
-        """Iterate the suppression of what lies under a mask (Fuse et al. 2018, Eq. 5-8), of what is imaged."""
-        b, count = aperture.data[:, self.setup.imaged], self.settings.iterations
-        return iterate_suppression(b, aperture.stack_on, self.points, mask, self.region, count)
+    def courses(self, aperture: Aperture, mask: NDArray[np.bool_]) -> list[Iterated]:
+        """Iterate the suppression of what lies under a mask (Fuse et al. 2018, Eq. 5-8), of what is imaged.
 
-    def cleaned(self, aperture: Aperture, mask: NDArray[np.bool_], course: Iterated) -> ComplexArray:
-        """Give the data of an aperture cleaned by the method: the course averaged, or least squares at its cost."""
+        There is a course for every scan with the method "iteration-per-frame", one for all of them otherwise.
+        """
+        b, settings = aperture.data[:, self.setup.imaged], self.settings
+        rest = self.points, mask, self.region, settings.iterations, settings.amplitude
+        if settings.method == "iteration-per-frame":
+            return iterate_frames(b, aperture.operators, *rest)
+        return [iterate_suppression(b, aperture.stack_on, *rest)]
+
+    def averaged(self, courses: Sequence[Iterated]) -> ComplexArray:
+        """Average courses as the settings say (Table II): cleaned data (scan, polarization, pair, frequency)."""
+        settings = self.settings
+        if settings.method == "iteration-per-frame":
+            return averaged_frames(courses, settings.combination, settings.fall_back)
+        return averaged(courses[0], settings.combination, settings.fall_back)
+
+    def least_squares(self, aperture: Aperture, mask: NDArray[np.bool_]) -> ComplexArray:
+        """Fit what lies under a mask by least squares, at the cost of the iterations, and subtract it."""
         settings, b = self.settings, aperture.data[:, self.setup.imaged]
         if not mask.any():
             return b
-        if settings.method == "iteration":
-            return averaged(course, settings.combination)
-        count = equal_cost(course, mask, self.region)
+        count = equal_cost(settings.iterations, mask, self.region)
         fitted = mask | ((np.abs(self.across) < settings.roadside[0]) & (settings.method == "least-squares-spared"))
         return suppress_by_model(b, aperture.stack_on(self.points[fitted]), count, spared=~mask[fitted]).data
+
+    def notes(self) -> dict[str, Any]:
+        """Tell in how many apertures the best iteration stood in for the average; nothing if in none."""
+        numbers = range(len(list(blocks_of(len(self.setup.imager)))))
+        fallen = sum(int(self.setup.known[part_name(BLOCKS, number)]["fallen"].sum()) for number in numbers)
+        return {"suppressions_fallen_back": fallen} if fallen else {}
 
     @property
     def limits(self) -> Thresholds:
@@ -226,8 +263,24 @@ class MaskedSuppression(ClutterStage):
 
     def mask(self, aperture: Aperture) -> NDArray[np.bool_]:
         """Mixed mask of an aperture (Fuse et al. 2018, Fig. 6)."""
-        second, how = aperture.second, (self.settings.intersect, self.settings.roadside)
-        return mixed_mask(aperture.vv, aperture.vh, self.limits, self.region, self.across, second, *how)
+        limits, settings = self.limits_for(aperture), self.settings
+        return mixed_mask(
+            aperture.vv, aperture.vh, limits, self.region, self.across, aperture.second, settings.intersect,
+            settings.roadside,
+        )  # fmt: skip
+
+    def limits_for(self, aperture: Aperture) -> Thresholds:
+        """Thresholds for an aperture: those that were learnt, but for that of its own roadside where it is wanted."""
+        if self.settings.low_threshold == "calibration":
+            return self.limits
+        level = roadside_level(aperture.vh, self.region, self.beside, len(self.settings.edges) - 1)
+        return replace(self.limits, low_vh=np.nan_to_num(level, nan=np.inf))
+
+    @property
+    def beside(self) -> NDArray[np.bool_]:
+        """Pixels of the roadside."""
+        away = np.abs(self.across)
+        return np.asarray((away >= self.settings.roadside[0]) & (away <= self.settings.roadside[1]))
 
     def data(self, index: int, count: int) -> ComplexArray:
         """Give data of the last scans up to an index, cleaned together, but not before the first aperture is whole."""
@@ -258,13 +311,12 @@ class MaskedSuppression(ClutterStage):
 
     def learn_from(self, aperture: Aperture, targets: FloatArray, learnt: ThresholdCalibration) -> None:
         """Add an aperture's responses to targets, at places (n, 3) of its latest scan's frame, and its roadside."""
-        settings, away = self.settings, np.abs(self.across)
-        beside = (away >= settings.roadside[0]) & (away <= settings.roadside[1])
+        settings = self.settings
         x_min, x_max, y_min, y_max = self.grid.extent()
         inside = (targets[:, 0] >= x_min + settings.halo) & (targets[:, 0] <= x_max - settings.halo)
         inside &= (targets[:, 1] >= y_min + settings.halo) & (targets[:, 1] <= y_max - settings.halo)
         halos = [np.hypot(self.grid.x - x, self.grid.y[:, None] - y) <= settings.halo for x, y, _ in targets[inside]]
-        learnt.add(aperture.vv, aperture.vh, self.region, halos, beside, aperture.second)
+        learnt.add(aperture.vv, aperture.vh, self.region, halos, self.beside, aperture.second)
 
     @staticmethod
     def calibration(settings: Any) -> ThresholdCalibration:

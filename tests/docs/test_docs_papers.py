@@ -1,0 +1,59 @@
+"""The papers step by step: every row says what kind it is, and names something that exists."""
+
+import re
+
+import pytest
+from test_docs_pages import resolves
+
+from flgpr.model import sensor_presets
+from reading import PAGES, ROOT, identify, read
+
+STEPS = [page for page in PAGES if page.parent == ROOT / "docs" / "papers"]
+KINDS = ("exact", "a reading", "ours", "judged", "measured", "run beside it")
+
+
+def rows(page):
+    """Rows of the tables of a page whose third column is the kind, as lists of cells."""
+    table, found = False, []
+    for line in read(page).splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        if cells[:1] == ["where"]:
+            table = True
+        elif not cells:
+            table = False
+        elif table and set(cells[0]) != {"-"}:
+            found.append(cells)
+    return found
+
+
+@pytest.mark.parametrize("page", STEPS, ids=identify)
+def test_every_step_of_a_paper_has_a_kind_and_a_place(page):
+    steps = rows(page)
+    assert len(steps) > 20
+    for cells in steps:
+        assert len(cells) == 4, cells
+        where, says, kind, here = cells
+        assert where, cells
+        assert says, cells
+        assert here, cells
+        assert kind.startswith(KINDS), cells
+        assert "missing" not in kind, cells
+
+
+@pytest.mark.parametrize("page", STEPS, ids=identify)
+def test_the_names_in_a_papers_steps_exist(page):
+    """Those of the studies, too, which the pages do not link."""
+    names = set(re.findall(r"`(flgpr(?:_papers)?(?:\.[A-Za-z_]\w*)+)", read(page)))
+    assert not [name for name in sorted(names) if not resolves(name)]
+    presets = set(re.findall(r"preset `([\w-]+)`", read(page)))
+    assert presets <= set(sensor_presets())
+
+
+def test_all_figures_tables_and_equations_of_fuse2018_are_there():
+    text = " ".join(" ".join(cells) for cells in rows(ROOT / "docs" / "papers" / "fuse2018.md"))
+    for number in range(1, 9):
+        assert re.search(rf"Eq\. (\d, )*{number}\b", text), f"Eq. {number}"
+    shown = text.replace("Fig. 3 to 5", "Fig. 3, Fig. 4, Fig. 5")
+    assert all(f"Fig. {number}" in shown for number in range(1, 10))
+    assert "Table I " in f"{text} ".replace("Table I|", "Table I ")
+    assert "Table II" in text
