@@ -184,7 +184,7 @@ def fake_examples(path):
 
 def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, monkeypatch):
     draws = Pool.draws
-    monkeypatch.setattr(Pool, "draws", lambda pool, count: draws(pool, min(count, 3)))
+    monkeypatch.setattr(Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest))
     fake_examples(tmp_path / "results" / "examples.bundle")
     blind = [fake_lane("b1", 5)]
     blind = [replace(blind[0], truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -75,11 +75,16 @@ def subband_figure(examples: Examples) -> Figure:
 
 
 def series_figure(examples: Examples) -> Figure:
-    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays."""
+    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
+
+    All share one scale. Its top is the largest of the median over the scans, which holds what stays in place: on a
+    scale that reaches up to the mines themselves it would hardly be seen.
+    """
     figure, axes = _figure(11, 4.2, 1, 5)
+    top = float(_decibel(np.median(examples["series"], axis=0)).max())
     for k, axis in enumerate(axes):
-        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}")
-    _scan_axes(figure, axes)
+        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}", top=top)
+    _scan_axes(figure, axes, "dB below the largest of what stays")
     return figure
 
 
@@ -155,7 +160,8 @@ def patch_figure(examples: Examples) -> Figure:
         title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
-        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel]), 1) for patch in patches]) for channel in order]
+        # As in the scan images, far is up.
+        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches]) for channel in order]
         scaled = [row / np.nanmax(row) for row in rows]
         axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
         size = scaled[0].shape[0]
@@ -243,10 +249,13 @@ def _scan(
     title: str,
     x: tuple[float, float] | None = None,
     y: tuple[float, float] | None = None,
+    top: float | None = None,
 ) -> None:
+    """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
     values = _decibel(image)
     extent = (examples["x"][0], examples["x"][-1], examples["y"][0], examples["y"][-1])
-    top = values.max()
+    if top is None:
+        top = values.max()
     if x and y:
         rows, columns = (np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x)))
         top = values[np.ix_(rows, columns)].max()
@@ -257,14 +266,14 @@ def _scan(
     axis.tick_params(labelsize=7)
 
 
-def _scan_axes(figure: Figure, axes: Any) -> None:
+def _scan_axes(figure: Figure, axes: Any, label: str = "dB below the image's largest") -> None:
     """Name the axes of scan images at the figure's edges, and add the bar of their common scale."""
     grid = np.atleast_2d(axes)
     for axis in grid[-1]:
         axis.set_xlabel("cross-track (m)", fontsize=8)
     for axis in grid[:, 0]:
         axis.set_ylabel("down-track (m)", fontsize=8)
-    _colour_bar(figure, axes, "dB below the image's largest")
+    _colour_bar(figure, axes, label)
 
 
 def _colour_bar(figure: Figure, axes: Any, label: str) -> None:
@@ -286,23 +295,3 @@ def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
     axis.set_title(title, fontsize=10)
     axis.grid(alpha=0.3)
     axis.legend(fontsize=7)
-
-
-def captions() -> Sequence[tuple[str, str]]:
-    """Tell what each figure of the paper shows, for the page."""
-    return (
-        ("1", "Schematic of the radar system and imaged area."),
-        ("2", "Scan images of one place in F0 and three polarizations. Circle (2 m): a surface-laid plastic mine."),
-        ("3", "Scan images of one place in VV and five sub-bands."),
-        ("4", "Five consecutive scans, HH, F1: the mine moves through the image, the self-signature stays."),
-        ("5", "Background removal and normalisation."),
-        ("6", "Run-view of 60 m of a calibration lane, HH, F1; circles are targets."),
-        ("7", "Alarms in the same 60 m."),
-        ("8", "Cleaned images: VV over a deep metal mine (paper: 15 cm) and HH over a plastic one (paper: 5 cm)."),
-        ("9", "ROC at the prescreener stage, actual mines."),
-        ("10", "Patches at alarms by channel and distance, each row scaled to its own maximum."),
-        ("11", "Regions of a patch."),
-        ("12", "Effect of duplication and normalisation on M_HH."),
-        ("13", "Prescreener against C_HH, buried mines."),
-        ("14", "Classifiers A (C_HH) and B (C_HH + M_VV + P_alpha), calibration and blind lanes."),
-    )

@@ -180,8 +180,9 @@ def save_examples(
         patches, distances = _patches(cleaned, recipe, one.alarm_x, one.alarm_y)
         arrays[f"patches_{name}"] = patches
         arrays[f"distances_{name}"] = distances
-    first = number[_scan_before(imager, poses, chosen["surface"].y)]
-    first = max(0, min(first - 2, len(imager.scans) - _CONSECUTIVE))
+    # About the middle of the image, so that the mine is in all five.
+    middle = number[_scan_before(imager, poses, chosen["surface"].y, sum(table.y) / 2)]
+    first = max(0, min(middle - _CONSECUTIVE // 2, len(imager.scans) - _CONSECUTIVE))
     follow = [int(scan) for scan in imager.scans[first : first + _CONSECUTIVE]]
     hh, f1 = list(arrays["polarization"]).index("HH"), list(table.subbands).index(recipe.prescreen.subband)
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in follow])
@@ -250,9 +251,10 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
     return np.asarray(np.hypot(across, along))
 
 
-def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
+def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float, distance: float = _AHEAD) -> int:
+    """Choose the scan that has a place y (m) of the lane as nearly as possible at a distance (m) ahead."""
     ahead = y - poses[imager.scans, 1]
-    return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
+    return int(imager.scans[int(np.argmin(np.abs(ahead - distance)))])
 
 
 def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:
