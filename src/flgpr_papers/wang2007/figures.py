@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from flgpr.chain.recipe import Recipe
@@ -55,7 +56,7 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
 
 def polarization_figure(examples: Examples) -> Figure:
     """Fig. 2: one scan in three polarizations, sub-band F0."""
-    figure, axes = _figure(8, 4.6, 1, 3)
+    figure, axes = _figure(7, 3.7, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         _scan(
             axis, examples["raw_surface"][_at(examples, pol, "F0")], examples, examples["place_surface"], f"{pol}, F0"
@@ -66,7 +67,7 @@ def polarization_figure(examples: Examples) -> Figure:
 
 def subband_figure(examples: Examples) -> Figure:
     """Fig. 3: one scan in five sub-bands, VV."""
-    figure, axes = _figure(11, 4.2, 1, 5)
+    figure, axes = _figure(8, 3.1, 1, 5)
     for axis, band in zip(axes, _BANDS, strict=True):
         image = examples["raw_surface"][_at(examples, "VV", band)]
         _scan(axis, image, examples, examples["place_surface"], f"VV, {band}")
@@ -80,7 +81,7 @@ def series_figure(examples: Examples) -> Figure:
     All share one scale. Its top is the largest of the median over the scans, which holds what stays in place: on a
     scale that reaches up to the mines themselves it would hardly be seen.
     """
-    figure, axes = _figure(11, 4.2, 1, 5)
+    figure, axes = _figure(8, 3.1, 1, 5)
     top = float(_decibel(np.median(examples["series"], axis=0)).max())
     for k, axis in enumerate(axes):
         _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}", top=top)
@@ -90,7 +91,7 @@ def series_figure(examples: Examples) -> Figure:
 
 def background_figure(examples: Examples) -> Figure:
     """Fig. 5: background removal and normalisation, HH, F1."""
-    figure, axes = _figure(11, 4.2, 1, 5)
+    figure, axes = _figure(8, 3.1, 1, 5)
     channel, place = _at(examples, "HH", "F1"), examples["place_surface"]
     clean = examples["clean_surface"][channel]
     panels = (
@@ -110,7 +111,7 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
     """Fig. 6 and 7: 60 m of a calibration lane in pieces of 15 m, with targets or with alarms."""
     view = one.view.sel(polarization="HH", subband="F1")
     start = one.lane.y_min
-    figure, axes = _figure(8, 5.2, 1, 4)
+    figure, axes = _figure(6.5, 4.2, 1, 4)
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
     for k, axis in enumerate(axes):
         low, high = start + k * length / 4, start + (k + 1) * length / 4
@@ -132,7 +133,7 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
 
 def clean_bands_figure(examples: Examples) -> Figure:
     """Fig. 8: cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one."""
-    figure, axes = _figure(11, 6.4, 2, 5)
+    figure, axes = _figure(8, 5.0, 2, 5)
     for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         for axis, band in zip(row, _BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, pol, band)]
@@ -143,7 +144,7 @@ def clean_bands_figure(examples: Examples) -> Figure:
 
 def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
     """Fig. 9: ROC of the prescreener for every polarization and sub-band."""
-    figure, axes = _figure(10, 3.4, 1, 3)
+    figure, axes = _figure(9, 3.4, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
             _step(axis, roc_of(matches[pol, band], mines, area=AREA), band, colour, ":" if band == "F0" else "-")
@@ -155,7 +156,7 @@ def patch_figure(examples: Examples) -> Figure:
     """Fig. 10: incoherent patches of three hits and a false alarm."""
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
-    figure, axes = _figure(12, 8, 1, 4)
+    figure, axes = _figure(9, 7, 1, 4)
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
         title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]
@@ -211,16 +212,17 @@ def classifier_figure(
 ) -> Figure:
     """Fig. 13 and 14: ROC of classifiers by data set; ``bands`` add those of one as it is and trained anew."""
     shown = dict(bands or {})
-    figure, axes = _figure(5 * (len(panels) + len(shown)), 3.8, 1, len(panels) + len(shown))
+    columns = len(panels)
+    rows = 1 + -(-len(shown) // columns)
+    figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
+    axes = np.ravel(grid)
     last = list(next(iter(panels.values())).items())[-1]
-    for axis, (kind, (kept, anew)), colour in zip(
-        np.atleast_1d(axes)[len(panels) :], shown.items(), _COLOURS, strict=False
-    ):
+    for axis, (kind, (kept, anew)), colour in zip(axes[columns:], shown.items(), _COLOURS, strict=False):
         axis.fill_between(BAND_FAR, *anew, color=colour, alpha=0.15, lw=0, label="95 %, trained anew in every draw")
         axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
         _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
-    for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=False):
+    for axis, (title, matches) in zip(axes, panels.items(), strict=False):
         for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
                 _step(axis, roc_of(one, subset, area=AREA), f"{name}, {kind}", colour, dash)
@@ -262,6 +264,7 @@ def _scan(
     axis.imshow(values - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r", aspect="equal")
     axis.add_patch(Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
+    axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axis.set_title(title, fontsize=9)
     axis.tick_params(labelsize=7)
 
