@@ -156,7 +156,8 @@ def patch_figure(examples: Examples) -> Figure:
     """Fig. 10: incoherent patches of three hits and a false alarm."""
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
-    figure, axes = _figure(9, 7, 1, 4)
+    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    axes = figure.subplots(1, 4, width_ratios=[len(examples[f"patches_{name}"]) for name in names])
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
         title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]

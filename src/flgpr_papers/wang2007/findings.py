@@ -296,7 +296,7 @@ def _duplication_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], 
     steps = {method: np.array([step.score for step in search]) for method, search in searches.items()}
     searched = pool.searches_in(columns, "ABCD", retrainings(draws))
     value, low, high = spread(_duplication_gap(steps), _duplication_gap(searched), bounds=SHARE_DIFFERENCE)
-    lead = spread(_contrast_lead(singles["D"]), _contrast_lead(drawn["D"]), bounds=SHARE_DIFFERENCE)
+    lead = spread(contrast_lead(singles["D"]), contrast_lead(drawn["D"]), bounds=SHARE_DIFFERENCE)
     return [
         parts_larger(
             "Duplication matters more by cross-validation than by resubstitution, single features",
@@ -329,7 +329,7 @@ def _duplication_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], 
     ]
 
 
-def _contrast_lead(scores: FloatArray) -> Any:
+def contrast_lead(scores: FloatArray) -> Any:
     """Return by how much the better of C_HH and C_VV surpasses the best other feature (..., feature)."""
     is_contrast = np.array([name in ("C_HH", "C_VV") for name in FEATURES])
     return scores[..., is_contrast].max(axis=-1) - scores[..., ~is_contrast].max(axis=-1)
