@@ -24,14 +24,16 @@ from flgpr_papers.kit.settings import packaged_text
 from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
+    SIMULANTS,
     SUBBANDS,
     LaneResult,
     Pool,
     matched,
     table_one,
 )
-from flgpr_papers.wang2007.findings import blind_scores
+from flgpr_papers.wang2007.findings import blind_scores, contrast_lead
 from flgpr_papers.wang2007.page import page_html
+from flgpr_papers.wang2007.twins import likeness
 
 BANDS = ("F0", *SUBBANDS)
 
@@ -130,6 +132,40 @@ def test_a_draw_weighs_what_hits_a_target_as_the_target_and_trains_on_it(pool):
     assert 0.3 * (high - low) / 4 < spread < 3 * (high - low) / 4
 
 
+def test_every_draw_for_simulants_holds_one(results):
+    # Of two mines and one simulant a lane, three in all, many draws hold no simulant.
+    few = [replace(one, truth=one.truth.iloc[[1, 3, 7]].reset_index(drop=True)) for one in results]
+    pool = Pool(few)
+    simulants = (pool.reference.truth["kind"] == "simulant").to_numpy()
+    assert not all(draw.target[simulants].any() for draw in pool.draws(40))
+    assert all(draw.target[simulants].any() for draw in pool.draws(40, subset=SIMULANTS))
+    assert np.isfinite(pool.retrained(["C_HH_F1"], "A", 40, SIMULANTS)).all()
+    with pytest.raises(ValueError, match="subset must select at least one target"):
+        next(pool.draws(1, subset={"kind": "bush"}))
+
+
+def test_the_lead_of_local_contrast():
+    scores = np.full(10, 0.3)
+    scores[[FEATURES.index("C_VV"), FEATURES.index("M_HH")]] = 0.8, 0.5
+    assert contrast_lead(scores) == pytest.approx(0.3)
+    np.testing.assert_allclose(contrast_lead(np.stack([scores, 1 - scores])), [0.3, 0.7 - 0.7])
+
+
+def test_five_scans_see_the_mine_and_what_stays_in_place_is_alike():
+    poses = np.zeros((40, 6))
+    poses[:, 1] = 2.8 * np.arange(40) - 20
+    for y in (10.0, 31.0, 60.0):
+        chosen = study.series_scans(np.arange(40), poses, y, 16.5)
+        ahead = y - poses[chosen, 1]
+        assert np.diff(chosen).tolist() == [1] * 4
+        assert ((ahead > 7) & (ahead < 26)).all()
+    assert len(study.series_scans(np.arange(6), poses, 200.0, 16.5)) == 5
+    rng = np.random.default_rng(0)
+    stays = rng.rayleigh(size=(30, 30))
+    assert likeness(np.stack([stays, 2 * stays, stays])) == pytest.approx(1)
+    assert abs(likeness(rng.rayleigh(size=(3, 30, 30)))) < 0.1
+
+
 def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
     table = table_one(pool)
     for method in "ABCD":
@@ -184,7 +220,7 @@ def fake_examples(path):
 
 def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, monkeypatch):
     draws = Pool.draws
-    monkeypatch.setattr(Pool, "draws", lambda pool, count: draws(pool, min(count, 3)))
+    monkeypatch.setattr(Pool, "draws", lambda pool, count, **rest: draws(pool, min(count, 3), **rest))
     fake_examples(tmp_path / "results" / "examples.bundle")
     blind = [fake_lane("b1", 5)]
     blind = [replace(blind[0], truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True))]
@@ -199,6 +235,11 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     assert f"PD_mean of C_HH {best:.2f}." in page
     assert "Pd at 0.05 per m², 95 %, chance" in page
     assert all(one.interval is not None for one in judged)
+    shares = [one for one in judged if not re.search("level of clutter|part as features grow", one.claim)]
+    assert len(shares) == len(judged) - 2
+    assert all(abs(end) <= 1 + 0.15 for one in shares for end in one.interval)  # a limit less a share may pass 1 by it
+    assert page.count("<section class=twin>") == page.count("<th>paper</th><th>here</th>") == 14
+    assert not re.search(r"\bnan\b", re.sub(r'src="data:[^"]*"', "", page))
     assert "http" not in re.sub(r'src="data:[^"]*"', "", page)
 
 

@@ -80,7 +80,7 @@ def imaged_signatures(recipe: StudyRecipe, cuts: Sequence[Mapping[str, Any]]) ->
     for cut, style in zip(cuts, ("-", "--", ":"), strict=False):
         axes.plot(cut["magnitude"], style, color="#1b1b1b", label=f"{100 * cut['depth']:.0f} cm deep")
     _stacked(axes, recipe)
-    axes.set(ylabel="magnitude", ylim=(0, None))
+    axes.set(xlabel="sample", ylabel="magnitude", ylim=(0, None))
     axes.legend(fontsize=8)
     return figure
 
@@ -100,16 +100,19 @@ def feature_vector(recipe: StudyRecipe, image: xr.DataArray) -> Figure:
     for axes, name in ((hh, "HH"), (vv, "VV")):
         stack = np.abs(part.sel(polarization=name).values)
         x, down = part["x"].values, part["y"].values
-        axes.imshow(stack, origin="lower", extent=(x[0], x[-1], down[0], down[-1]), cmap="gray", aspect="auto")
+        extent = (x[0], x[-1], down[0], down[-1])
+        top = float(np.abs(part.values).max())
+        shown = axes.imshow(stack, origin="lower", extent=extent, cmap="gray", aspect="auto", vmin=0, vmax=top)
         axes.set(xlim=(x[column] - 0.8, x[column] + 0.8), xlabel="x (m)", title=name)
         low = row - length // 2
         height = down[low + length - 1] - down[low]
         axes.add_patch(Rectangle((x[column] - 0.03, down[low]), 0.06, height, fill=False, color="#ffb347"))
         cuts.append(stack[low : low + length, column])
     hh.set_ylabel("y (m)")
+    figure.colorbar(shown, ax=[hh, vv], label="magnitude", shrink=0.8)
     vector.plot(np.concatenate(cuts), color="#1b1b1b")
     _stacked(vector, recipe)
-    vector.set_ylabel("|x|")
+    vector.set(xlabel="sample", ylabel="magnitude")
     return figure
 
 
@@ -117,17 +120,22 @@ def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], rat
     """Show the magnitudes of the first six eigenvectors (Fig. 6)."""
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
-    for j, (axes, row) in enumerate(zip(panels, magnitudes, strict=False)):
-        axes.plot(row, color="#1b1b1b")
-        ratio = f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if np.isfinite(ratios[j]) else "no example reaches it"
-        axes.set_title(ratio, fontsize=9, pad=14)
+    for j, axes in enumerate(panels):
+        reached = j < len(magnitudes) and np.isfinite(ratios[j])
+        if reached:
+            axes.plot(magnitudes[j], color="#1b1b1b")
+        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if reached else "no example reaches it", fontsize=9, pad=14)
         _stacked(axes, recipe)
+    for axes in panels[3:]:
+        axes.set_xlabel("sample")
+    for axes in panels[::3]:
+        axes.set_ylabel("magnitude")
     return figure
 
 
 def roc_figure(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -> Figure:
     """Draw the ROC of deflection, PWF and HH on every soil (Fig. 7): the first seed's curve over the seeds' spread."""
-    figure = Figure(figsize=(11, 4), layout="constrained")
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
     soils = [soil for soil in SOILS if soil in cases]
     names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     grid = np.logspace(-3, 0, 61)

@@ -24,6 +24,7 @@ PAPER_LOOKS = 72  # mine images at site one
 SOILS = ("sand", "gravel", "clay")
 _SHARE = (0.0, 1.0)
 _DIFFERENCE = (-1.0, 1.0)  # of two shares
+_POSITIVE = (0.0, math.inf)  # of counts and widths
 _REMAINS = "remains to be seen (V)"
 _NOTHING = 0.1  # Pd below which detectors are not compared with each other
 
@@ -241,7 +242,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
                 f"A simulated mine has a double hump along range, {name}",
                 "should exhibit it (III-B, Fig. 3)",
                 f"humps of clutter-free signatures in {name}, mean, {_within(premises.humps)}",
-                interval(counts),
+                interval(counts, bounds=_POSITIVE),
                 premises.humps,
             )
         )
@@ -252,7 +253,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
                 f"The double hump is evident in the data, {name}",
                 "evident (III-B, Fig. 4)",
                 f"humps of imaged mines in {name}, mean, {_within(premises.humps)}",
-                interval(mines),
+                interval(mines, bounds=_POSITIVE),
                 premises.humps,
             )
         )
@@ -290,7 +291,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
             "Clutter may be modelled as complex Gaussian after whitening",
             "arguably (II-A)",
             f"E|z|⁴/(E|z|²)² of whitened clutter, 2 if Gaussian, {_within(premises.fourth_moment)}",
-            interval([case["premises"]["fourth_moment_ratio"] for case in sand]),
+            interval([case["premises"]["fourth_moment_ratio"] for case in sand], bounds=(1.0, math.inf)),
             premises.fourth_moment,
         )
     )
@@ -300,12 +301,12 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
             "There is little observable cross-range structure",
             "little (III-B)",
             f"humps across mines in HH, mean, {_within(premises.humps_across)}",
-            interval(humps_across),
+            interval(humps_across, bounds=_POSITIVE),
             premises.humps_across,
         )
     )
     widths = [_mean(case["premises"]["across"]["width"]) / case["point_width"] for case in sand]
-    ours = interval(widths)
+    ours = interval(widths, bounds=_POSITIVE)
     statements.append(
         measured(
             "A mine appears at least as wide as the cross-range resolution",

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from flgpr_papers.cosgrove2004.findings import PAPER_RATIOS, Case, contrast_table, interval
-from flgpr_papers.cosgrove2004.images import WORLDS, PointResponse
+from flgpr_papers.cosgrove2004.findings import Case, contrast_table, interval
+from flgpr_papers.cosgrove2004.images import PointResponse
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+from flgpr_papers.cosgrove2004.twins import BESIDE, own_twins, paper_twins
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import study_html
 
@@ -39,16 +39,10 @@ def page_html(
             for world, lanes in cases.items()
         },
         contrast={world: _contrast_rows(recipe, lanes) for world, lanes in cases.items()},
-        ratios={world: _ratio_rows(lanes["sand"]) for world, lanes in cases.items()},
-        resolution=_resolution_rows(responses),
-        pictures=[(*_named(name), picture) for name, picture in pictures.items()],
+        beside=BESIDE,
+        twins=list(paper_twins(recipe, cases, tables, found, pictures)),
+        others=list(own_twins(responses, pictures)),
     )
-
-
-def _named(name: str) -> tuple[str, str]:
-    """Take the name of a picture apart: the figure, and the world if it shows one of them."""
-    world = next((one for one in WORLDS if name.endswith(one)), "")
-    return name.removesuffix(f"-{world}"), world
 
 
 def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
@@ -69,23 +63,3 @@ def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> 
         (recipe.sites[row["site"]].title, f"{100 * row['depth']:.0f} cm", row["looks"], f"{row['contrast']:.1f} dB")
         for row in contrast_table(lanes).to_dict("records")
     ]
-
-
-def _ratio_rows(lanes: Sequence[Case]) -> list[Row]:
-    ratios = np.array([case["ratios"] for case in lanes])
-    rows = []
-    for j, paper in enumerate(PAPER_RATIOS[: ratios.shape[1]]):
-        ours = interval(ratios[:, j], bounds=(0.0, 1.0))
-        rows.append((j + 1, f"{paper:g}", *_ratio_in_words(*ours)))
-    return rows
-
-
-def _ratio_in_words(mean: float, low: float, high: float) -> tuple[str, str]:
-    if np.isnan(mean):
-        return "no example reaches it", ""
-    return f"{mean:.3f}", f"{low:.3f} to {high:.3f}"
-
-
-def _resolution_rows(responses: Mapping[str, PointResponse]) -> list[Row]:
-    rows: list[Row] = [(name, *(f"{100 * w:.1f} cm" for w in one.resolution)) for name, one in responses.items()]
-    return [*rows, ("paper", "about 10 cm", "about 40 cm")]

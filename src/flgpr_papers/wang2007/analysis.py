@@ -19,6 +19,7 @@ from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
 from flgpr.scoring.lane_roc import AreaRule
+from flgpr.scoring.matching import select_targets
 from flgpr.screen import prescreen
 
 MINES = {"kind": lambda kind: kind != "simulant"}
@@ -72,19 +73,22 @@ class Pool:
         self.scorer = Rescorer(self.reference, MINES, FAR_MAX, AREA)
         self.lanes = [one.name for one in results]
 
-    def draws(self, count: int, seed: int = 0) -> Iterator[Draw]:
-        """Draw lanes, targets and stretches of lane; two lanes at least, so that one can be left out."""
+    def draws(self, count: int, seed: int = 0, subset: Any = MINES) -> Iterator[Draw]:
+        """Draw lanes, targets and stretches of lane.
+
+        A draw holds two lanes at least, so that one can be left out, and a mine and a target of ``subset`` at least.
+        """
         design = make_design(self.reference, area=AREA)
         rng = np.random.default_rng(seed)
         false = np.flatnonzero(self.reference.false)
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
         hit = self.labels["target"].to_numpy()
-        mines = (self.reference.truth["kind"] != "simulant").to_numpy()
+        mines, wanted = (select_targets(self.reference.truth, targets) for targets in (MINES, subset))
         while count:
             target, weight = design.draw(rng)
             several = len(np.unique(design.target_lane[target > 0])) > 1 or len(self.lanes) == 1
-            if several and target[mines].any():
+            if several and target[mines].any() and target[wanted].any():
                 alarm = np.where(hit >= 0, target[hit], 1.0)
                 alarm[false] = weight[block]
                 count -= 1
@@ -157,12 +161,12 @@ class Pool:
         """Make what gives PD_mean of some of the targets; that of mines is at hand as ``scorer``."""
         return Rescorer(self.reference, subset, FAR_MAX, AREA)
 
-    def retrained(self, columns: Sequence[str], method: str, draws: int, scorer: Rescorer | None = None) -> FloatArray:
-        """PD_mean (draw,) of a fixed set of features by a method A-D, trained anew in every draw."""
+    def retrained(self, columns: Sequence[str], method: str, draws: int, subset: Any = MINES) -> FloatArray:
+        """PD_mean (draw,) of some targets by a fixed set of features and a method A-D, trained anew in every draw."""
         cross, duplicate = _settings(method)
-        score = scorer or self.scorer
+        score = self.scorer_of(subset)
         values = []
-        for draw in self.draws(draws):
+        for draw in self.draws(draws, subset=subset):
             confidence = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
             values.append(score(confidence, draw))
         return np.array(values)
@@ -181,13 +185,22 @@ class Pool:
         return kept, anew
 
     def outranks(self, column: str, draws: int) -> tuple[float, FloatArray]:
-        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has; here and in draws."""
+        """Share of pairs in which a hit on a mine has more of a feature than a false alarm has; here and in draws.
+
+        Draws without such a pair, whose mines raised no alarm, are left out.
+        """
         values, labels = self.features[column].to_numpy(dtype=np.float64), self.labels
         hit = np.isfinite(values) & ((labels["label"] == "hit") & (labels["beta"] == 1)).to_numpy()
         false = np.isfinite(values) & (labels["label"] == "false").to_numpy()
         wins = (np.sign(values[hit][:, None] - values[false][None]) + 1) / 2
-        weights = [(draw.alarm[hit], draw.alarm[false]) for draw in self.draws(draws)]
-        return float(wins.mean()), np.array([h @ wins @ f / (h.sum() * f.sum()) for h, f in weights])
+        if not wins.size:
+            return float("nan"), np.full(draws, np.nan)
+        shares = []
+        for draw in self.draws(draws):
+            hits, falses = draw.alarm[hit], draw.alarm[false]
+            if hits.any() and falses.any():
+                shares.append(hits @ wins @ falses / (hits.sum() * falses.sum()))
+        return float(wins.mean()), np.array(shares)
 
     def magnitude(self) -> FloatArray:
         """Magnitude of all alarms: what the prescreener goes by."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from flgpr.chain.recipe import Recipe
@@ -55,7 +56,7 @@ def geometry_figure(sensor: Sensor, recipe: Recipe) -> Figure:
 
 def polarization_figure(examples: Examples) -> Figure:
     """Fig. 2: one scan in three polarizations, sub-band F0."""
-    figure, axes = _figure(8, 4.6, 1, 3)
+    figure, axes = _figure(7, 3.7, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         _scan(
             axis, examples["raw_surface"][_at(examples, pol, "F0")], examples, examples["place_surface"], f"{pol}, F0"
@@ -66,7 +67,7 @@ def polarization_figure(examples: Examples) -> Figure:
 
 def subband_figure(examples: Examples) -> Figure:
     """Fig. 3: one scan in five sub-bands, VV."""
-    figure, axes = _figure(11, 4.2, 1, 5)
+    figure, axes = _figure(8, 3.1, 1, 5)
     for axis, band in zip(axes, _BANDS, strict=True):
         image = examples["raw_surface"][_at(examples, "VV", band)]
         _scan(axis, image, examples, examples["place_surface"], f"VV, {band}")
@@ -75,17 +76,22 @@ def subband_figure(examples: Examples) -> Figure:
 
 
 def series_figure(examples: Examples) -> Figure:
-    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays."""
-    figure, axes = _figure(11, 4.2, 1, 5)
+    """Fig. 4: five consecutive scans, HH, F1: the mine moves, the self-signature stays.
+
+    All share one scale. Its top is the largest of the median over the scans, which holds what stays in place: on a
+    scale that reaches up to the mines themselves it would hardly be seen.
+    """
+    figure, axes = _figure(8, 3.1, 1, 5)
+    top = float(_decibel(np.median(examples["series"], axis=0)).max())
     for k, axis in enumerate(axes):
-        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}")
-    _scan_axes(figure, axes)
+        _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}", top=top)
+    _scan_axes(figure, axes, "dB below the largest of what stays")
     return figure
 
 
 def background_figure(examples: Examples) -> Figure:
     """Fig. 5: background removal and normalisation, HH, F1."""
-    figure, axes = _figure(11, 4.2, 1, 5)
+    figure, axes = _figure(8, 3.1, 1, 5)
     channel, place = _at(examples, "HH", "F1"), examples["place_surface"]
     clean = examples["clean_surface"][channel]
     panels = (
@@ -105,7 +111,7 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
     """Fig. 6 and 7: 60 m of a calibration lane in pieces of 15 m, with targets or with alarms."""
     view = one.view.sel(polarization="HH", subband="F1")
     start = one.lane.y_min
-    figure, axes = _figure(8, 5.2, 1, 4)
+    figure, axes = _figure(6.5, 4.2, 1, 4)
     top = 20 * np.log10(np.nanpercentile(view.values, 99.9))
     for k, axis in enumerate(axes):
         low, high = start + k * length / 4, start + (k + 1) * length / 4
@@ -127,7 +133,7 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
 
 def clean_bands_figure(examples: Examples) -> Figure:
     """Fig. 8: cleaned scan images in five sub-bands, VV over a metal mine and HH over a plastic one."""
-    figure, axes = _figure(11, 6.4, 2, 5)
+    figure, axes = _figure(8, 5.0, 2, 5)
     for row, (name, pol) in zip(axes, (("metal", "VV"), ("plastic", "HH")), strict=True):
         for axis, band in zip(row, _BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, pol, band)]
@@ -138,7 +144,7 @@ def clean_bands_figure(examples: Examples) -> Figure:
 
 def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> Figure:
     """Fig. 9: ROC of the prescreener for every polarization and sub-band."""
-    figure, axes = _figure(10, 3.4, 1, 3)
+    figure, axes = _figure(9, 3.4, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
             _step(axis, roc_of(matches[pol, band], mines, area=AREA), band, colour, ":" if band == "F0" else "-")
@@ -150,12 +156,14 @@ def patch_figure(examples: Examples) -> Figure:
     """Fig. 10: incoherent patches of three hits and a false alarm."""
     names = ("surface", "shallow", "plastic", "false")
     titles = dict(zip(examples["names"], examples["titles"], strict=True))
-    figure, axes = _figure(12, 8, 1, 4)
+    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    axes = figure.subplots(1, 4, width_ratios=[len(examples[f"patches_{name}"]) for name in names])
     for axis, letter, name in zip(axes, "abcd", names, strict=True):
         title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
-        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel]), 1) for patch in patches]) for channel in order]
+        # As in the scan images, far is up.
+        rows = [np.hstack([np.pad(np.nan_to_num(patch[channel][::-1]), 1) for patch in patches]) for channel in order]
         scaled = [row / np.nanmax(row) for row in rows]
         axis.imshow(np.vstack(scaled), cmap="gray", vmin=0, vmax=1, aspect="equal")
         size = scaled[0].shape[0]
@@ -205,16 +213,17 @@ def classifier_figure(
 ) -> Figure:
     """Fig. 13 and 14: ROC of classifiers by data set; ``bands`` add those of one as it is and trained anew."""
     shown = dict(bands or {})
-    figure, axes = _figure(5 * (len(panels) + len(shown)), 3.8, 1, len(panels) + len(shown))
+    columns = len(panels)
+    rows = 1 + -(-len(shown) // columns)
+    figure, grid = _figure(4.4 * columns, 3.6 * rows, rows, columns)
+    axes = np.ravel(grid)
     last = list(next(iter(panels.values())).items())[-1]
-    for axis, (kind, (kept, anew)), colour in zip(
-        np.atleast_1d(axes)[len(panels) :], shown.items(), _COLOURS, strict=False
-    ):
+    for axis, (kind, (kept, anew)), colour in zip(axes[columns:], shown.items(), _COLOURS, strict=False):
         axis.fill_between(BAND_FAR, *anew, color=colour, alpha=0.15, lw=0, label="95 %, trained anew in every draw")
         axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
         _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
-    for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=False):
+    for axis, (title, matches) in zip(axes, panels.items(), strict=False):
         for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
                 _step(axis, roc_of(one, subset, area=AREA), f"{name}, {kind}", colour, dash)
@@ -243,28 +252,32 @@ def _scan(
     title: str,
     x: tuple[float, float] | None = None,
     y: tuple[float, float] | None = None,
+    top: float | None = None,
 ) -> None:
+    """Draw a scan image in dB below ``top``, by default the largest level of what is shown."""
     values = _decibel(image)
     extent = (examples["x"][0], examples["x"][-1], examples["y"][0], examples["y"][-1])
-    top = values.max()
+    if top is None:
+        top = values.max()
     if x and y:
         rows, columns = (np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x)))
         top = values[np.ix_(rows, columns)].max()
     axis.imshow(values - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r", aspect="equal")
     axis.add_patch(Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
+    axis.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
     axis.set_title(title, fontsize=9)
     axis.tick_params(labelsize=7)
 
 
-def _scan_axes(figure: Figure, axes: Any) -> None:
+def _scan_axes(figure: Figure, axes: Any, label: str = "dB below the image's largest") -> None:
     """Name the axes of scan images at the figure's edges, and add the bar of their common scale."""
     grid = np.atleast_2d(axes)
     for axis in grid[-1]:
         axis.set_xlabel("cross-track (m)", fontsize=8)
     for axis in grid[:, 0]:
         axis.set_ylabel("down-track (m)", fontsize=8)
-    _colour_bar(figure, axes, "dB below the image's largest")
+    _colour_bar(figure, axes, label)
 
 
 def _colour_bar(figure: Figure, axes: Any, label: str) -> None:
@@ -286,23 +299,3 @@ def _roc_axes(axis: Axes, title: str, far_max: float) -> None:
     axis.set_title(title, fontsize=10)
     axis.grid(alpha=0.3)
     axis.legend(fontsize=7)
-
-
-def captions() -> Sequence[tuple[str, str]]:
-    """Tell what each figure of the paper shows, for the page."""
-    return (
-        ("1", "Schematic of the radar system and imaged area."),
-        ("2", "Scan images of one place in F0 and three polarizations. Circle (2 m): a surface-laid plastic mine."),
-        ("3", "Scan images of one place in VV and five sub-bands."),
-        ("4", "Five consecutive scans, HH, F1: the mine moves through the image, the self-signature stays."),
-        ("5", "Background removal and normalisation."),
-        ("6", "Run-view of 60 m of a calibration lane, HH, F1; circles are targets."),
-        ("7", "Alarms in the same 60 m."),
-        ("8", "Cleaned images: VV over a deep metal mine (paper: 15 cm) and HH over a plastic one (paper: 5 cm)."),
-        ("9", "ROC at the prescreener stage, actual mines."),
-        ("10", "Patches at alarms by channel and distance, each row scaled to its own maximum."),
-        ("11", "Regions of a patch."),
-        ("12", "Effect of duplication and normalisation on M_HH."),
-        ("13", "Prescreener against C_HH, buried mines."),
-        ("14", "Classifiers A (C_HH) and B (C_HH + M_VV + P_alpha), calibration and blind lanes."),
-    )

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
-from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set
 from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe
 from flgpr.detect import SearchStep
 from flgpr.features import FEATURES
 from flgpr.model import Sensor
-from flgpr.scoring import Match
 from flgpr_papers.kit.cache import read_arrays
-from flgpr_papers.kit.findings import Finding, by_chance, spread
-from flgpr_papers.kit.page import HEADER, draw, point_rows, study_html
+from flgpr_papers.kit.findings import SHARE, Finding, by_chance, spread
+from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
 from flgpr_papers.kit.settings import packaged_text
-from flgpr_papers.wang2007 import figures
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BURIED_METAL,
@@ -38,6 +34,7 @@ from flgpr_papers.wang2007.analysis import (
 )
 from flgpr_papers.wang2007.findings import SETS, all_findings, retrainings
 from flgpr_papers.wang2007.lanes import SITE
+from flgpr_papers.wang2007.twins import Shown, drawings
 
 Row = tuple[Any, ...]
 
@@ -65,10 +62,12 @@ def page_html(
     points = point_rows(lists, subsets | {"simulants": SIMULANTS}, area=AREA)
     points += point_rows({f"{name}, blind": one for name, one in blind_matches.items()}, subsets, area=AREA)
     low, high = pool.interval(confidence, draws)
-    pictures = []
-    drawn = all_figures(folder, calibration, pool, recipe, radar, blind_matches)
-    for (number, text), figure in track(zip(figures.captions(), drawn, strict=True), "drawing the page", 14):
-        pictures.append((draw(figure, quick, 100), number, text))
+    examples = read_arrays(folder / "results" / "examples.bundle")
+    shown = Shown(recipe, radar, calibration, pool, examples, blind_matches)
+    twins = [
+        Twin(one.number, one.title, draw(one.figure, quick, 100), one.caption, one.numbers)
+        for one in track(drawings(shown), "drawing the page", 14)
+    ]
     html = study_html(
         "wang2007.html",
         quick=quick,
@@ -89,7 +88,7 @@ def page_html(
         nested={"score": score, "low": low, "high": high, "chosen": "; ".join(map(", ".join, chosen))},
         sets=_set_rows(sets),
         all_forty=[("paper", *_steps(*PAPER["forty"]["steps"])), ("here", *_found_steps(sets["all"]))],
-        pictures=pictures,
+        twins=twins,
     )
     return html, findings
 
@@ -101,47 +100,10 @@ def _retrained_rows(pool: Pool, draws: int) -> list[Row]:
         for method in "AC":
             confidence = pool.confidence(list(columns), method)
             value, narrow = pool.scorer(confidence), pool.interval(confidence, draws)
-            _, low, high = spread(value, pool.retrained(list(columns), method, retrainings(draws)))
+            _, low, high = spread(value, pool.retrained(list(columns), method, retrainings(draws)), bounds=SHARE)
             cells = (f"{a:.2f} to {b:.2f}" for a, b in (narrow, (low, high)))
             rows.append((name, METHODS[method], f"{value:.2f}", *cells))
     return rows
-
-
-def all_figures(
-    folder: Path,
-    calibration: Sequence[LaneResult],
-    pool: Pool,
-    recipe: Recipe,
-    radar: Sensor,
-    blind: dict[str, Match],
-) -> Iterator[Figure]:
-    """Draw the figures 1 to 14, one at a time."""
-    examples = read_arrays(folder / "results" / "examples.bundle")
-    yield figures.geometry_figure(radar, recipe)
-    for shown in (
-        figures.polarization_figure,
-        figures.subband_figure,
-        figures.series_figure,
-        figures.background_figure,
-    ):
-        yield shown(examples)
-    yield figures.run_view_figure(calibration[0], False)
-    yield figures.run_view_figure(calibration[0], True)
-    yield figures.clean_bands_figure(examples)
-    bands = ("F0", *SUBBANDS)
-    of = {(p, b): prescreened(calibration, p, b, recipe) for p in ("HH", "VV", "HV") for b in bands}
-    yield figures.prescreener_figure(of, MINES)
-    yield figures.patch_figure(examples)
-    yield figures.region_figure(recipe)
-    lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in calibration]
-    known = make_training_set(lanes, columns=["M_HH_F1"])
-    yield figures.normalisation_figure(known.features["M_HH_F1"].to_numpy(), known.weight)
-    subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
-    a, b = (pool.match_of(pool.confidence(list(columns), "A")) for columns in (CLASSIFIER_A, CLASSIFIER_B))
-    yield figures.classifier_figure({"calibration": {"prescreener": of["HH", "F1"], "C_HH": a}}, subsets)
-    panels = {"calibration": {"A": a, "B": b}}
-    drawn = {kind: pool.bands(CLASSIFIER_B, "A", one, figures.BAND_FAR, 200) for kind, one in subsets.items()}
-    yield figures.classifier_figure(panels | {"blind": blind}, subsets, drawn)
 
 
 def _lane_row(one: LaneResult) -> Row:

@@ -181,9 +181,7 @@ def save_examples(
         patches, distances = _patches(cleaned, recipe, one.alarm_x, one.alarm_y)
         arrays[f"patches_{name}"] = patches
         arrays[f"distances_{name}"] = distances
-    first = number[_scan_before(imager, poses, chosen["surface"].y)]
-    first = max(0, min(first - 2, len(imager.scans) - _CONSECUTIVE))
-    follow = [int(scan) for scan in imager.scans[first : first + _CONSECUTIVE]]
+    follow = series_scans(imager.scans, poses, chosen["surface"].y, sum(table.y) / 2)
     hh, f1 = list(arrays["polarization"]).index("HH"), list(table.subbands).index(recipe.prescreen.subband)
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in follow])
     surface = [chosen["surface"].x, chosen["surface"].y, 0.0]
@@ -254,6 +252,26 @@ def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float6
 def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:
     ahead = y - poses[imager.scans, 1]
     return int(imager.scans[int(np.argmin(np.abs(ahead - _AHEAD)))])
+
+
+def series_scans(scans: NDArray[Any], poses: NDArray[np.float64], y: float, middle: float) -> list[int]:
+    """Choose five consecutive scans that see a place of the lane, as the paper's Fig. 4 does.
+
+    Parameters
+    ----------
+    scans : (n,) ndarray of int
+        Numbers of the scans that have an image.
+    poses : (scan, 6) ndarray
+        Poses of all scans.
+    y : float
+        Place along the lane, m.
+    middle : float
+        Distance ahead at which the third scan is to have the place, that of the image's middle, m.
+    """
+    ahead = y - poses[scans, 1]
+    nearest = int(np.argmin(np.abs(ahead - middle)))
+    first = max(0, min(nearest - _CONSECUTIVE // 2, len(scans) - _CONSECUTIVE))
+    return [int(scan) for scan in scans[first : first + _CONSECUTIVE]]
 
 
 def _patches(cleaned: CleanedRun, recipe: Recipe, x: float, y: float) -> tuple[NDArray[np.float32], NDArray[Any]]:

@@ -1,0 +1,137 @@
+"""The figures of Cosgrove et al. 2004 as our lanes give them, with the paper's numbers beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from flgpr_papers.cosgrove2004.findings import PAPER_PD, PAPER_RATIOS, SOILS, Case, interval
+from flgpr_papers.cosgrove2004.images import PointResponse, study_sensor
+from flgpr_papers.cosgrove2004.recipe import StudyRecipe
+from flgpr_papers.kit.findings import Finding
+from flgpr_papers.kit.page import Twin
+
+Rows = Sequence[tuple[str, str, str]]
+BESIDE = {"open": "open lanes", "roadside": "beside bushes and posts"}
+"""The two worlds in words."""
+_TITLES = {
+    "1": ("Collection geometry", "From above and from the side: a van stops along the lane."),
+    "2": (
+        "HH image of three mines",
+        "Open dry sand, over the median of each range. Squares: boxes of 1 m at the mines.",
+    ),
+    "3": ("Simulated signature", "A TM-62M 10 cm deep in dry sand without clutter; HH dashed, VV solid."),
+    "4": (
+        "Range cuts through three imaged mines",
+        "First seed, one mine of each of three depths, at its brightest place.",
+    ),
+    "5": ("The feature vector", "A range cut of HH, then of VV."),
+    "6": ("The first six eigenvectors", "First seed, dry sand; magnitudes, the whitening undone."),
+    "7": (
+        "ROC at 15 m",
+        "Bold: first seed, ending at its lowest non-zero P_FA; dotted: mean over the seeds; shaded: their 10 to 90 %.",
+    ),
+}
+
+
+def paper_twins(
+    recipe: StudyRecipe,
+    cases: Mapping[str, Mapping[str, Sequence[Case]]],
+    tables: Mapping[str, pd.DataFrame],
+    found: Mapping[str, Sequence[Finding]],
+    pictures: Mapping[str, bytes],
+) -> Iterator[Twin]:
+    """Give Fig. 1 to 7, those of detectors and imaged mines for either world."""
+    for number, (title, caption) in _TITLES.items():
+        for world, words in BESIDE.items():
+            rows = _numbers(number, recipe, cases[world], tables[world], found[world])
+            picture = pictures.get(f"figure-{number}-{world}")
+            if picture is not None:
+                yield Twin(f"Fig. {number}", f"{title}, {words}", picture, caption, rows)
+            elif world == "open":
+                yield Twin(f"Fig. {number}", title, pictures[f"figure-{number}"], caption, rows)
+
+
+def own_twins(responses: Mapping[str, PointResponse], pictures: Mapping[str, bytes]) -> Iterator[Twin]:
+    """Give the figures that the paper does not have."""
+    caption = "Half-power widths of an ideal point on the ground at 15 m (Sec. III-A)."
+    yield Twin("", "Resolution", pictures["resolution"], caption, _resolution_rows(responses))
+    for world, words in BESIDE.items():
+        caption = "All seeds pooled, thresholds lane by lane."
+        yield Twin("", f"Pd over depth, {words}", pictures[f"depth-{world}"], caption)
+
+
+def _numbers(
+    number: str,
+    recipe: StudyRecipe,
+    cases: Mapping[str, Sequence[Case]],
+    table: pd.DataFrame,
+    found: Sequence[Finding],
+) -> Rows:
+    """Tabulate what the paper says of a figure beside ours."""
+    if number == "1":
+        return _geometry_rows(recipe)
+    if number == "5":
+        length, polarizations = recipe.cut.length, recipe.cut.polarizations
+        names = ", then ".join(f"{length} of {name}" for name in polarizations)
+        return (("samples", "28 of HH, then 28 of VV", names), ("M", "56", str(length * len(polarizations))))
+    if number == "6":
+        return ratio_rows(cases["sand"])
+    if number == "7":
+        return _pd_rows(recipe, table)
+    claims = {
+        "2": ("Three mines are readily visible",),
+        "3": ("A simulated mine has a double hump",),
+        "4": ("The double hump is evident", "A mine is better correlated"),
+    }[number]
+    return [(f"{one.claim}: {one.quantity}", one.paper, one.ours) for one in found if one.claim.startswith(claims)]
+
+
+def _geometry_rows(recipe: StudyRecipe) -> Rows:
+    sensor = study_sensor(recipe)
+    tx, _ = sensor.pairs()
+    tones = sensor.tones.axis()
+    return (
+        ("antenna positions", "72", str(len(tx))),
+        ("across", "the width of the van", f"{np.ptp(tx[:, 0]):.1f} m"),
+        ("height", "on the van's top", f"{sensor.height:g} m"),
+        ("tones that are used", "0.3 to 1.9 GHz", f"{tones[0] / 1e9:.2g} to {tones[-1] / 1e9:.2g} GHz"),
+        ("range", "15 m", f"{recipe.radar.range:g} m"),
+    )
+
+
+def ratio_rows(lanes: Sequence[Case]) -> Rows:
+    """Tabulate the ratios of eigenvalues, mean over the seeds with the interval."""
+    ratios = np.array([case["ratios"] for case in lanes], dtype=np.float64)
+    rows = []
+    for j in range(1, min(len(PAPER_RATIOS), ratios.shape[1])):
+        mean, low, high = interval(ratios[:, j], bounds=(0.0, 1.0))
+        ours = "no example reaches it" if np.isnan(mean) else f"{mean:.3f} ({low:.3f} to {high:.3f})"
+        rows.append((f"σ{j + 1}/σ1", f"{PAPER_RATIOS[j]:g}", ours))
+    return rows
+
+
+def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
+    """Tabulate Pd at the study's P_FA, mean over the seeds, by soil and detector."""
+    said = {"sand": f"best; {PAPER_PD:g} in the best soil", "clay": "worst of the three"}
+    curves = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    rows = []
+    for soil in (soil for soil in SOILS if soil in recipe.sites):
+        for detector, name in curves.items():
+            chosen = table[(table["site"] == soil) & (table["detector"] == detector)]
+            paper = said.get(soil, "between them") if name == "deflection" else "below deflection"
+            mean = chosen["pd"].mean()
+            rows.append(
+                (f"{recipe.sites[soil].title}, {name}, Pd at {recipe.score.pfa:g} per m²", paper, f"{mean:.2f}")
+            )
+    return rows
+
+
+def _resolution_rows(responses: Mapping[str, PointResponse]) -> Rows:
+    rows = []
+    for axis, (name, paper) in enumerate((("down-range", "about 10 cm"), ("cross-range", "about 40 cm"))):
+        for filtered, response in responses.items():
+            rows.append((f"{name}, {filtered}", paper, f"{100 * response.resolution[axis]:.1f} cm"))
+    return rows
