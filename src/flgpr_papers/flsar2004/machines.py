@@ -152,7 +152,7 @@ def one_class(settings: Classify, kind: str = NOVELTY_RIVALS[0]) -> Classifier:
             return pipeline.decision_function, len(pipeline[-1].support_) / len(mines)
         if kind == "gmm":
             return GaussianMixtureNovelty(random_state=0).fit(mines).score_samples, 1.0
-        formulation = kind.removeprefix("rvm, ")
+        formulation = next(one for one in FORMULATIONS if kind == f"rvm, {one}")
         machine = OneClassRelevanceVectorMachine(
             gamma=median_width(mines), prior="laplacian-map", p0=settings.p0, formulation=formulation, random_state=0
         ).fit(mines)
