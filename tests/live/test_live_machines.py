@@ -31,7 +31,7 @@ NUMBERS, FEW = st.integers(0, 30), st.integers(0, 4)
 
 
 class IntakeMachine(RuleBasedStateMachine):
-    """A number goes on once at most, the counts add up, and a pose that was filled in lies on its neighbours' line."""
+    """A number is used once at most, the counts add up, and a pose that was filled in lies on its neighbours' line."""
 
     def __init__(self):
         super().__init__()
@@ -48,9 +48,10 @@ class IntakeMachine(RuleBasedStateMachine):
     @rule(number=NUMBERS, pose=st.sampled_from([True, True, True, False]), whole=st.sampled_from([True, True, False]))
     def give(self, number, pose, whole):
         data, where = self.frame(number, pose, whole)
-        scan, new = self.intake.admit(data), number not in self.known
+        scan, new = self.intake.admit(data), number not in self.went
         self.frames += 1
-        self.known.add(number)
+        if new:
+            self.known.add(number)
         if new and pose:
             self.poses[number] = np.array(where)
         if not (new and whole):

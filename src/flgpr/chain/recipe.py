@@ -20,6 +20,7 @@ from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.bounds import Largest, Spacing
 from flgpr.model.faults import describe_fault, no_preset
+from flgpr.model.plausible import MotionLimits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -275,7 +276,7 @@ class Recipe(Table):
     """All that a detection run depends on beside its data.
 
     Where nothing was trained on the alarms, ``confidence`` ranks them: their local contrast, the magnitude, or a column
-    of a features stage.
+    of a features stage. ``motion`` are the limits of the vehicle, which tell a pose that is wrong.
     """
 
     name: str
@@ -287,6 +288,7 @@ class Recipe(Table):
     contrast: ContrastTable
     score: ScoreTable
     lane: LaneTable | None = None
+    motion: MotionLimits = MotionLimits()
     clutter: tuple[ClutterNamed, ...] = ()
     map: MapNamed | None = None
     screen: ScreenNamed | None = None

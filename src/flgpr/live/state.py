@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.gathering import CleanedScan
-from flgpr.io import Bundle, BundleError, write_bundle
+from flgpr.io import Bundle, BundleError, Scan, write_bundle
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 5
+FORMAT, VERSION = "flgpr-live-snapshot", 6
 _NUMBERS = ("passed", "magnitudes")
-_SCALARS = ("closed", "seen_area", "named")
+_SCALARS = ("closed", "seen_area", "named", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -37,6 +37,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
     for i, one in enumerate(detector.history):
         arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
     arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
+    arrays |= {f"held{number}.signal": scan.signal for number, scan in detector.held.items()}
     newest, scalars = detector.newest, {name: getattr(detector, name) for name in _SCALARS}
     words = {
         "format": FORMAT,
@@ -45,6 +46,8 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "run": detector.description.as_json(),
         "names": sorted(names),
         "intake": intake.state(),
+        "gate": detector.gate.state(),
+        "held": list(detector.held),
         "history": [one.number for one in detector.history],
         "alarms": [asdict(one) for one in detector.alarms.values()],
         "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
@@ -91,6 +94,12 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
     for name in _SCALARS:
         value = words["scalars"][name]
         setattr(detector, name, -np.inf if value is None else value)
+    detector.gate.restore(words["gate"])
+    poses = detector.gate.held
+    detector.held = {
+        number: Scan(number, poses[number].time, poses[number].pose, arrays[f"held{number}.signal"])
+        for number in map(int, words["held"])
+    }
     intake.restore(words["intake"])
     return set(words["names"])
 
