@@ -20,6 +20,7 @@ from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.bounds import Largest, Spacing
 from flgpr.model.faults import describe_fault, no_preset
+from flgpr.model.motion import judge_run, plausible_run
 from flgpr.model.plausible import MotionLimits
 
 if TYPE_CHECKING:
@@ -432,10 +433,11 @@ def load_recipe(name: str | Path) -> Recipe:
 
 
 def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
-    """Take a run as a recipe does: scan by scan, or all of it as one."""
+    """Take a run as a recipe does: without scans whose poses are not plausible, scan by scan, or all of it as one."""
     from flgpr.model import aperture_run  # with xarray, which a list of recipes can do without
 
-    return aperture_run(run) if recipe.image.frames == "all" else run
+    used = plausible_run(run, recipe.motion)
+    return aperture_run(used) if recipe.image.frames == "all" else used
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
@@ -450,10 +452,11 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     if recipe.image.frames == "all":
         from flgpr.model import aperture_pose
 
-        covered = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), aperture_pose(run))
+        pose = aperture_pose(plausible_run(run, recipe.motion))
+        covered = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
         (x_min, y_min), (x_max, y_max) = covered[:, :2].min(axis=0), covered[:, :2].max(axis=0)
         return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
-    return course_lane(recipe, run["pose"].values)
+    return course_lane(recipe, run["pose"].values[judge_run(run, recipe.motion).plausible])
 
 
 def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> Lane:

@@ -8,21 +8,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from flgpr.model.arrays import FloatArray
 from flgpr.model.bounds import Entries, Largest
 
-_REMEMBERED = 8  # trusted poses, for scans that come late
-_SHORTEST = 0.1  # s, to which the times of scans are known: a burst of stamps is no speed
-_FLOOR = {"speed": 1.0, "climb": 1.0, "turn": 0.5, "tilt": 0.25, "acceleration": 2.0}
+REMEMBERED = 8
+"""How many trusted poses a gate knows, for scans that come late."""
+SHORTEST = 0.1
+"""Time to which those of scans are known, s: a burst of stamps is no speed."""
+FLOOR = {"speed": 1.0, "climb": 1.5, "turn": 0.5, "tilt": 0.25, "acceleration": 2.0}
 """What positioning itself may be off from scan to scan, m and rad: a smaller step is never too large."""
+_ALONE = 4.0  # times that a pose must agree better with a single one held back than with the trusted ones
 _UNIT = {"speed": "m", "climb": "m", "turn": "rad", "tilt": "rad", "acceleration": "m", "pause": "s", "scans": "scans"}
 _WORDS = {
     "speed": "{value:.4g} m away",
@@ -32,7 +35,6 @@ _WORDS = {
     "acceleration": "{value:.4g} m from where its speed takes it",
     "scans": "its number {value:.0f} after it",
 }
-_LISTED = 3  # steps that are told one by one
 
 
 class MotionLimits(Entries):
@@ -148,11 +150,11 @@ def step_between(
     length = limits.interval * gap if seconds is None else seconds
     steps = []
     for limit, value in moved(before.pose, after.pose).items():
-        most = max(getattr(limits, limit) * length, _FLOOR[limit])
+        most = max(getattr(limits, limit) * length, FLOOR[limit])
         steps.append(Step(*ends, limit, float(value), most, seconds))
     worst = max(steps, key=lambda one: one.strain)
     swerve = _swerve(limits, [*earlier, before][-3:], after)
-    return worst if swerve is None or worst.strain > max(swerve.strain, 1.0) else swerve
+    return worst if swerve is None or worst.strain > min(swerve.strain, 1.0) else swerve
 
 
 def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) -> Step | None:
@@ -166,10 +168,11 @@ def _swerve(limits: MotionLimits, known: Sequence[Sighting], after: Sighting) ->
         past, seconds = _elapsed(limits, earlier, before), _elapsed(limits, before, after)
         if past is not None and seconds is not None:
             ahead = before.pose[:2] + (before.pose[:2] - earlier.pose[:2]) * (seconds / past)
-            most = max(limits.acceleration * seconds * (seconds + past) / 2, _FLOOR["acceleration"])
+            most = max(limits.acceleration * seconds * (seconds + past) / 2, FLOOR["acceleration"])
             off = float(np.hypot(*(after.pose[:2] - ahead)))
             steps.append(Step(after.number, before.number, "acceleration", off, most, seconds))
-    return min(steps, key=lambda one: one.strain, default=None)
+    least = min(steps, key=lambda one: one.strain, default=None)
+    return least if least is None or least.strain <= 1 else steps[-1]  # what is told is off the latest way
 
 
 def _elapsed(limits: MotionLimits, before: Sighting, after: Sighting) -> float | None:
@@ -177,7 +180,7 @@ def _elapsed(limits: MotionLimits, before: Sighting, after: Sighting) -> float |
     elapsed = abs(after.time - before.time)
     if not elapsed > 0 or clock_step(limits, before, after) is not None:
         return None
-    return max(elapsed, _SHORTEST)
+    return max(elapsed, SHORTEST)
 
 
 class Verdict(NamedTuple):
@@ -212,11 +215,21 @@ class PoseGate:
     def _is_confirmed(self) -> bool:
         return len(self.confirmed) >= self.limits.agree
 
+    def is_settled_at(self, number: int) -> bool:
+        """Tell whether a pose of this number is trusted, the latest, and none is held back: others follow it alone."""
+        return self._is_confirmed and not self.held and self.trusted[-1].number == number
+
+    def trust(self, sightings: Iterable[Sighting]) -> None:
+        """Take in poses that are known to be plausible one after the other."""
+        for one in sightings:
+            self._trust(one)
+
     def judge(self, one: Sighting) -> Verdict:
         """Judge a pose: it is trusted, held back or left out, which may settle those held back before."""
+        if not np.isfinite(one.pose).all():
+            since = self.trusted[-1].number if self.trusted else one.number
+            return Verdict(step=Step(one.number, since, "finite", math.nan, 0.0))
         if not self.trusted:
-            if not np.isfinite(one.pose).all():
-                return Verdict(step=Step(one.number, one.number, "finite", math.nan, 0.0))
             self._trust(one)
             return Verdict([one.number])
         newest = self.trusted[-1]
@@ -225,7 +238,10 @@ class PoseGate:
         clock = clock_step(self.limits, newest, one)
         step = step_between(self.limits, newest, one, self.trusted[:-1] if self._is_confirmed else ())
         strain, link = self._link(one)
-        if step.strain <= 1 and step.strain <= strain:
+        # Lost scans widen what is allowed after the trusted ones until anything is. A pose that agrees far better with
+        # those held back is theirs; one of these alone must do so by much, for it may be a little off the true way.
+        alone = link is not None and len(self._chain(link)) == 1
+        if step.strain <= 1 and step.strain <= strain * (_ALONE if alone else 1):
             dropped = list(self.held)
             self.held, self._links = {}, {}
             self._trust(one)
@@ -249,13 +265,16 @@ class PoseGate:
         return Verdict([one.number], clock=clock)
 
     def _link(self, one: Sighting) -> tuple[float, int | None]:
-        """Find the pose held back that a new one agrees with best: how much that strains, and its number."""
+        """Find the pose held back that a new one agrees with: how much that strains, and its number.
+
+        Of several it is that which most others agree with already.
+        """
         best: tuple[float, int | None] = math.inf, None
+        longest = 0
         for number, held in self.held.items():
-            if number < one.number:
-                strain = step_between(self.limits, held, one).strain
-                if strain <= min(1.0, best[0]):
-                    best = strain, number
+            strain, length = step_between(self.limits, held, one).strain, len(self._chain(number))
+            if number < one.number and strain <= 1 and (length, -strain) > (longest, -best[0]):
+                best, longest = (strain, number), length
         return best
 
     def _hold(self, one: Sighting, link: int | None) -> list[int]:
@@ -281,12 +300,11 @@ class PoseGate:
 
     def _begin_with(self, chain: Sequence[Sighting]) -> None:
         self.trusted, self.confirmed, self.held, self._links = [], [], {}, {}
-        for one in chain:
-            self._trust(one)
+        self.trust(chain)
 
     def _trust(self, one: Sighting) -> None:
         known = [old for old in self.trusted if old.number != one.number]
-        self.trusted = sorted([*known, one], key=lambda old: old.number)[-_REMEMBERED:]
+        self.trusted = sorted([*known, one], key=lambda old: old.number)[-REMEMBERED:]
         if len(self.confirmed) < self.limits.agree:
             self.confirmed = [*self.confirmed, one.number]
 
@@ -314,107 +332,3 @@ def _as_json(one: Sighting) -> list[Any]:
 def _from_json(one: list[Any]) -> Sighting:
     number, time, pose = one
     return Sighting(int(number), math.nan if time is None else float(time), np.asarray(pose, dtype=np.float64))
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """How plausible a track is: which poses (scan,) are, and what is told of the others."""
-
-    plausible: NDArray[np.bool_]
-    steps: list[Step] = field(default_factory=list)  #: of poses that are not plausible
-    restarts: list[Step] = field(default_factory=list)  #: after which positions go on elsewhere
-    clock: list[Step] = field(default_factory=list)  #: of times that are not plausible
-    fits: bool = True  #: False where the limits do not fit the track, so that nothing is left out
-
-    @property
-    def left_out(self) -> list[int]:
-        """Numbers of the scans whose pose is not plausible."""
-        return [int(scan) for scan in np.flatnonzero(~self.plausible)]
-
-    def notes(self) -> list[str]:
-        """Tell what is implausible in lines, the first few with their numbers; none if nothing is."""
-        lines = []
-        if not self.fits:
-            lines.append(
-                f"{len(self.steps)} of {self.plausible.size} scans lie farther from those before than [motion] "
-                f"allows, too many to be faults: all are used; set its limits for this vehicle: {_some(self.steps)}"
-            )
-        elif self.left_out:
-            lines.append(
-                f"{len(self.left_out)} of {self.plausible.size} scans have positions that no vehicle reaches, which "
-                f"images leave out: {_some(self.steps)}"
-            )
-        if self.restarts and self.fits:
-            lines.append(f"positions jump {_times(self.restarts)} and go on from there: {_some(self.restarts)}")
-        if self.clock:
-            lines.append(f"the clock jumps {_times(self.clock)}, positions do not: {_some(self.clock)}")
-        return lines
-
-    def as_json(self) -> dict[str, Any]:
-        """Give it as JSON values."""
-        told = {"steps": self.steps, "restarts": self.restarts, "clock": self.clock}
-        lists = {name: [one.as_json() for one in steps] for name, steps in told.items()}
-        return {"scans": self.left_out, "fits": self.fits} | lists
-
-
-def _some(steps: Sequence[Step]) -> str:
-    more = f"; and {len(steps) - _LISTED} more" if len(steps) > _LISTED else ""
-    return "; ".join(one.words for one in steps[:_LISTED]) + more
-
-
-def _times(steps: Sequence[Step]) -> str:
-    return "once" if len(steps) == 1 else f"{len(steps)} times"
-
-
-def judge_poses(pose: ArrayLike, time: ArrayLike | None = None, limits: MotionLimits | None = None) -> Motion:
-    """Tell which poses (scan, 6) of a track, with times (scan,) or none, are plausible after those before.
-
-    Where more than half are not, or no ``limits.agree`` in a row agree, the limits are those of another vehicle: then
-    all are taken to be plausible, ``fits`` is False, and the steps are told.
-    """
-    limits = limits or MotionLimits()
-    poses = np.asarray(pose, dtype=np.float64)
-    times = np.full(len(poses), np.nan) if time is None else np.asarray(time, dtype=np.float64)
-    if poses.ndim != 2 or poses.shape[1] != 6 or times.shape != (len(poses),):
-        raise ValueError(f"pose must be (scan, 6) and time (scan,), got {poses.shape} and {times.shape}")
-    if _all_plausible(limits, times, poses):
-        return Motion(np.ones(len(poses), bool))
-    gate, trusted = PoseGate(limits), set[int]()
-    faults: dict[int, Step] = {}
-    restarts, clock = [], []
-    for number in range(len(poses)):
-        verdict = gate.judge(Sighting(number, float(times[number]), poses[number]))
-        trusted |= set(verdict.trusted)
-        if verdict.clock is not None:
-            clock.append(verdict.clock)
-        if verdict.step is not None:
-            faults[number] = verdict.step
-        if verdict.anew:
-            restarts.append(faults[verdict.trusted[0]])
-        for forgotten in verdict.forgotten:
-            trusted.discard(forgotten)
-            faults[forgotten] = restarts.pop() if restarts else faults[verdict.trusted[0]]
-    plausible = np.isin(np.arange(len(poses)), list(trusted))
-    steps = [faults[number] for number in np.flatnonzero(~plausible)]
-    fits = len(gate.confirmed) >= limits.agree and 2 * np.count_nonzero(plausible) > len(poses)
-    if not fits:
-        return Motion(np.ones(len(poses), bool), list(faults.values()), restarts, clock, False)
-    return Motion(plausible, steps, restarts, clock)
-
-
-def _all_plausible(limits: MotionLimits, times: FloatArray, poses: FloatArray) -> bool:
-    """Tell whether every pose is plausible after the one before it, at once."""
-    if not np.isfinite(poses).all():
-        return False
-    elapsed = np.diff(times)
-    if (elapsed < 0).any() or (elapsed > limits.pause).any():
-        return False
-    known = elapsed > 0
-    seconds = np.where(known, np.maximum(elapsed, _SHORTEST), limits.interval)
-    for limit, value in moved(poses[:-1], poses[1:]).items():
-        if (value > np.maximum(getattr(limits, limit) * seconds, _FLOOR[limit])).any():
-            return False
-    step = np.diff(poses[:, :2], axis=0)
-    swerve = np.hypot(*(step[1:] - step[:-1] * (seconds[1:] / seconds[:-1])[:, None]).T)
-    most = np.maximum(limits.acceleration * seconds[1:] * (seconds[1:] + seconds[:-1]) / 2, _FLOOR["acceleration"])
-    return not (swerve > most)[known[1:] & known[:-1]].any()

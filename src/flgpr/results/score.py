@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import flgpr
 from flgpr.io import canonical_json, sha256
+from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import BlindScore, Rules, Score, SideBySide, operating_row, pd_mean, refraction_shift, roc_of, score
@@ -44,7 +45,7 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
         return np.full(len(truth), np.nan)
     x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
     soil = run["soil"]["permittivity"]
-    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in run["pose"]]
+    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in plausible_poses(run)]
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
