@@ -37,7 +37,7 @@ export function health(live: Live, now: number): Health {
   const limit = Math.max(SILENCE, Math.min(BEATS * rhythm, LONGEST));
   if (now - came.frame > limit) return lost("No radar", now - came.frame);
   const { wrong } = live;
-  if (wrong && (wrong.scans > 1 || now - wrong.since > DOUBT)) return { level: "lost", words: "Positions wrong", detail: "check positioning" };
+  if (wrong && (wrong.scans > 1 || now - wrong.since > DOUBT)) return { level: "lost", words: "Positions wrong", detail: "check the GPS" };
   if (now - came.use > limit) return lost("Scans unusable", now - came.use);
   if (live.delay > BEHIND) return { level: "slow", words: "Too slow", detail: `${fixed(live.delay / 1000, 1)} s late` };
   return { level: "ok", words: "", detail: "" };
