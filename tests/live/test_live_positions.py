@@ -78,6 +78,19 @@ def test_poses_without_times_are_judged_as_well():
     assert same_alarms(detector, without)
 
 
+@pytest.mark.parametrize("by", [1.5, 8.0, 14.0])
+def test_a_pose_that_is_wrong_by_less_than_the_limits_closes_no_ground(by):
+    """Without times the pose is believed; it stands in one look, and all later scans are used and raise alarms."""
+    scans = [Scan(one.number, np.nan, one.pose, one.signal) for one in scans_of(LONG)]
+    undisturbed, _ = played(scans)
+    detector, updates = played([shifted(one, 1, by) if one.number == 12 else one for one in scans])
+    assert not any(update.step for update in updates)
+    assert {update.outcome for update in updates[5:]} == {"taken"}
+    mine, theirs = (one.table()[["x", "y"]].to_numpy() for one in (detector, undisturbed))
+    near = np.hypot(*(theirs[:, None] - mine).transpose(2, 0, 1)).min(axis=1) < 0.25
+    assert near.mean() > 0.8
+
+
 @pytest.mark.parametrize("jump", [1e6, -100.0, 3600.0])
 def test_a_clock_that_jumps_costs_nothing(jump):
     scans = scans_of()
@@ -323,6 +336,16 @@ def test_a_number_far_ahead_takes_no_other_away(home):
     assert (report.counts["missing"], report.counts["implausible"]) == (0, 1)
 
 
+def test_a_number_of_no_use_that_comes_first_is_not_missed_from(home):
+    scans = scans_of()
+    good = list(map(frame_of, scans))
+    forged = spoilt(Scan(2**40, scans[0].time, scans[0].pose, scans[0].signal), "nan")
+    report, _, alarms = live(home, "forged", [forged, *good])
+    _, _, undisturbed = live(home, "good", good)
+    assert alarms == undisturbed
+    assert (report.counts["missing"], report.counts["masked"]) == (0, 1)
+
+
 def test_a_pose_is_not_filled_in_from_a_wrong_one():
     intake = Intake(DESCRIBED)
     scans = scans_of()
@@ -337,5 +360,3 @@ def test_a_pose_is_not_filled_in_from_a_wrong_one():
     intake.settled(0, 1)
     filled = intake.admit(lost)
     np.testing.assert_allclose(filled.pose[1], 2 * scans[5].pose[1] - scans[3].pose[1], atol=0.1)
-
-

@@ -81,7 +81,8 @@ def test_honest_runs_are_told_nothing(home):
     assert "motion" not in result.manifest["run"]
     assert "vehicle" not in words
     assert call("info", home / "honest.zarr").count("warning") == 0
-    told = call("detect", home / "honest.zarr", "--recipe", home / "recipe.toml", "-o", home / "honest-result", "--json")
+    recipe, output = home / "recipe.toml", home / "honest-result"
+    told = call("detect", home / "honest.zarr", "--recipe", recipe, "-o", output, "--json")
     assert json.loads(told)["implausible_scans"] == []
 
 

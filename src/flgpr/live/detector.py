@@ -160,6 +160,7 @@ class LiveDetector:
         self.seen_area = 0.0  # passed, m²
         self.closed = -math.inf  # ground up to here (lane y) is final
         self.newest: tuple[int, FloatArray] | None = None
+        self.before: FloatArray | None = None  # pose of the scan that was the newest before it
         self.named = 0
 
     @property
@@ -177,16 +178,19 @@ class LiveDetector:
         verdict = self.gate.judge(Sighting(scan.number, scan.time, scan.pose))
         for number in verdict.dropped:
             self.left_out += self.held.pop(number, None) is not None
-        told = {"step": verdict.step, "clock": verdict.clock}
+        return replace(self._settle(scan, verdict), step=verdict.step, clock=verdict.clock)
+
+    def _settle(self, scan: Scan, verdict: Verdict) -> LiveUpdate:
+        """Do with a scan what was judged of its pose."""
         if verdict.anew:
-            return replace(self._start_anew(scan, verdict), **told)
+            return self._start_anew(scan, verdict)
         if verdict.trusted:
-            return replace(self._take(scan), **told)
+            return self._take(scan)
         if verdict.held:
             self.held[scan.number] = scan
-            return LiveUpdate("held", [], **told)
+            return LiveUpdate("held", [])
         self.left_out += 1
-        return LiveUpdate("implausible", [], **told)
+        return LiveUpdate("implausible", [])
 
     def _start_anew(self, scan: Scan, verdict: Verdict) -> LiveUpdate:
         """Begin where positions agree now, with the scans held back: alarms that were open are final.
@@ -200,7 +204,8 @@ class LiveDetector:
         else:
             alarms = self.finish()
             self.history, self._sums, self.view = [], None, {}
-            self.first_pose, self.newest, self.closed = None, None, -math.inf
+            self.first_pose = self.newest = self.before = None
+            self.closed = -math.inf
         released = []
         for earlier in (self.held.pop(number, None) for number in verdict.trusted[:-1]):
             if earlier is not None:
@@ -233,7 +238,7 @@ class LiveDetector:
         if self.first_pose is None:
             self.first_pose = pose
         if self.newest is None or scan.number > self.newest[0]:
-            self.newest = scan.number, pose
+            self.before, self.newest = self.where, (scan.number, pose)
         where = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
@@ -331,6 +336,14 @@ class LiveDetector:
         """First and last lane y that a scan can see."""
         return seen_along(self.grid, pose, self.recipe.run_view.y_max)
 
+    def _passed(self, pose: FloatArray) -> float:
+        """Lane y up to which ground is passed by the newest scan and the one before it.
+
+        By one alone it is not: a pose that is too far ahead by less than tells it wrong would close ground unseen.
+        """
+        known = [pose] if self.before is None else [pose, self.before]
+        return min(self._reach(one)[0] for one in known)
+
     def _look(self, scan: CleanedScan, pose: FloatArray) -> tuple[int, xr.DataArray]:
         """Take a scan into the run-view of the ground that is not final, and a margin of the final ground before it."""
         first, rows = self._window(pose)
@@ -368,7 +381,7 @@ class LiveDetector:
         strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
         known = strong.assign(**self._confidence(strong, before))
         changed = self._match(known[~np.isnan(known["confidence"].to_numpy())], pose)
-        limit = self._reach(pose)[0] - self.recipe.prescreen.radius
+        limit = self._passed(pose) - self.recipe.prescreen.radius
         if limit > self.closed:
             final = self._close(found, view, limit)
             names = {one.alarm_id for one in final}

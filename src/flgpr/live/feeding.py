@@ -31,7 +31,7 @@ _JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong from a scan on: so many are lost, come twice, have a sweep of NaN or are 45 m from where they say.
+    """What goes wrong from a scan on: so many are lost, come twice, have a sweep of NaN or a pose that is 45 m off.
 
     One comes so much later.
     """

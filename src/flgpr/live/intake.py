@@ -121,6 +121,8 @@ class Intake:
             return
         if outcome in ("taken", "warm-up") and newest is not None and number < newest:
             self.counts["out_of_order"] += 1
+        if not self._used.runs and not self._came.near(number, self._limits.scans):
+            self._came = Numbers()  # what came before was of no use, and its numbers are not this run's
         if outcome != "refused":
             self._used.add(number)
         self._came.add(number)
@@ -160,10 +162,11 @@ class Intake:
         )
 
     def _note(self, scan: Scan) -> None:
-        """Note the number of a scan that came, unless it lies far from all before, and its pose if it is plausible."""
-        if self._came.near(scan.number, self._limits.scans):
-            self._came.add(scan.number)
-            self.counts["missing"] = self._came.missing
+        """Note the number of a scan that came and its pose, if it is plausible; not where it is far from all before."""
+        if not self._came.near(scan.number, self._limits.scans):
+            return
+        self._came.add(scan.number)
+        self.counts["missing"] = self._came.missing
         if scan.pose is not None:
             self._told = _with_pose(self._told, scan.number, scan.pose)
             if self._is_plausible(scan.number, scan.pose):

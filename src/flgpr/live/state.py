@@ -51,6 +51,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "history": [one.number for one in detector.history],
         "alarms": [asdict(one) for one in detector.alarms.values()],
         "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
+        "before": None if detector.before is None else detector.before.tolist(),
         "newest": None if newest is None else [newest[0], newest[1].tolist()],
         "scalars": {name: value if np.isfinite(value) else None for name, value in scalars.items()},
     }
@@ -88,7 +89,8 @@ def restore_snapshot(snapshot: Snapshot, detector: LiveDetector, intake: Intake,
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
     for name in _NUMBERS:
         setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
-    first, newest = words["first_pose"], words["newest"]
+    first, newest, before = words["first_pose"], words["newest"], words["before"]
+    detector.before = None if before is None else np.asarray(before, dtype=np.float64)
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
     for name in _SCALARS:

@@ -37,14 +37,15 @@ class Motion:
     def notes(self) -> list[str]:
         """Tell what is implausible in lines, the first few with their numbers; none if nothing is."""
         lines = []
+        count = self.plausible.size
         if not self.fits:
             lines.append(
-                f"{len(self.steps)} of {self.plausible.size} scans lie farther from those before than [motion] "
-                f"allows, too many to be faults: all are used; set its limits for this vehicle: {some_steps(self.steps)}"
+                f"{len(self.steps)} of {count} scans lie farther from those before than [motion] allows, too many to "
+                f"be faults: all are used; set its limits for this vehicle: {some_steps(self.steps)}"
             )
         elif self.left_out:
             lines.append(
-                f"{len(self.left_out)} of {self.plausible.size} scans have positions that no vehicle reaches, which "
+                f"{len(self.left_out)} of {count} scans have positions that no vehicle reaches, which "
                 f"images leave out: {some_steps(self.steps)}"
             )
         if self.restarts and self.fits:
@@ -75,8 +76,9 @@ def judge_poses(
 ) -> Motion:
     """Tell which poses (scan, 6) of a track, with times (scan,) or none, are plausible after those before.
 
-    ``number`` (scan,) are the scans' numbers, ascending, by default from 0 on. Where more than half are not, or no ``limits.agree`` in a row agree, the limits are those of another vehicle: then
-    all are taken to be plausible, ``fits`` is False, and the steps are told.
+    ``number`` (scan,) are the scans' numbers, ascending, by default from 0 on. Where more than half are not plausible,
+    or no ``limits.agree`` in a row agree, the limits are those of another vehicle: then all are taken to be plausible,
+    ``fits`` is False, and the steps are told.
     """
     limits = limits or MotionLimits()
     poses = np.asarray(pose, dtype=np.float64)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -132,9 +132,7 @@ def clock_step(limits: MotionLimits, before: Sighting, after: Sighting) -> Step 
     return Step(after.number, before.number, "pause", forward, limits.pause)
 
 
-def step_between(
-    limits: MotionLimits, before: Sighting, after: Sighting, earlier: Sequence[Sighting] = ()
-) -> Step:
+def step_between(limits: MotionLimits, before: Sighting, after: Sighting, earlier: Sequence[Sighting] = ()) -> Step:
     """Give the step between two poses by the limit that it strains most; above a strain of 1 it is not plausible.
 
     Scans that are missing in between, and time, widen what is allowed. Without times, or where the clock is out of
@@ -183,16 +181,20 @@ def _elapsed(limits: MotionLimits, before: Sighting, after: Sighting) -> float |
     return max(elapsed, SHORTEST)
 
 
-class Verdict(NamedTuple):
+@dataclass(frozen=True)
+class Verdict:
     """What became of a pose, and of those held back before it."""
 
-    trusted: list[int] = []  #: numbers that may be used now, those held back before this scan's, in order
-    dropped: list[int] = []  #: numbers that were held back and are left out for good
+    #: numbers that may be used now, those held back before this scan's, in order
+    trusted: list[int] = field(default_factory=list)
+    #: numbers that were held back and are left out for good
+    dropped: list[int] = field(default_factory=list)
     held: bool = False  #: whether this pose is held back; one that is neither trusted nor held is left out
     step: Step | None = None  #: why this pose is not plausible
     clock: Step | None = None  #: why its time is not
     anew: bool = False  #: whether what is trusted begins anew, away from all before
-    forgotten: list[int] = []  #: numbers trusted before that were never confirmed: the first poses were the wrong ones
+    #: numbers trusted before that were never confirmed: the first poses were the wrong ones
+    forgotten: list[int] = field(default_factory=list)
 
 
 class PoseGate:

@@ -45,7 +45,8 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
         return np.full(len(truth), np.nan)
     x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
     soil = run["soil"]["permittivity"]
-    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in plausible_poses(run)]
+    poses = plausible_poses(run)
+    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in poses]
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 
