@@ -167,7 +167,7 @@ def test_simulants_weigh_half(found):
         {"target_id": ["m", "s"], "x": [0.0, 0.0], "y": [4.0, 8.0], "kind": ["metal", "simulant"], "depth": [0.0, 0.0]}
     )
     examples = make_training_set([("one", alarms, features, truth, LANE)])
-    assert examples.weight[:2].tolist() == [20, 10]
+    assert examples.weight[:2].tolist() == [40, 20]  # W0 = 40 false alarms over the one actual mine
     assert (examples.weight[2:] == 1).all()
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from flgpr.clutter import ClutterWhitener, whitening_matrix
-from flgpr.detect import DeflectionDetector, deflection_form
-from reference.cosgrove2004 import circular, deflection, equation_4, equations_7_to_12
+from flgpr.detect import DeflectionDetector, NeymanPearsonDetector, deflection_form
+from flgpr.kernels.moments import _ogk_distance
+from reference.cosgrove2004 import circular, deflection, equation_4, equations_7_to_12, ogk_distances
 
 
 @pytest.fixture
@@ -170,7 +171,7 @@ def test_separate_classes_score_by_the_better_form(rng):
         DeflectionDetector(classes="separate").fit(examples)
 
 
-@pytest.mark.parametrize("moments_name", ["ledoit-wolf", "oas", "clipped", "robust"])
+@pytest.mark.parametrize("moments_name", ["ledoit-wolf", "oas", "clipped", "ogk"])
 def test_other_estimators_come_near_the_truth_with_many_examples(rng, moments_name):
     mu, C = moments(rng, n=4, level=3)
     detector = DeflectionDetector(moments=moments_name).fit(circular(rng, mu, C + np.eye(4), 4000))
@@ -201,3 +202,33 @@ def test_clipped_training_resists_one_giant(rng):
 def test_bad_parameters_are_named(rng, parameters, message):
     with pytest.raises(ValueError, match=message):
         DeflectionDetector(**parameters).fit(rng.normal(size=(9, 4)))
+
+
+def test_orthogonal_pairs_resist_outliers_with_fewer_examples_than_features(rng):
+    mu = np.eye(24)[0] * 6
+    examples = circular(rng, mu, np.eye(24), 16)
+    examples[[3, 9]] += 300 * np.eye(24)[4]
+    plain, robust = (DeflectionDetector(1, moments=m).fit(examples) for m in ("sample", "ogk"))
+    assert abs(plain.forms_[0].vectors[0, 4]) > 0.99
+    assert abs(robust.forms_[0].vectors[0, 0]) > 0.9
+    assert robust.n_unseen_ >= 24 - 14  # what was left out reaches nothing
+
+
+def test_orthogonal_pairs_find_the_slow_twins_outliers(rng):
+    rows = rng.normal(size=(30, 5)) @ rng.normal(size=(5, 5))
+    rows[:4] += 40
+    assert np.allclose(_ogk_distance(rows), ogk_distances(rows))
+
+
+def test_a_column_without_spread_has_no_robust_scale(rng):
+    examples = rng.normal(size=(9, 3))
+    examples[:6, 1] = 2.0
+    with pytest.raises(ValueError, match="fewer than half of the samples are equal, got 1"):
+        DeflectionDetector(moments="ogk").fit(examples)
+
+
+@pytest.mark.parametrize("detector", [DeflectionDetector, NeymanPearsonDetector])
+def test_a_divisor_that_has_no_effect_is_told(rng, detector):
+    examples = rng.normal(size=(30, 3))
+    with pytest.warns(UserWarning, match="ddof = 1 has no effect with moments = 'ledoit-wolf'"):
+        detector(moments="ledoit-wolf", ddof=1).fit(examples)

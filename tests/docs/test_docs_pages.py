@@ -80,7 +80,7 @@ def resolves(name):
 @pytest.mark.parametrize("page", [*PAGES, *EXAMPLES], ids=identify)
 def test_names_in_the_text_exist(page):
     text = re.sub(r"^import .*$|^from .*$", "", read(page), flags=re.MULTILINE)
-    names = set(re.findall(r"`(flgpr(?:\.[A-Za-z_]\w*)+)", text))
+    names = set(re.findall(r"`(flgpr(?:_papers)?(?:\.[A-Za-z_]\w*)+)", text))
     wrong = [name for name in sorted(names) if not resolves(name)]
     assert not wrong
 

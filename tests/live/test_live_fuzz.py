@@ -18,7 +18,7 @@ from flgpr.io import describe_for_live, encode_frame, encode_scan
 from flgpr.io.scan_file import MAGIC, parse_description
 from flgpr.live.events import EventFile
 from flgpr.live.session import LiveOptions, LiveRun
-from flgpr.live.watch import _Stream
+from flgpr.live.stream import FrameStream
 from live_lane import make_lane_run, small_recipe
 
 RUN = make_lane_run(scans=2)
@@ -50,8 +50,8 @@ def live(tmp_path_factory):
     (folder / "recipe.toml").write_text(small_recipe())
     run = LiveRun(LiveOptions(folder / "recipe.toml", folder / "out", socket=folder / "s"))
     (folder / "out").mkdir()
-    with EventFile(folder / "out" / "live.jsonl", fresh=True) as events:
-        (arrival,) = _Stream().take(run_frame(), True)
+    with EventFile(folder / "out" / "live.jsonl", fresh=True, burst=10**9) as events:
+        (arrival,) = FrameStream().take(run_frame(), True)
         run._announced(arrival, events)
         assert run._intake is not None
         yield run, events, folder / "out" / "live.jsonl"
@@ -62,7 +62,7 @@ def given_to(live, data, over=True, stream=None):
     run, events, path = live
     before = path.stat().st_size
     kinds = []
-    for arrival in (stream or _Stream()).take(data, over):
+    for arrival in (stream or FrameStream()).take(data, over):
         kinds.append("bad" if arrival.kind == "frame" and arrival.value is not None else arrival.kind)
         if arrival.kind == "run":
             run._announced(arrival, events)
@@ -139,7 +139,7 @@ def test_a_first_description_that_cannot_be_used_is_told(tmp_path):
         {"tx_m": [[10**400, 0, 0]]},
         {"tx_m": [], "rx_m": []},
     ]
-    with EventFile(tmp_path / "live.jsonl", fresh=True) as events:
+    with EventFile(tmp_path / "live.jsonl", fresh=True, burst=10**9) as events:
         live = run, events, tmp_path / "live.jsonl"
         for change in wrong:
             lines, kinds = given_to(live, run_frame(**change))
@@ -193,7 +193,7 @@ def test_a_length_that_is_too_large_costs_no_frame_that_follows():
     frames = [scan_frame(number) for number in range(40)]
     head = bytearray(frames[5])
     struct.pack_into("<Q", head, 12, struct.unpack_from("<Q", head, 12)[0] + 30 * len(frames[0]))
-    stream, kinds = _Stream(), []
+    stream, kinds = FrameStream(), []
     for sent, frame in enumerate([*frames[:5], bytes(head), *frames[6:]]):
         kinds += ["bad" if one.value is not None else one.kind for one in stream.take(frame, False)]
         assert sent < 7 or len(kinds) >= sent

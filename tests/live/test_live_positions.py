@@ -276,7 +276,7 @@ def test_a_clock_is_told_beside_the_pose_that_is_used(home):
     assert alarms == honest
     (problem,) = [line for line in lines if line["event"] == "problem"]
     assert (problem["kind"], problem["scan"]) == ("clock", 6)
-    assert problem["words"] == "scan 6 after scan 5: the clock goes back by 49.7619 s"
+    assert problem["words"] == "clock at scan 6 after scan 5 goes back by 49.7619 s"
     assert report.counts["clock"] == 1
 
 

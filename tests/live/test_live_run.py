@@ -23,10 +23,11 @@ from flgpr.io.scan_file import scan_name
 from flgpr.live.events import EventFile
 from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
+from flgpr.live.senders import SocketWatch
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.state import read_snapshot
 from flgpr.live.vehicle import Vehicle
-from flgpr.live.watch import FolderWatch, Inbox, SocketWatch
+from flgpr.live.watch import FolderWatch, Inbox
 from flgpr.scoring import roc
 from live_lane import SCANS, make_lane_run, small_recipe
 

@@ -199,7 +199,7 @@ def test_a_clock_that_jumps_is_told_and_poses_are_not_blamed(jump):
     motion = judge_poses(straight(), time)
     assert motion.left_out == []
     assert [(step.scan, step.limit) for step in motion.clock] == [(6, "pause")]
-    assert motion.notes()[0].startswith("the clock jumps once, positions do not: scan 6 after scan 5: the clock")
+    assert motion.notes()[0].startswith("the clock jumps once, positions do not: clock at scan 6 after scan 5")
     time = clock()
     time[6] += jump  # one stamp alone
     motion = judge_poses(straight(), time)

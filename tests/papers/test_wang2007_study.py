@@ -59,7 +59,7 @@ def fake_lane(name, seed):
     places = np.vstack([near, np.column_stack([rng.uniform(-3, 3, 120), rng.uniform(0, 60, 120)])])
     mine = np.arange(len(places)) < 7
     columns = [f"{p}{f}_{b}" for p in ("", "swapped.") for b in BANDS for f in FEATURES]
-    columns += [f"paper.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
+    columns += [f"shared.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
     table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(len(columns))
     features = pd.DataFrame(table, columns=columns).assign(scans=3)
     features["C_HH_F1"] += 3 * mine
@@ -83,17 +83,18 @@ def test_the_scorer_is_pd_mean_of_the_curve(results, pool):
     for _ in range(20):
         confidence = np.round(rng.normal(size=len(pool.labels)), 1)
         confidence[rng.random(confidence.size) < 0.1] = -np.inf
-        want = pd_mean(roc_of(pool.match_of(confidence), MINES))
-        assert Rescorer(pool.reference, MINES)(confidence) == pytest.approx(want, abs=1e-12)
+        for area in ("union", "paper"):
+            want = pd_mean(roc_of(pool.match_of(confidence), MINES, area=area))
+            assert Rescorer(pool.reference, MINES, area=area)(confidence) == pytest.approx(want, abs=1e-12)
 
 
 def test_the_scorers_curve_is_that_of_the_bootstrap(pool):
     confidence, far = np.random.default_rng(6).normal(size=len(pool.labels)), np.linspace(0, 0.1, 21)
-    design = make_design(pool.reference, MINES)
+    design = make_design(pool.reference, MINES, area="paper")
     want = make_scores(pool.match_of(confidence), design, MINES)
     ones = np.ones(len(want.target)), np.ones(len(design.block_lane))
     np.testing.assert_allclose(
-        Rescorer(pool.reference, MINES).pd_at(confidence, far), want.pd_at(far, *ones, pool.scorer.area)
+        Rescorer(pool.reference, MINES, area="paper").pd_at(confidence, far), want.pd_at(far, *ones, pool.scorer.area)
     )
 
 
@@ -133,7 +134,7 @@ def test_table_one_holds_what_scoring_says_of_each_confidence(pool):
     table = table_one(pool)
     for method in "ABCD":
         for name in ("C_HH", "P_H", "M_VV"):
-            curve = roc_of(pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES)
+            curve = roc_of(pool.match_of(pool.confidence([f"{name}_F1"], method)), MINES, area="paper")
             assert table.loc[method, name] == pytest.approx(pd_mean(curve), abs=0.03)  # P_H lacks one alarm
     strong = ["C_HH", "M_HH", "C_VV"]  # a weak feature's sign may turn with the weights, a strong one's ROC may not
     np.testing.assert_allclose(table.loc["A", strong], table.loc["B", strong], atol=1e-12)
@@ -169,8 +170,9 @@ def test_a_claim_of_several_parts_holds_if_all_do():
 def fake_examples(path):
     rng = np.random.default_rng(0)
     arrays = {"polarization": np.array(["HH", "VV", "HV"]), "subband": np.array(BANDS)}
-    arrays |= {"x": np.linspace(-6, 6, 25), "y": np.linspace(7, 26, 39), "titles": np.array(list("abcd"))}
-    for name in ("surface", "metal", "plastic", "false"):
+    arrays |= {"x": np.linspace(-6, 6, 25), "y": np.linspace(7, 26, 39), "titles": np.array(list("abcde"))}
+    arrays["names"] = np.array(["surface", "metal", "shallow", "plastic", "false"])
+    for name in arrays["names"]:
         arrays |= {f"raw_{name}": rng.random((3, 5, 39, 25)), f"clean_{name}": rng.random((3, 5, 39, 25))}
         arrays |= {f"place_{name}": np.array([0.0, 11.0]), f"patches_{name}": rng.random((3, 3, 5, 25, 25))}
         arrays[f"distances_{name}"] = np.array([9.0, 11.0, 13.0])
@@ -186,7 +188,7 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     fake_examples(tmp_path / "results" / "examples.bundle")
     blind = [fake_lane("b1", 5)]
     blind = [replace(blind[0], truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True))]
-    recipe = load_recipe("wang2007")
+    recipe = load_recipe("wang2007-printed")
     page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent)
     assert page.count("<img src=") == 14
     assert all(f"Table {number}." in page for number in ("I", "II", "III", "IV"))
@@ -211,7 +213,7 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
 
 
 def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():
-    own, packaged = parse_recipe(packaged_text("wang2007")), load_recipe("wang2007")
+    own, packaged = parse_recipe(packaged_text("wang2007")), load_recipe("wang2007-printed")
     assert own.features.variants
     assert not packaged.features.variants
     plain = own.model_copy(update={"features": own.features.model_copy(update={"variants": False})})

@@ -61,3 +61,29 @@ def circular(rng, mean, covariance, count):
     root = np.linalg.cholesky(covariance)
     noise = rng.normal(size=(2, count, mean.size)) / np.sqrt(2)
     return mean + (noise[0] + 1j * noise[1]) @ root.T
+
+
+def tau_scale(values):
+    """τ-scale of Yohai & Zamar 1988 with its location, value by value."""
+    median = np.median(values)
+    spread = np.median(np.abs(values - median))
+    weights = [max(1 - ((v - median) / (4.5 * spread)) ** 2, 0) ** 2 for v in values]
+    location = sum(w * v for w, v in zip(weights, values, strict=True)) / sum(weights)
+    squares = [min(((v - location) / spread) ** 2, 9.0) for v in values]
+    return location, spread * np.sqrt(sum(squares) / len(squares))
+
+
+def ogk_distances(rows):
+    """Squared robust distance of every row by two passes over orthogonal pairs (Maronna & Zamar 2002, Sec. 4)."""
+    z = rows
+    for _ in range(2):
+        features = z.shape[1]
+        y = z / [tau_scale(z[:, j])[1] for j in range(features)]
+        U = np.eye(features)
+        for j in range(features):
+            for k in range(features):
+                if j != k:
+                    U[j, k] = (tau_scale(y[:, j] + y[:, k])[1] ** 2 - tau_scale(y[:, j] - y[:, k])[1] ** 2) / 4
+        z = y @ np.linalg.eigh(U)[1]
+    away = [(z[:, j] - tau_scale(z[:, j])[0]) / tau_scale(z[:, j])[1] for j in range(z.shape[1])]
+    return np.sum(np.square(away), axis=0)

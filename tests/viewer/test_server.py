@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.io import sample_lane, sha256
 from flgpr.viewer import Viewer
-from flgpr.viewer.guard import is_loopback
+from flgpr.viewer.guard import SECURITY_HEADERS, is_loopback
 from flgpr.viewer.session import LiveFile, ResultFiles, ViewError
 
 ROUTES = [
@@ -65,10 +65,27 @@ def test_every_route_refuses_strangers(shown, path):
 
 
 @pytest.mark.parametrize("path", ROUTES)
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH"])
-def test_only_get_is_answered(shown, path, method):
-    assert ask(shown, path, method).status == 405
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH"])
+def test_only_get_and_head_are_answered(shown, path, method):
+    answer = ask(shown, path, method)
+    assert (answer.status, answer.getheader("allow")) == (405, "GET, HEAD")
     assert ask(shown, path, method, token="wrong").status == 403
+
+
+def headers_of(answer):
+    """All but the second in which it was given."""
+    return [(name, value) for name, value in answer.getheaders() if name != "date"]
+
+
+@pytest.mark.parametrize("path", ROUTES)
+@pytest.mark.parametrize("token", [None, "wrong"])
+def test_head_is_answered_as_get_without_the_body(shown, path, token):
+    whole = ask(shown, path, token=token)
+    head = ask(shown, path, "HEAD", token=token)
+    assert (head.status, head.body) == (whole.status, b"")
+    assert headers_of(head) == headers_of(whole)
+    assert int(head.getheader("content-length")) == len(whole.body) > 0
+    assert {name: head.getheader(name) for name in SECURITY_HEADERS} == SECURITY_HEADERS
 
 
 @pytest.mark.parametrize("path", ROUTES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr import detect  # what it offers loads scikit-learn, which only what has learnt or learns needs
+from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
 
@@ -67,12 +68,21 @@ class Classifier:
     def restored(
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> Classifier:
-        """Put together what :meth:`about` and :meth:`arrays` gave."""
-        names = tuple(str(name) for name in about["features"])
-        normalizer, discriminant = detect.HistogramNormalizer(), detect.FisherDiscriminant()
-        normalizer.knots_ = [np.asarray(arrays[f"knots-{i}"], dtype=np.float64) for i in range(len(names))]
-        discriminant.direction_ = np.asarray(arrays["direction"], dtype=np.float64)
-        discriminant.threshold_ = float(about["threshold"])
+        """Put together what :meth:`about` and :meth:`arrays` gave; what breaks a rule is a ValueError that names it."""
+        names = checked_names(about["features"])
+        checked = Checked({"threshold": about["threshold"]}, arrays)
+        direction = checked.array("direction", (len(names),))
+        threshold = checked.number("threshold")
+        knots = [checked.array(f"knots-{i}", (2, None)) for i in range(len(names))]
+        checked.done()
+        for name, one in zip(names, knots, strict=True):
+            if one.shape[1] < 1 or not (np.diff(one[0]) > 0).all():
+                raise ValueError(f"detector's knots of {name!r} must rise, one at least, got {one.shape[1]}")
+        normalizer = detect.HistogramNormalizer()
+        normalizer.knots_ = knots
+        discriminant = detect.FisherDiscriminant()
+        discriminant.direction_ = direction
+        discriminant.threshold_ = threshold
         normalizer.n_features_in_ = discriminant.n_features_in_ = len(names)
         discriminant.classes_ = np.array([0, 1])
         return cls(names, normalizer, discriminant, notes)
@@ -84,6 +94,14 @@ class Classifier:
         if whole.any():
             result[whole] = self.discriminant.decision_function(self.normalizer.transform(values[whole]))
         return result
+
+
+def checked_names(names: Any) -> tuple[str, ...]:
+    """Take names of columns from a model's words: different texts, at least one."""
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not texts or not names or len(set(names)) < len(names):
+        raise ValueError(f"detector.features must be a list of different names, got {str(names)[:60]!r}")
+    return tuple(names)
 
 
 def feature_values(features: pd.DataFrame, names: Sequence[str]) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -118,13 +136,28 @@ def label_lanes(
     return pd.concat(parts, ignore_index=True)
 
 
-def duplication(labels: pd.DataFrame, targets: int, label_radius: float = 1.0) -> NDArray[np.int64]:
-    """Weigh labelled alarms (alarm,) (Wang et al. 2007, Eq. 18 and 19), W0 being false alarms over targets.
+def count_mines(truths: Iterable[pd.DataFrame]) -> int:
+    """Count the actual mines of truth tables: simulants are none."""
+    return sum(int((truth["kind"] != "simulant").sum()) for truth in truths)
 
-    ``labels`` are rows of :func:`label_lanes`; ``targets`` counts simulants, too; ``label_radius`` is r_label, m.
+
+def duplication(labels: pd.DataFrame, mines: int, label_radius: float = 1.0) -> NDArray[np.int64]:
+    """Weigh labelled alarms (alarm,) by Eq. 18 and 19 of Wang et al. 2007.
+
+    W0 is "the ratio between the number of FAs and the number of actual targets"; simulants are not counted among these
+    (:func:`count_mines`), as the paper speaks of an "actual mine" or a simulant where it defines β.
+
+    Parameters
+    ----------
+    labels : DataFrame
+        Rows of :func:`label_lanes`.
+    mines : int
+        Number of actual mines in the lanes of these alarms.
+    label_radius : float
+        r_label, m.
     """
-    w0 = float((labels["label"] == "false").sum() / max(targets, 1))
-    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), w0, labels["beta"], label_radius)
+    W0 = float((labels["label"] == "false").sum() / max(mines, 1))
+    return detect.hit_weights(labels["target"], labels["distance"].fillna(0.0), W0, labels["beta"], label_radius)
 
 
 def make_training_set(
@@ -146,7 +179,7 @@ def make_training_set(
         used = np.concatenate([truth.index.isin(one.index) for (*_, truth, _), one in zip(lanes, spent, strict=True)])
         keep &= ~np.append(used, False)[labels["target"].to_numpy()]  # those that hit nothing have the number -1
     labels = labels[keep]
-    weight = duplication(labels, sum(len(truth) for *_, truth, _ in lanes), label_radius)
+    weight = duplication(labels, count_mines(truth for *_, truth, _ in lanes), label_radius)
     label = (labels["label"] == "hit").to_numpy().astype(np.int64)
     return TrainingSet(table[keep].reset_index(drop=True), label, weight, labels["lane"].to_numpy(dtype=str))
 

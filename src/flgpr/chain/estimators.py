@@ -1,10 +1,7 @@
-"""Estimators that a recipe may name as its detector, and their files: an allow-list, and no pickle."""
+"""Estimators that a recipe may name as its detector: trained by their libraries, kept as arrays and settings."""
 
 from __future__ import annotations
 
-import io
-import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -14,8 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import FloatArray, TrainingSet, feature_values
+from flgpr.chain.classifier import FloatArray, TrainingSet, checked_names, feature_values
 from flgpr.chain.recipe import DetectorTable
+from flgpr.detect.scorers import restored_scorer, scorer_of
+from flgpr.detect.scorers.checks import Scorer
 
 ALLOWED = {
     "rvm": "flgpr.detect.rvm.RelevanceVectorClassifier",
@@ -32,16 +31,10 @@ ALLOWED = {
     "copod": "pyod.models.copod.COPOD",
     "knn": "pyod.models.knn.KNN",
 }
-"""Estimators by the name that recipes use; what else a file holds is refused when it is read."""
-_TRUSTED = (
-    "flgpr.detect.",
-    "sklearn.",
-    "pyod.models.",
-    "numpy.",
-    "builtins.",
-    "scipy.sparse.",
-    "collections.OrderedDict",
-)
+"""Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""
+_OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
+LAYOUT = 2
+"""How a trained estimator is laid out in a model: 1 was a file of skops, which could name what to call."""
 
 
 def find_estimator(name: str) -> Any:
@@ -57,7 +50,7 @@ def find_estimator(name: str) -> Any:
 
 @dataclass(frozen=True)
 class TrainedEstimator:
-    """A fitted estimator, by its name in ``ALLOWED``, and the features it reads, columns in order.
+    """What a fitted estimator scores with, by its name in ``ALLOWED``, and the features it reads, columns in order.
 
     ``centre`` is subtracted from the features, which are then divided by ``scale``.
     """
@@ -66,8 +59,7 @@ class TrainedEstimator:
     features: tuple[str, ...]
     centre: FloatArray
     scale: FloatArray
-    estimator: Any
-    file: NDArray[np.uint8]  #: bytes of the estimator, as :meth:`arrays` gives them
+    scorer: Scorer
     notes: dict[str, Any] = field(default_factory=dict)
     unlike: bool = False  #: whether what is unlike the training examples scores high
 
@@ -76,28 +68,22 @@ class TrainedEstimator:
         values, whole = feature_values(features, self.features)
         result = np.full(len(values), np.nan)
         if whole.any():
-            outward = ALLOWED[self.name].startswith("pyod.")  # whose scores grow with what is unlike
+            outward = self.name in _OUTWARD
             sign = 1 if self.unlike == outward else -1
-            result[whole] = sign * self._score((values[whole] - self.centre) / self.scale)
+            result[whole] = sign * self.scorer((values[whole] - self.centre) / self.scale)
         return result
 
     @property
     def linear_in_magnitude(self) -> bool:
         """Whether its scores are the log odds of a logistic regression on the magnitude alone."""
-        plain = getattr(self.estimator, "class_weight", None) is None  # weighted, they are odds of other frequencies
+        # Where examples were weighed, the scores are the odds of other frequencies than theirs.
+        plain = bool(getattr(self.scorer, "plain", False))
         return self.name == "logistic" and self.features == ("magnitude",) and plain
 
     @property
     def border(self) -> float:
         """Confidence where the estimator parts mines from clutter: PyOD's own threshold, zero of all others."""
-        return (1 if self.unlike else -1) * float(getattr(self.estimator, "threshold_", 0.0))
-
-    def _score(self, X: FloatArray) -> FloatArray:
-        for method in ("decision_function", "score_samples"):
-            if hasattr(self.estimator, method):
-                return np.asarray(getattr(self.estimator, method)(X), dtype=np.float64)
-        p = self.estimator.predict_proba(X)[:, 1]
-        return np.asarray(np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12)))
+        return (1 if self.unlike else -1) * self.scorer.threshold
 
     def contributions(self, features: pd.DataFrame) -> pd.DataFrame:
         """Give the confidences under the estimator's name: what is not linear has no shares of single features."""
@@ -105,58 +91,62 @@ class TrainedEstimator:
 
     def about(self) -> dict[str, Any]:
         """Tell what JSON can hold of it."""
-        return {"estimator": self.name, "features": list(self.features), "unlike": self.unlike}
+        return {
+            "estimator": self.name,
+            "layout": LAYOUT,
+            "features": list(self.features),
+            "unlike": self.unlike,
+            "settings": self.scorer.settings(),
+        }
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Give its arrays."""
-        return {"centre": self.centre, "scale": self.scale, "estimator": self.file}
+        return {"centre": self.centre, "scale": self.scale, **self.scorer.arrays()}
 
     @classmethod
     def restored(
         cls, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], notes: dict[str, Any]
     ) -> TrainedEstimator:
-        """Put together what :meth:`about` and :meth:`arrays` gave; types that are not trusted are refused."""
-        from skops.io import get_untrusted_types, loads  # slow to import, and seldom used
+        """Put together what :meth:`about` and :meth:`arrays` gave.
 
-        data = arrays["estimator"].astype(np.uint8).tobytes()
-        types = get_untrusted_types(data=data)
-        foreign = [one for one in types if not one.startswith(_TRUSTED)]
-        if foreign or about["estimator"] not in ALLOWED:
-            raise ValueError(f"it holds what is not allowed: {', '.join(foreign) or about['estimator']}")
-        estimator = loads(data, trusted=types)
-        if type(estimator) is not find_estimator(about["estimator"]):
-            raise ValueError(f"it must hold a {about['estimator']}, got {type(estimator).__name__}")
-        names = tuple(str(name) for name in about["features"])
-        told = arrays["centre"], arrays["scale"], estimator, arrays["estimator"], notes, bool(about.get("unlike"))
-        return cls(about["estimator"], names, *told)
+        Nothing but numbers is taken. A layout of before, or whatever breaks a rule of the estimator that it names, is a
+        ValueError.
+        """
+        name = about["estimator"]
+        if about.get("layout") != LAYOUT:
+            raise ValueError(
+                f"its detector {str(name)[:60]!r} was written by an earlier version of flgpr, in a form that is no "
+                "longer read: train it again with `flgpr train`"
+            )
+        features = checked_names(about["features"])
+        unlike = about.get("unlike")
+        if type(unlike) is not bool:
+            raise ValueError(f"detector.unlike must be true or false, got {str(unlike)[:60]!r}")
+        own = dict(arrays)
+        centre = _vector("centre", own, len(features))
+        scale = _vector("scale", own, len(features))
+        if not (scale > 0).all():
+            raise ValueError(f"detector.scale must be positive, got {float(scale.min()):g}")
+        try:
+            scorer = restored_scorer(name, about["settings"], own, len(features))
+        except ValueError as error:
+            raise ValueError(f"detector {str(name)[:60]!r}: {error}") from None
+        return cls(name, features, centre, scale, scorer, notes, unlike)
 
 
-def _dumped(estimator: Any) -> NDArray[np.uint8]:
-    """Write an estimator, the same one as the same bytes: neither the clock nor the memory's addresses enter."""
-    from skops.io import dumps
-
-    out = io.BytesIO()
-    seen: dict[str, int] = {}
-
-    def numbered(match: re.Match[str]) -> str:
-        return f'"__id__": {seen.setdefault(match[1], len(seen) + 1)}'
-
-    with zipfile.ZipFile(io.BytesIO(dumps(estimator))) as source, zipfile.ZipFile(out, "w") as target:
-        files = {name: source.read(name) for name in source.namelist()}
-        schema = re.sub(r'"__id__": (\d+)', numbered, files.pop("schema.json").decode())
-        # Arrays are named after addresses, too.
-        names = {name: f"{number}.{name.rpartition('.')[2]}" for number, name in enumerate(files, 1)}
-        for name, new in names.items():
-            schema = schema.replace(f'"{name}"', f'"{new}"')
-        for name, data in [("schema.json", schema.encode()), *((names[name], files[name]) for name in files)]:
-            target.writestr(zipfile.ZipInfo(name), data)
-    return np.frombuffer(out.getvalue(), np.uint8)
+def _vector(name: str, arrays: dict[str, NDArray[Any]], length: int) -> FloatArray:
+    value = arrays.pop(name, None)
+    if value is None or value.dtype != np.float64 or value.shape != (length,) or not np.isfinite(value).all():
+        got = "none" if value is None else f"{value.dtype} {value.shape}"
+        raise ValueError(f"detector.{name} must hold a finite float64 number for each of {length} features, got {got}")
+    return value
 
 
 def train_estimator(examples: TrainingSet, table: DetectorTable, features: Sequence[str]) -> TrainedEstimator:
     """Train the estimator that a recipe names on some columns of labelled alarms.
 
-    A class without an example, or options that do not fit the estimator, are a ValueError.
+    A class without an example, options that do not fit the estimator, or options with which it cannot be kept as plain
+    arrays, are a ValueError.
     """
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1
@@ -164,17 +154,22 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
     if (table.on != "clutter" and not mines.any()) or (table.on != "mines" and mines.all()):
         raise ValueError(f"training needs hits and false alarms, got {int(mines.sum())} and {int((~mines).sum())}")
     X = values[wanted]
-    centre, scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
+    centre = np.zeros(X.shape[1])
+    scale = np.ones(X.shape[1])
     if table.scale == "standard":
         spread = X.std(axis=0)
-        centre, scale = X.mean(axis=0), np.where(spread > 0, spread, 1.0)
+        centre = X.mean(axis=0)
+        scale = np.where(spread > 0, spread, 1.0)
     try:
         estimator = find_estimator(table.estimator)(**table.options)
     except TypeError as error:
         raise ValueError(f"detector.options do not fit {table.estimator}: {error}") from None
     estimator.fit((X - centre) / scale, *((examples.label,) if table.on == "all" else ()))
+    try:
+        scorer = scorer_of(table.estimator, estimator)
+    except ValueError as error:
+        raise ValueError(f"detector {table.estimator} cannot be kept: {error}") from None
     notes = {"hits": int(mines.sum()), "false_alarms": int((~mines).sum()), "lanes": np.unique(examples.lane).tolist()}
-    unlike = table.on == "clutter"
     return TrainedEstimator(
-        table.estimator, tuple(features), centre, scale, estimator, _dumped(estimator), notes, unlike
+        table.estimator, tuple(features), centre, scale, scorer, notes, unlike=table.on == "clutter"
     )

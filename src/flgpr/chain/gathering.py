@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -22,8 +22,13 @@ from flgpr.imaging.scan import blank_image
 from flgpr.model import Grid, ground_points, lane_to_scan
 from flgpr.screen import MeanViewSums, RangeViewSums, RunViewSums
 
-SWAPPED, PAPER = "swapped.", "paper."
-"""Prefixes of the columns of the two variants."""
+SWAPPED = "swapped."
+OTHER_GAIN = {"shared": "paper.", "own": "shared."}
+"""Prefixes of the variants' columns: regions exchanged, and the polarimetric features with the other gain.
+
+``paper.`` are those with a gain of each polarization's own.
+"""
+_PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
 
 
 def look_sums(table: RunViewTable, grid: Grid, rows: slice | None = None) -> RunViewSums | MeanViewSums | RangeViewSums:
@@ -118,12 +123,15 @@ class AlarmFeatures:
     ) -> CleanedScan:
         """Clean a scan's image as far as its features need it, and ``own`` if asked for: the rows of the grid."""
         table, rows = self.recipe.features, self.grid.ny
-        coherent = background.coherent(image, gain, rows) if table is not None else None
-        own = own or bool(self.stages) or (table is not None and table.variants)
+        shared = table is not None and (table.gain == "shared" or table.variants)
+        own = own or bool(self.stages) or (table is not None and (table.gain == "own" or table.variants))
         return CleanedScan(
-            number, pose, background.magnitude(image, gain, rows), coherent,
+            number,
+            pose,
+            background.magnitude(image, gain, rows),
+            background.coherent(image, gain, rows) if shared else None,
             background.own_coherent(image, gain, rows) if own else None,
-        )  # fmt: skip
+        )
 
     def labelled(self, scan: CleanedScan) -> xr.DataArray:
         """Give the image whose channels have their own gain with its names, axes, number and pose."""
@@ -165,9 +173,13 @@ class AlarmSums:
         else:
             main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric)
             settings = {"": main}
+            self._gain: dict[str, str] = {"": table.gain, SWAPPED: table.gain}
             if table.variants:
+                other = "own" if table.gain == "shared" else "shared"
+                prefix = OTHER_GAIN[table.gain]
+                self._gain[prefix] = other
                 settings[SWAPPED] = main.swapped()
-                settings[PAPER] = FeatureSettings(patch, main.inner, main.y_max, "linear")
+                settings[prefix] = FeatureSettings(patch, main.inner, main.y_max, _PSI_OF_GAIN[other])
             self._ten = {
                 prefix: FeatureSums(alarms, how.polarizations, how.subbands, how.grid, one)
                 for prefix, one in settings.items()
@@ -182,9 +194,8 @@ class AlarmSums:
     def add(self, *scans: CleanedScan) -> None:
         """Take in scans, one after the other."""
         for prefix, ten in self._ten.items():
-            ten.add_all(
-                (one.magnitude, _phased(one.own if prefix == PAPER else one.coherent), one.pose) for one in scans
-            )
+            own = self._gain[prefix] == "own"
+            ten.add_all((one.magnitude, _phased(one.own if own else one.coherent), one.pose) for one in scans)
         for one in scans:
             if self._contrast is not None:
                 self._contrast.add(one.magnitude[self._how.channel(self._how.recipe.contrast)], one.pose)
@@ -207,11 +218,11 @@ class AlarmSums:
             one.merge(theirs | {"row": np.searchsorted(self.rows, theirs["row"])})
 
     def table(self) -> pd.DataFrame:
-        """Compute ``scans`` and the features of every sub-band; of PAPER only the polarimetric ones."""
+        """Compute ``scans`` and the features of every sub-band; with the other gain only the polarimetric ones."""
         tables = [] if self._contrast is None else [self._contrast.table()]
         for prefix, ten in self._ten.items():
             columns = ten.table()
-            if prefix == PAPER:
+            if prefix in OTHER_GAIN.values():
                 columns = columns[[f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]]
             tables.append((columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix))
         return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)

@@ -100,6 +100,8 @@ def load_model(folder: str | Path) -> Model:
         if about["detector"] is not None:
             kind = Classifier if about["detector"]["estimator"] == "fisher" else TrainedEstimator
             detector = kind.restored(about["detector"], own, notes)
+        elif own:
+            raise ValueError(f"it holds {len(own)} arrays of a detector that it does not name")
     except FileNotFoundError:
         raise ValueError(f"model {folder}: not a whole model: {path} is missing") from None
     except ValueError as error:
@@ -107,3 +109,32 @@ def load_model(folder: str | Path) -> Model:
     except Exception as error:  # parsers raise whatever they stumble over
         raise ValueError(f"model {folder}: it cannot be read ({error!r})") from None
     return Model(detector, groups, notes)
+
+
+def describe_model(folder: str | Path) -> dict[str, Any]:
+    """Tell what a model holds by its head alone: none of its arrays is read, and nothing is made of them.
+
+    Returns
+    -------
+    dict
+        ``path``, ``format``, ``version``, ``flgpr`` (that wrote it), ``detector`` (its words, or None), ``stages``,
+        ``notes``, ``arrays`` (name, dtype, shape, bytes of each) and ``bytes`` of all.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, or is no model or none of this version.
+    """
+    path = Path(folder) / MODEL_FILE
+    if not path.is_file():
+        raise ValueError(f"model {folder}: {MODEL_FILE} is missing")
+    try:
+        bundle = Bundle(path)
+        about = bundle.about
+        if (about.get("format"), about.get("version")) != (FORMAT, VERSION):
+            raise ValueError(f"format must be {FORMAT} version {VERSION}")
+        told = {name: about.get(name) for name in ("format", "version", "flgpr", "detector", "stages", "notes")}
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"model {folder}: {error}") from None
+    arrays = bundle.listed()
+    return {"path": str(path), **told, "arrays": arrays, "bytes": sum(one["bytes"] for one in arrays)}

@@ -190,12 +190,15 @@ class FeaturesTable(Table):
     """The ten features of every sub-band, and the streaming chain that computes them; patches as for ``contrast``.
 
     ``inner`` is the part of the coherent patch that is averaged (pixels, cross-track x down-track), ``psi`` how angles
-    are. With ``variants`` they are computed twice more: with cross-track and down-track exchanged in all regions, and
-    as the paper normalises and averages them.
+    are, and ``gain`` what the polarimetric features' images are divided by: one gain and background that the
+    polarizations share, which keeps their ratios, or each polarization's own, as the paper has it. With ``variants``
+    they are computed twice more: with cross-track and down-track exchanged in all regions, and the polarimetric ones
+    with the other ``gain`` and the mean of ψ that goes with it.
     """
 
     inner: tuple[Pixels, Pixels] = (5, 3)
     psi: Literal["circular", "linear"] = "circular"
+    gain: Literal["shared", "own"] = "shared"
     variants: bool = False
 
 

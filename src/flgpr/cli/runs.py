@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from flgpr import tasks, viewer
 from flgpr.cli.common import Json, Output, Quiet, Scheduler, plain_errors, progress, tell_written
-from flgpr.cli.show import info_lines, print_scores, score_summary
+from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
     from flgpr.tasks import Result
@@ -167,7 +167,7 @@ def train(
 
 @app.command()
 def info(
-    run: Annotated[Path, Argument(help="Run store, or a file to import.")],
+    run: Annotated[Path, Argument(help="Run store, a file to import, a model, or a result whose model is meant.")],
     recipe: Annotated[
         str | None, Option(help="Recipe whose images and lane decide what is covered; tells whether it fits.")
     ] = None,
@@ -175,10 +175,14 @@ def info(
     plot: Annotated[Path | None, Option(help="PNG to write: plan, coverage and side view.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Tell what a run or a file holds, in plain words and units."""
+    """Tell what a run, a file or a model holds, in plain words and units; a model is not loaded for it."""
     with plain_errors():
         if run.is_file():
             _explain(run, as_json)
+            return
+        if (run / "model.bundle").is_file() or (run / "manifest.json").is_file():
+            held = tasks.model_info(run)
+            typer.echo(json.dumps(held) if as_json else "\n".join(model_lines(held)))
             return
         told = tasks.run_info(run, recipe, plot, recipes)
     if as_json:

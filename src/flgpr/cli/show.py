@@ -159,6 +159,34 @@ def info_lines(told: dict[str, Any]) -> list[str]:
     return lines
 
 
+def model_lines(held: dict[str, Any]) -> list[str]:
+    """Say in words what a model holds. Its words are somebody's: they are written as JSON, which hides no character."""
+    detector = held["detector"]
+    lines = [
+        f"{held['path']}: {held['format']} version {held['version']}, written by flgpr {_quoted(held['flgpr'])}",
+        f"  arrays         {len(held['arrays'])}, {held['bytes'] / 1e6:.3g} MB; none was loaded",
+    ]
+    if isinstance(detector, dict):
+        lines.append(f"  detector       {_quoted(detector.get('estimator'))}")
+        for name in sorted(set(detector) - {"estimator"}):
+            lines.append(f"    {name:<12} {_quoted(detector[name])}")
+    else:
+        lines.append("  detector       none")
+    lines.append(f"  stages         {_quoted(held['stages'])}")
+    if isinstance(held["notes"], dict):
+        for name, value in held["notes"].items():
+            lines.append(f"  note           {_quoted(name)}: {_quoted(value)}")
+    for one in held["arrays"]:
+        lines.append(f"  array          {_quoted(one['name'])} {_quoted(one['dtype'])} {one['shape']}")
+    return lines
+
+
+def _quoted(value: Any, most: int = 100) -> str:
+    """Write a value of a file as JSON in ASCII, cut off where it is long."""
+    text = json.dumps(value)
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 def _recipe_lines(faults: dict[str, list[str]]) -> list[str]:
     """Say which recipes fit, and of the others what does not."""
     lines = [f"{name} fits" if not some else f"{name}: {one}" for name, some in faults.items() for one in some or [""]]

@@ -133,15 +133,16 @@ class BackgroundEstimator:
         near = image[..., self._rows, :]
         if self._shape is None:
             self._begin(near.shape)
-        gain, limit = self._measure(image)
+        r, limit = self._measure(image)
         if self.method == "mean":
-            common = np.broadcast_to(shared_gain(gain), gain.shape)
-            weight = 1 / gain.ravel(), np.ascontiguousarray(1 / common).ravel()
-            add_clipped(_flat(image), limit.ravel(), *weight, self._own_total, self._shared_total)
+            # The sum over k of Eq. 2, min(m_k, μ_k + 5σ_k) exp(iθ_k) over r_k, and the same over the shared gain.
+            r_shared = np.broadcast_to(shared_gain(r), r.shape)
+            weights = 1 / r.ravel(), np.ascontiguousarray(1 / r_shared).ravel()
+            add_clipped(_flat(image), limit.ravel(), *weights, self._B1_total, self._B1_shared_total)
         elif self.method == "median":
-            self._scaled.append((near / gain[..., None, None]).astype(np.complex64))
-        self.gains.append(gain)
-        return gain
+            self._scaled.append((near / r[..., None, None]).astype(np.complex64))
+        self.gains.append(r)
+        return r
 
     def add_gain(self, image: ComplexArray) -> None:
         """Second pass: take a scan into the gain background (Eq. 3 and 4)."""
@@ -164,8 +165,11 @@ class BackgroundEstimator:
                 wanted = "one scan" if least == 1 else "two scans"
                 raise ValueError(f"self-signature needs at least {wanted}, got {len(self.gains)}")
             if self.method == "mean":
-                totals = self._own_total / len(self.gains), self._shared_total / len(self.gains)
-                self._signature, self._shared = (one.astype(np.complex64).reshape(self._shape) for one in totals)
+                N_scan = len(self.gains)
+                B1 = self._B1_total / N_scan  # Eq. 2
+                B1_shared = self._B1_shared_total / N_scan
+                self._signature = B1.astype(np.complex64).reshape(self._shape)
+                self._shared = B1_shared.astype(np.complex64).reshape(self._shape)
             elif self.method == "median":
                 gains, scaled = np.stack(self.gains), np.stack(self._scaled)
                 shared = scaled * (gains / shared_gain(gains))[..., None, None].astype(np.float32)
@@ -179,8 +183,9 @@ class BackgroundEstimator:
         signature = self.signature()
         if self._median is None or self._smoothed != len(self.gains) or self._shared is None:
             raise ValueError(f"add_gain must be called for all {len(self.gains)} scans, got {self._smoothed}")
-        level = self._spread_out(self._median / self._smoothed)
-        return Background(signature, level, self._shared, shared_level(level, np.stack(self.gains)))
+        N_scan = self._smoothed
+        B2 = self._spread_out(self._median / N_scan)  # Eq. 4
+        return Background(signature, B2, self._shared, shared_level(B2, np.stack(self.gains)))
 
     def first_sums(self, exact: bool = False) -> dict[str, NDArray[Any]]:
         """Give what the first pass has gathered, to be taken in by another estimator.
@@ -196,7 +201,7 @@ class BackgroundEstimator:
         if self.method == "median":
             return found | {"scaled": np.stack(self._scaled)}
         kind = np.complex128 if exact else np.complex64
-        totals = {"own": self._own_total, "shared": self._shared_total} if self.method == "mean" else {}
+        totals = {"own": self._B1_total, "shared": self._B1_shared_total} if self.method == "mean" else {}
         return found | {name: total.astype(kind).reshape(self._shape) for name, total in totals.items()}
 
     def take_first(self, sums: dict[str, NDArray[Any]]) -> None:
@@ -207,8 +212,8 @@ class BackgroundEstimator:
         if shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {shape}")
         if self.method == "mean":
-            self._own_total += _flat(sums["own"])
-            self._shared_total += _flat(sums["shared"])
+            self._B1_total += _flat(sums["own"])
+            self._B1_shared_total += _flat(sums["shared"])
         elif self.method == "median":
             self._scaled += list(sums["scaled"])
         self.gains += list(sums["gains"])
@@ -241,9 +246,11 @@ class BackgroundEstimator:
         self._shape = shape
         if self.method == "mean":
             pixels = (shape[0] * shape[1], shape[2] * shape[3])
-            self._own_total, self._shared_total = (np.zeros(pixels, np.complex128) for _ in range(2))
+            self._B1_total = np.zeros(pixels, np.complex128)
+            self._B1_shared_total = np.zeros(pixels, np.complex128)
 
     def _measure(self, image: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Return r_k, the rms of the lowest 75 % of the magnitudes m_k, and μ_k + 5σ_k, by channel (Eq. 2)."""
         if image[..., self._rows, :].shape != self._shape:
             raise ValueError(f"image must have the shape {self._shape} of those before, got {image.shape}")
         gain, limit = np.empty(image.shape[:2]), np.empty(image.shape[:2])
@@ -254,13 +261,15 @@ class BackgroundEstimator:
             raise ValueError("image must be finite, got pixels that are not")
         return gain, limit
 
-    def _smooth(self, image: ComplexArray, gain: FloatArray, signature: ComplexArray) -> FloatArray:
-        out = np.empty(signature.shape, np.float32)
-        residual(_flat(image), gain.ravel(), _flat(signature), _flat(out))
-        return median_stack(out.reshape(-1, *out.shape[2:]), self.median_size, self.step).astype(np.float64)
+    def _smooth(self, image: ComplexArray, r: FloatArray, B1: ComplexArray) -> FloatArray:
+        """Return m'_k = |v_k/r_k - B1| (Eq. 3) after the median filter, at every ``step``-th pixel."""
+        m_prime = np.empty(B1.shape, np.float32)
+        residual(_flat(image), r.ravel(), _flat(B1), _flat(m_prime))
+        medians = median_stack(m_prime.reshape(-1, *m_prime.shape[2:]), self.median_size, self.step)
+        return medians.astype(np.float64)
 
     def _spread_out(self, medians: FloatArray) -> MagnitudeArray:
-        """Mean filter, which is linear and so can come once after the mean over the scans."""
+        """Apply the mean filter, which is linear and so can come once, after the mean over the scans of Eq. 4."""
         if self._shape is None:
             raise ValueError("images must hold at least one scan, got none")
         sizes = zip(self._shape[2:], self.mean_size, strict=True)

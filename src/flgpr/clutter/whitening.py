@@ -51,10 +51,10 @@ class ClutterWhitener(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
     Parameters
     ----------
-    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
-        Estimator of mean and covariance: sample moments, two ways to shrink the covariance to a multiple of the
-        identity (Ledoit & Wolf 2004; Chen et al. 2010), the minimum covariance determinant (Rousseeuw & Van Driessen
-        1999), or sample moments of vectors whose energy is clipped at the median.
+    moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
+        Estimator of mean and covariance: sample moments; two ways to shrink the covariance to a multiple of the
+        identity (Ledoit & Wolf 2004; Chen et al. 2010); sample moments of what orthogonal pairs do not find far out
+        (Maronna & Zamar 2002); or sample moments of vectors whose energy is clipped at the median.
     basis : {"eigen", "cholesky", "symmetric"}
         As in :func:`whitening_matrix`.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Self
 
 import numpy as np
@@ -101,14 +102,16 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         M', number of eigenvectors kept; 0 leaves the linear part alone, the matched filter. None keeps all that the
         examples reach.
     ddof : int
-        Divisor N - ddof of Eq. 7: 0 is unbiased, 1 is the paper's.
+        Divisor N - ddof of Eq. 7: 0 is unbiased, 1 is the paper's. Only ``moments="sample"`` has it; with another
+        estimator a value other than 0 is a UserWarning.
     gamma : float
         γ of the generalised deflection (Eq. 3); 1 is the paper's.
     positive : bool
         Whether to leave out eigenvectors with negative eigenvalues, the projection of Â on the positive semidefinite
         matrices.
-    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
-        Estimator of mean and covariance of the examples; "sample" is Eq. 7 and 8.
+    moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
+        Estimator of mean and covariance of the examples; "sample" is Eq. 7 and 8. "ogk" leaves out examples far from
+        the rest (the paper's reference 29); it works with fewer examples than features, too.
     classes : {"pooled", "separate"}
         Whether examples of all classes train one form, or each class its own. The score is then the largest over the
         classes' forms, each scaled to mean zero and variance one on clutter.
@@ -192,31 +195,34 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
         if self.classes not in ("pooled", "separate"):
             raise ValueError(f"classes must be pooled or separate, got {self.classes!r}")
+        _warn_of_unused_ddof(self.moments, self.ddof)
 
-    def _learn(self, samples: NDArray[Any]) -> tuple[LinearQuadraticForm, NDArray[np.float64], int]:
-        """Form, all eigenvalues of Â and the number of unseen directions of one class."""
-        count, features = samples.shape
-        if count <= self.ddof:
-            raise ValueError(
-                f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {count}"
-            )
+    def _learn(self, x: NDArray[Any]) -> tuple[LinearQuadraticForm, NDArray[np.float64], int]:
+        """Return the form, all eigenvalues of Â and the number of unseen directions of one class."""
+        N, M = x.shape
+        if self.ddof >= N:
+            raise ValueError(f"ddof must be smaller than the number of examples, got {self.ddof} with n_samples = {N}")
         if self.moments == "sample":
-            mean = samples.mean(axis=0)
-            second = samples.T @ samples.conj() / (count - self.ddof)
+            b_hat = x.mean(axis=0)  # Eq. 8
+            second_moment = x.T @ x.conj() / (N - self.ddof)
         else:
-            mean, covariance = ESTIMATORS[self.moments](samples)
-            second = covariance + np.outer(mean, mean.conj())
-        values, vectors = np.linalg.eigh(second)
-        values, vectors = values[::-1], vectors[:, ::-1]
-        unseen = int(np.count_nonzero(values <= features * np.finfo(np.float64).eps * max(values[0], 0.0)))
-        strength = np.where(np.arange(features) < features - unseen, values - 1, -1.0)
+            b_hat, covariance = ESTIMATORS[self.moments](x)
+            second_moment = covariance + np.outer(b_hat, b_hat.conj())
+        A_hat = second_moment - np.eye(M)  # Eq. 7
+        sigma, u = np.linalg.eigh(A_hat)  # Eq. 9, ascending
+        sigma = sigma[::-1]
+        u = u[:, ::-1]
+        # Where no example reaches, the second moment is zero and Eq. 7 says -1, but for rounding.
+        rounding = M * np.finfo(np.float64).eps * (sigma[0] + 1)
+        unseen = int(np.count_nonzero(sigma + 1 <= rounding))
+        sigma = np.where(np.arange(M) < M - unseen, sigma, -1.0)
         if self.gamma < 1:
-            return self._generalised(mean, second), strength, unseen
-        kept = np.arange(features - unseen)[: self.rank]
+            return self._generalised(b_hat, second_moment), sigma, unseen
+        used = np.arange(M - unseen)[: self.rank]  # the M' of Eq. 12
         if self.positive:
-            kept = kept[strength[kept] > 0]
-        form = LinearQuadraticForm(strength[kept], vectors[:, kept].T.copy(), mean, np.zeros(kept.size))
-        return form, strength, unseen
+            used = used[sigma[used] > 0]
+        form = LinearQuadraticForm(sigma[used], u[:, used].T.copy(), b_hat, np.zeros(used.size))
+        return form, sigma, unseen
 
     def _generalised(self, mean: NDArray[Any], second: NDArray[Any]) -> LinearQuadraticForm:
         # The signal's covariance must be one: what the estimate has below zero is noise of the estimate.
@@ -225,6 +231,16 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
         form = deflection_form(mean, covariance, self.gamma, self.rank)
         kept = form.strength > 0 if self.positive else np.ones(form.rank, bool)
         return LinearQuadraticForm(form.strength[kept], form.vectors[kept], form.linear, form.offset[kept])
+
+
+def _warn_of_unused_ddof(moments: str, ddof: int) -> None:
+    """Warn who asks for a divisor of sums that the chosen estimator does not form."""
+    if moments != "sample" and ddof != 0:
+        warnings.warn(
+            f"ddof = {ddof} has no effect with moments = {moments!r}, which has a divisor of its own: leave it 0",
+            UserWarning,
+            stacklevel=4,
+        )
 
 
 def neyman_pearson_form(mean: ArrayLike, covariance: ArrayLike, rank: int | None = None) -> LinearQuadraticForm:
@@ -261,8 +277,8 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
     shrinkage : float
         Share by which the estimate of C is moved towards zero, from 0 to 1.
     ddof : int
-        Divisor N - ddof of the covariance; 0 is maximum likelihood.
-    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
+        Divisor N - ddof of the covariance; 0 is maximum likelihood. Only ``moments="sample"`` has it.
+    moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
         Estimator of mean and covariance.
 
     Attributes
@@ -287,6 +303,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"shrinkage must lie between 0 and 1, got {self.shrinkage}")
         if self.moments not in ESTIMATORS:
             raise ValueError(f"moments must be one of {', '.join(ESTIMATORS)}, got {self.moments!r}")
+        _warn_of_unused_ddof(self.moments, self.ddof)
         samples = check_samples(self, X, reset=True)
         if not 0 <= self.ddof < samples.shape[0]:
             raise ValueError(f"ddof must be from 0 to below n_samples = {samples.shape[0]}, got {self.ddof}")
@@ -315,7 +332,7 @@ class PolarimetricWhiteningFilter(BaseEstimator):  # type: ignore[misc]
 
     Parameters
     ----------
-    moments : {"sample", "ledoit-wolf", "oas", "robust", "clipped"}
+    moments : {"sample", "ledoit-wolf", "oas", "ogk", "clipped"}
         Estimator of Σ; all but "sample" estimate a mean, whose outer product is added.
     """
 

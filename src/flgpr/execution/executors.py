@@ -25,7 +25,7 @@ from flgpr.chain.passes import dealt
 Report = dict[str, Any]
 Work = Callable[..., Report]
 _TRIALS = 3
-_SLOW = ("dask.array", "sklearn", "skops.io")
+_SLOW = ("dask.array", "sklearn")
 """What the work may need and takes longest to import: forked with it where this process has come to need it."""
 
 

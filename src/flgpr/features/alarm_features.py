@@ -194,18 +194,28 @@ class FeatureSums:
                 np.add.at(self._sum[f"R_{name}_HV"], seen, ratio)
 
     def _add_coherent(self, seen: NDArray[np.intp], weight: FloatArray, patch: NDArray[np.complex64]) -> None:
-        """Add entropy, alpha, tau and psi at the pixels about each alarm (Eq. 11, 12, 16, 17)."""
+        """Add the polarimetric values at the pixels about each alarm, weighed by m_in(Y, "HH")."""
         if not weight.size:
             return
-        bands, half = self._coherent, _AVERAGE // 2
-        hh, hv, vv = (patch[i].astype(np.complex128) for i in (self._hh, self._hv, self._vv))
+        half = _AVERAGE // 2
+        hh = patch[self._hh].astype(np.complex128)
+        hv = patch[self._hv].astype(np.complex128)
+        vv = patch[self._vv].astype(np.complex128)
         inner = (Ellipsis, slice(half, -half), slice(half, -half))
-        entropy, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _AVERAGE))
-        tau, psi = cameron(hh[inner], hv[inner], vv[inner])
-        for name, value in zip(POLARIMETRIC, (entropy, alpha, tau, psi), strict=True):
-            np.add.at(self._angle[name][:, bands], seen, weight * value.mean(axis=(-2, -1)).T)
-        np.add.at(self._turn[:, bands], seen, weight * np.exp(2j * psi).mean(axis=(-2, -1)).T)
-        np.add.at(self._angle["weight"][:, bands], seen, weight)
+        H, alpha = entropy_alpha_of(_valid_mean(coherency(hh, hv, vv), _AVERAGE))  # Eq. 10
+        tau, psi = cameron(hh[inner], hv[inner], vv[inner])  # Eq. 13 to 15
+
+        def add(total: NDArray[Any], value: NDArray[Any]) -> None:
+            """Add the mean over R_in, times the weight, to the alarms' sums."""
+            mean_in = value.mean(axis=(-2, -1)).T
+            np.add.at(total[:, self._coherent], seen, weight * mean_in)
+
+        add(self._angle["P_H"], H)  # Eq. 11
+        add(self._angle["P_alpha"], alpha)  # Eq. 12
+        add(self._angle["P_tau"], tau)  # Eq. 16
+        add(self._angle["P_psi"], psi)  # Eq. 17
+        add(self._turn, np.exp(2j * psi))  # for the circular mean, which Eq. 17 is not
+        np.add.at(self._angle["weight"][:, self._coherent], seen, weight)  # their denominator
 
 
 def _valid_mean(matrix: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:

@@ -104,19 +104,42 @@ def cameron(hh: ArrayLike, hv: ArrayLike, vv: ArrayLike) -> tuple[FloatArray, Fl
     >>> round(np.degrees(float(tau)))
     45
     """
-    channels, shape = _channels(hh, hv, vv)
-    s_hh, s_hv, s_vv = channels
-    a, b, g = (s_hh + s_vv) / np.sqrt(2), (s_hh - s_vv) / np.sqrt(2), np.sqrt(2) * s_hv
-    across, along = 2 * (b * g.conj()).real, np.abs(b) ** 2 - np.abs(g) ** 2
-    power = np.abs(b) ** 2 + np.abs(g) ** 2
-    flat = np.hypot(across, along) <= 8 * np.finfo(np.float64).eps * power  # sphere and helix: any angle does
-    theta = np.where(flat, 0.0, np.arctan2(across, along) / 2)
-    e, rest = b * np.cos(theta) + g * np.sin(theta), g * np.cos(theta) - b * np.sin(theta)
-    tau = np.arctan2(np.abs(rest), np.hypot(np.abs(a), np.abs(e)))
-    psi = theta / 2 + np.where(np.abs(a - e) > np.abs(a + e), np.pi / 2, 0.0)
+    (s_hh, s_hv, s_vv), shape = _channels(hh, hv, vv)
+    # Inner products of S_rec with the parts of which it is made, of length one: S_a = [1 0; 0 1]/√2,
+    # S_b = [1 0; 0 -1]/√2 and S_c = [0 1; 1 0]/√2.
+    S_rec_S_a = (s_hh + s_vv) / np.sqrt(2)
+    S_rec_S_b = (s_hh - s_vv) / np.sqrt(2)
+    S_rec_S_c = np.sqrt(2) * s_hv
+
+    # Eq. 14: S' = S_b cos θ + S_c sin θ, with the θ that makes |S_rec • S'| largest.
+    theta = _angle_of_largest_part(S_rec_S_b, S_rec_S_c)
+    S_rec_S_prime = S_rec_S_b * np.cos(theta) + S_rec_S_c * np.sin(theta)
+
+    # Eq. 13: S_sym = (S_rec • S_a) S_a + (S_rec • S') S'. What is left of S_rec is at right angles to it.
+    left_over = S_rec_S_c * np.cos(theta) - S_rec_S_b * np.sin(theta)
+    S_sym_length = np.hypot(np.abs(S_rec_S_a), np.abs(S_rec_S_prime))
+
+    # Eq. 15: cos τ = |S_sym • S_rec| / (|S_sym| |S_rec|). The arctangent is exact near 0, too.
+    tau = np.arctan2(np.abs(left_over), S_sym_length)
+
+    # S_sym, turned by θ/2, is diagonal: (S_rec • S_a ± S_rec • S')/√2. The first must not be smaller in modulus.
+    second_is_larger = np.abs(S_rec_S_a - S_rec_S_prime) > np.abs(S_rec_S_a + S_rec_S_prime)
+    psi = theta / 2 + np.where(second_is_larger, np.pi / 2, 0.0)
     psi = np.where(psi > np.pi / 2, psi - np.pi, psi)
-    nothing = np.abs(a) ** 2 + power == 0
-    return tuple(np.where(nothing, np.nan, value).reshape(shape) for value in (tau, psi))  # type: ignore[return-value]
+
+    no_signal = np.abs(S_rec_S_a) ** 2 + np.abs(S_rec_S_b) ** 2 + np.abs(S_rec_S_c) ** 2 == 0
+    tau = np.where(no_signal, np.nan, tau)
+    psi = np.where(no_signal, np.nan, psi)
+    return tau.reshape(shape), psi.reshape(shape)
+
+
+def _angle_of_largest_part(S_rec_S_b: ComplexArray, S_rec_S_c: ComplexArray) -> FloatArray:
+    """Give the θ of Eq. 14; 0 for a sphere and a helix, for which any angle does."""
+    across = 2 * (S_rec_S_b * S_rec_S_c.conj()).real
+    along = np.abs(S_rec_S_b) ** 2 - np.abs(S_rec_S_c) ** 2
+    power = np.abs(S_rec_S_b) ** 2 + np.abs(S_rec_S_c) ** 2
+    any_angle = np.hypot(across, along) <= 8 * np.finfo(np.float64).eps * power
+    return np.asarray(np.where(any_angle, 0.0, np.arctan2(across, along) / 2))
 
 
 def _channels(*arrays: ArrayLike) -> tuple[list[ComplexArray], tuple[int, ...]]:

@@ -91,6 +91,13 @@ class Bundle(Mapping[str, NDArray[Any]]):
             self._kept[name] = self._read(name, self._head[name])
         return self._kept[name]
 
+    def listed(self) -> list[dict[str, Any]]:
+        """List the arrays by the head alone: ``name``, ``dtype``, ``shape`` and ``bytes`` of each."""
+        return [
+            {"name": name, "dtype": one["dtype"], "shape": list(one["shape"]), "bytes": _bytes(one)}
+            for name, one in self._head.items()
+        ]
+
     def check(self) -> None:
         """Read every array and keep none; a damaged one is a BundleError."""
         for name, one in self._head.items():

@@ -7,9 +7,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.covariance import MinCovDet, ledoit_wolf, oas
+from scipy.stats import chi2
+from sklearn.covariance import ledoit_wolf, oas
 
 Moments = tuple[NDArray[Any], NDArray[Any]]
+LEAST_OGK = 4
+"""Rows that moments by orthogonal pairs need: of three, one that lies far out cannot be told from the others."""
+# Maronna & Zamar 2002, Sec. 5: constants of the τ-scale, and the quantile beyond which rows are left out.
+_TAU_LOCATION = 4.5
+_TAU_SCALE = 3.0
+_OGK_KEPT = 0.9
 
 
 def sample_moments(X: NDArray[Any], ddof: int = 0) -> Moments:
@@ -31,12 +38,73 @@ def oas_moments(X: NDArray[Any]) -> Moments:
     return mean, _fold(oas(_composite(X - mean), assume_centered=True)[0], X)
 
 
-def robust_moments(X: NDArray[Any]) -> Moments:
-    """Minimum covariance determinant (Rousseeuw & Van Driessen 1999): a part of the rows may be anything."""
-    fitted = MinCovDet(random_state=0).fit(_composite(X))
-    location = fitted.location_
-    mean = location[: X.shape[1]] + 1j * location[X.shape[1] :] if np.iscomplexobj(X) else location
-    return mean, _fold(fitted.covariance_, X)
+def ogk_moments(X: NDArray[Any]) -> Moments:
+    """Robust mean and covariance by orthogonal pairs (Maronna & Zamar 2002), also for fewer rows than columns.
+
+    Covariances of pairs come from robust scales of their sums and differences (Gnanadesikan & Kettenring 1972). The
+    principal axes of that matrix, with robust scales along them, make a positive semidefinite one. This is done twice;
+    then rows that lie far out are left out, and the rest give mean and covariance. Fewer than ``LEAST_OGK`` rows are a
+    ValueError, and so is a column of which more than half is equal: it has no robust scale.
+    """
+    if X.shape[0] < LEAST_OGK:
+        raise ValueError(f'moments = "ogk" needs at least {LEAST_OGK} samples, got {X.shape[0]}')
+    rows = _composite(X)
+    distance = _ogk_distance(rows)
+    features = rows.shape[1]
+    cutoff = np.median(distance) * chi2.ppf(_OGK_KEPT, features) / chi2.ppf(0.5, features)
+    return sample_moments(X[distance <= cutoff])
+
+
+def _ogk_distance(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each row's squared distance from the robust mean in the robust covariance, both of two OGK passes."""
+    scaled = rows
+    for _ in range(2):
+        scaled = scaled / _robust_scale(scaled)
+        pairs = _pairwise_covariance(scaled)
+        _, axes = np.linalg.eigh(pairs)
+        scaled = scaled @ axes
+    centre = _robust_location(scaled)
+    return np.asarray(np.sum(((scaled - centre) / _robust_scale(scaled)) ** 2, axis=1))
+
+
+def _pairwise_covariance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``(s(x_j + x_k)² - s(x_j - x_k)²) / 4`` of all pairs of columns, whose own scales s are one."""
+    features = scaled.shape[1]
+    pairs = np.eye(features)
+    for j in range(features - 1):
+        column = scaled[:, j, None]
+        others = scaled[:, j + 1 :]
+        covariance = (_robust_scale(column + others) ** 2 - _robust_scale(column - others) ** 2) / 4
+        pairs[j, j + 1 :] = covariance
+        pairs[j + 1 :, j] = covariance
+    return pairs
+
+
+def _robust_location(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of every column, weighed down with the distance from the median (Yohai & Zamar 1988)."""
+    median, spread = _median_and_spread(columns)
+    weight = np.clip(1 - ((columns - median) / (_TAU_LOCATION * spread)) ** 2, 0, None) ** 2
+    return np.asarray(np.sum(weight * columns, axis=0) / np.sum(weight, axis=0))
+
+
+def _robust_scale(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the τ-scale of every column: squares of at most 3 spreads about the location (Yohai & Zamar 1988)."""
+    _, spread = _median_and_spread(columns)
+    away = (columns - _robust_location(columns)) / spread
+    scale: NDArray[np.float64] = spread * np.sqrt(np.mean(np.minimum(away**2, _TAU_SCALE**2), axis=0))
+    return scale
+
+
+def _median_and_spread(columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the median of every column and the median of distances from it, which must not be zero."""
+    median = np.median(columns, axis=0)
+    spread = np.median(np.abs(columns - median), axis=0)
+    if not np.all(spread > 0):
+        raise ValueError(
+            'moments = "ogk" needs columns in which fewer than half of the samples are equal, '
+            f"got {np.count_nonzero(spread == 0)} that are not"
+        )
+    return median, spread
 
 
 def clipped_moments(X: NDArray[Any]) -> Moments:
@@ -51,7 +119,7 @@ ESTIMATORS: dict[str, Callable[[NDArray[Any]], Moments]] = {
     "sample": sample_moments,
     "ledoit-wolf": ledoit_wolf_moments,
     "oas": oas_moments,
-    "robust": robust_moments,
+    "ogk": ogk_moments,
     "clipped": clipped_moments,
 }
 

@@ -13,20 +13,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.append_log import write_all
 from flgpr.chain.evidence import decibels
-from flgpr.io.files import write_all
 from flgpr.live.detector import LiveAlarm, LiveUpdate
+from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.vehicle import Vehicle
 
 EVENT_FILE = "live.jsonl"
-Event = dict[str, Any]
 
 
 class EventFile:
-    """Appends events, or begins the file anew; a line that an earlier run left unfinished is cut off first."""
+    """Appends events, or begins the file anew; a line that an earlier run left unfinished is cut off first.
 
-    def __init__(self, path: Path, fresh: bool) -> None:
+    Of a flood of faults only some events are written: ``burst`` of a kind, and after them what
+    :class:`flgpr.live.event_rate.EventRate` makes of the others.
+    """
+
+    def __init__(self, path: Path, fresh: bool, burst: int = BURST) -> None:
         self.path = path
+        self._rate = EventRate(burst)
         if not fresh and path.is_file():
             _drop_unfinished(path)
         self._file = path.open("wb" if fresh else "ab", buffering=0)
@@ -35,15 +40,22 @@ class EventFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        try:
+            self._write(self._rate.rest())
+        finally:
+            self._file.close()
 
     def append(self, events: Iterable[Event]) -> None:
-        """Write events in one piece."""
+        """Write events in one piece, after what is due of a flood."""
+        self._write(self._rate.admit(events))
+
+    def _write(self, events: Iterable[Event]) -> None:
         text = "".join(as_line(event) for event in events)
         write_all(self._file, text.encode())
 
     def beat(self) -> None:
         """Give the file a new time stamp: whoever shows it sees that detection runs though nothing comes."""
+        self._write(self._rate.due())
         with contextlib.suppress(OSError):  # whoever moved the file away does not stop detection
             os.utime(self.path)
 

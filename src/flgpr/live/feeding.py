@@ -146,7 +146,8 @@ class _SocketSink(AbstractContextManager["_SocketSink"]):
             self._socket.connect(str(path))
         except OSError as error:
             self._socket.close()
-            raise ValueError(f"socket must be one that flgpr live listens on, got {path}: {error}") from None
+            reason = error.strerror or "its path is too long"
+            raise ValueError(f"socket must be one that flgpr live listens on, got {path}: {reason}") from None
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()

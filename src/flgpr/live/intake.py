@@ -32,6 +32,8 @@ COUNTS = {
     "clock": "scans whose time is out of order with the scan before; used all the same",
     "refused": "scans whose image could not be used; left out",
     "missing": "numbers between the first and the last scan that never came",
+    "senders_refused": "senders on the socket that were refused, because as many as may be were connected",
+    "senders_ended": "senders on the socket that were ended, because they sent nothing of use for too long",
 }
 _KNOWN_POSES = 8
 _FORGOTTEN = ("taken", "warm_up", "out_of_order", "late", "still", "refused")

@@ -6,6 +6,7 @@ import os
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -32,9 +33,9 @@ from flgpr.io.files import write_whole
 from flgpr.io.tables import write_table
 from flgpr.live import forecast
 from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
+from flgpr.live.event_rate import Event
 from flgpr.live.events import (
     EVENT_FILE,
-    Event,
     EventFile,
     alarm_event,
     anew_event,
@@ -43,9 +44,11 @@ from flgpr.live.events import (
     view_event,
 )
 from flgpr.live.intake import Intake
+from flgpr.live.senders import SENDERS, SocketWatch
 from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
+from flgpr.live.stream import largest_frame
 from flgpr.live.vehicle import Vehicle
-from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox, SocketWatch
+from flgpr.live.watch import SOCKET, Arrival, FolderWatch, Inbox
 from flgpr.model import Lane
 
 PathLike = str | Path
@@ -121,6 +124,7 @@ class LiveRun:
         self._moments: list[float] = []
         self._frames = 0
         self._names: set[str] = set()
+        self._senders: Counter[str] = Counter()
         self._detector: LiveDetector | None = None
         self._intake: Intake | None = None
         self._fingerprint = ""
@@ -163,6 +167,7 @@ class LiveRun:
         last, since = time.monotonic(), 0
         while not self.inbox.stop.is_set():
             events.beat()
+            self._tell_senders(events)
             try:
                 arrival = self._next()
             except queue.Empty:
@@ -189,6 +194,15 @@ class LiveRun:
             return self.inbox.arrivals.get(timeout=_TICK)
         finally:
             self.inbox.awaited = False
+
+    def _tell_senders(self, events: EventFile) -> None:
+        """Tell of senders on the socket that were refused or ended."""
+        senders = self.inbox.take_senders()
+        for outcome, count in senders.items():
+            name = f"senders_{outcome}"
+            self._senders[name] += count
+            words = f"senders {outcome}: {count}, {self._senders[name]} in all; {SENDERS[outcome]}"
+            events.append([{"event": "problem", "name": SOCKET, "words": words}])
 
     def _announced(self, arrival: Arrival, events: EventFile) -> None:
         """Take a description: of this run for the first time, or again from a sender that connected anew."""
@@ -217,6 +231,7 @@ class LiveRun:
             events.append([{"event": "resume", "scan": newest, "counts": intake.counts}])
         rehearse(description, self._recipe, self._model)
         self._detector, self._intake = detector, intake
+        self.inbox.largest = largest_frame(description)
 
     def _take(self, arrival: Arrival, events: EventFile) -> bool:
         """Process a frame; tell whether a scan was taken in."""
@@ -338,6 +353,9 @@ class LiveRun:
         detector, intake = self._detector, self._intake
         if detector is None or intake is None:
             return LiveReport({}, _percentiles([]), 0, float("nan"))
+        self._tell_senders(events)
+        for name, count in self._senders.items():
+            intake.counts[name] += count
         writer.last(self._snapshot())
         table = detector.table()
         write_table(table, self.output / "alarms.csv")

@@ -1,27 +1,28 @@
-"""Where scans come from: a folder that is looked at, a local socket that is listened on. Each in its own thread."""
+"""Where scans come from: the inbox of what came, and a folder that is looked at in a thread of its own."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import queue
-import socket
 import stat
 import threading
 import time
-from collections.abc import Iterator
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from flgpr.io import ScanFileError, decode_frame, read_description
-from flgpr.io.scan_file import END_FILE, MAGIC, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
+from flgpr.io import ScanFileError, read_description
+from flgpr.io.scan_file import END_FILE, SCAN_SUFFIX, TruncatedFrameError, frame_size, head_size
 
 _LOOK, _GLANCE = 0.004, 0.001  # s between looks at a folder, while a scan is in hand and while one is waited for
 _SETTLED = 0.05  # s after which a folder's time stamp tells of every change
-_PATIENCE = 1.0  # s that a file may stay shorter than it says, and a sender may pause within a frame
+_PATIENCE = 1.0  # s that a file may stay shorter than it says
 _MOST_WAITING = 32
-_LARGEST = 2**28
+_MOST_BYTES_WAITING = 2**28
+LARGEST_FRAME = 2**28
+"""Bytes that a frame may have, whatever its run is."""
 SOCKET = "socket"
 """Name of what came over the socket."""
 
@@ -40,13 +41,37 @@ class Arrival:
     value: Any = None
 
 
+class ArrivalQueue(queue.Queue[Arrival]):
+    """Arrivals in their order; full with so many of them, or with so many bytes."""
+
+    def __init__(self, most: int = _MOST_WAITING, most_bytes: int = _MOST_BYTES_WAITING) -> None:
+        super().__init__(most)
+        self._most_bytes = most_bytes
+        self._bytes = 0
+
+    def _put(self, item: Arrival) -> None:
+        super()._put(item)
+        self._bytes += len(item.data)
+
+    def _get(self) -> Arrival:
+        item = super()._get()
+        self._bytes -= len(item.data)
+        return item
+
+    def _qsize(self) -> int:
+        return self.maxsize if self._bytes >= self._most_bytes else super()._qsize()
+
+
 @dataclass
 class Inbox:
     """What came and was not taken yet, and whether it is over; a source waits rather than filling the memory."""
 
-    arrivals: queue.Queue[Arrival] = field(default_factory=lambda: queue.Queue(_MOST_WAITING))
+    arrivals: queue.Queue[Arrival] = field(default_factory=ArrivalQueue)
     stop: threading.Event = field(default_factory=threading.Event)
     awaited: bool = False  #: whether what comes is taken at once
+    largest: int | None = None  #: bytes that a frame of the run may have; None while the run is not known
+    _senders: Counter[str] = field(default_factory=Counter)
+    _counting: threading.Lock = field(default_factory=threading.Lock)
 
     def put(self, arrival: Arrival) -> bool:
         """Hand something over and tell whether it was; give up when it is over."""
@@ -55,6 +80,18 @@ class Inbox:
                 self.arrivals.put(arrival, timeout=0.1)
                 return True
         return False
+
+    def count_sender(self, outcome: Literal["refused", "ended"]) -> None:
+        """Count a sender on the socket that was refused when it connected, or ended later."""
+        with self._counting:
+            self._senders[outcome] += 1
+
+    def take_senders(self) -> Counter[str]:
+        """Give how many senders were refused or ended since this was last asked."""
+        with self._counting:
+            taken = self._senders
+            self._senders = Counter()
+        return taken
 
 
 class FolderWatch(threading.Thread):
@@ -114,7 +151,7 @@ class FolderWatch(threading.Thread):
                 return False
             with path.open("rb") as file:
                 state = os.fstat(file.fileno())
-                data = file.read(_LARGEST) if state.st_size <= _LARGEST else file.read(head_size())
+                data = file.read(LARGEST_FRAME) if state.st_size <= LARGEST_FRAME else file.read(head_size())
         except FileNotFoundError:
             return False
         if self._grows(name, data, state.st_size):
@@ -138,137 +175,3 @@ class FolderWatch(threading.Thread):
             return True
         self._growing.pop(name, None)
         return False
-
-
-class SocketWatch(threading.Thread):
-    """Listens on a Unix socket of this user alone for frames, one after the other; several senders may come."""
-
-    def __init__(self, path: Path, inbox: Inbox) -> None:
-        super().__init__(name=f"listen {path}", daemon=True)
-        self._path, self._inbox = path, inbox
-        _make_room(path)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        before = os.umask(0o177)
-        try:
-            self._socket.bind(str(path))
-        except OSError as error:
-            self._socket.close()
-            raise ValueError(f"socket must be a path that can be made, got {path}: {error}") from None
-        finally:
-            os.umask(before)
-        self._socket.listen(4)
-        self._socket.settimeout(0.2)
-
-    def run(self) -> None:
-        """Listen until it is over."""
-        senders: list[threading.Thread] = []
-        with self._socket:
-            while not self._inbox.stop.is_set():
-                with contextlib.suppress(TimeoutError):
-                    sender, _ = self._socket.accept()
-                    senders.append(threading.Thread(target=self._listen, args=(sender,), daemon=True))
-                    senders[-1].start()
-        self._path.unlink(missing_ok=True)
-        for one in senders:
-            one.join(1.0)
-
-    def _listen(self, sender: socket.socket) -> None:
-        sender.settimeout(0.2)
-        stream, since, closed = _Stream(), time.monotonic(), False
-        with sender:
-            while not closed and not self._inbox.stop.is_set():
-                try:
-                    part = sender.recv(2**20)
-                    since, closed = time.monotonic(), not part
-                except TimeoutError:
-                    part = b""
-                except OSError:
-                    part, closed = b"", True
-                over = closed or time.monotonic() - since > _PATIENCE
-                if not all(self._inbox.put(arrival) for arrival in stream.take(part, over)):
-                    return
-
-
-class _Stream:
-    """Cuts what a sender sends into frames; after a bad one it goes on where the next frame begins."""
-
-    def __init__(self) -> None:
-        self._kept = bytearray()
-        self._usual = 0  # bytes of the largest good frame so far
-        self._lost = False  # between a bad frame, which was told, and the next beginning
-
-    def take(self, data: bytes, over: bool) -> Iterator[Arrival]:
-        """Give what is whole or bad; with ``over`` nothing more comes of the last frame."""
-        self._kept += data
-        while self._kept:
-            if self._lost and not self._find():
-                break
-            try:
-                arrival, size = self._first()
-            except TruncatedFrameError as error:
-                if not over:
-                    return
-                yield self._bad(error)
-            except ScanFileError as error:
-                yield self._bad(error)
-            else:
-                del self._kept[:size]
-                yield arrival
-        if self._lost and over:  # what comes after a pause is told anew
-            self._kept.clear()
-            self._lost = False
-
-    def _first(self) -> tuple[Arrival, int]:
-        if not MAGIC.startswith(self._kept[: len(MAGIC)]):
-            raise ScanFileError(f"frame must begin with {MAGIC.decode()}, got {bytes(self._kept[: len(MAGIC)])!r}")
-        size, now = frame_size(bytes(self._kept[: head_size()])), time.time()
-        if size > _LARGEST:
-            raise ScanFileError(f"frame must have at most {_LARGEST} bytes, got {size}")
-        if len(self._kept) < size and 0 < 2 * self._usual < size and self._within():
-            raise ScanFileError(f"frame must have {size} bytes, got {len(self._kept)} before the next one begins")
-        if len(self._kept) < size:
-            raise TruncatedFrameError(f"frame must have {size} bytes, got {len(self._kept)}")
-        data = bytes(self._kept[:size])
-        frame = decode_frame(data)
-        self._usual = max(self._usual, size)
-        if frame.kind == "run":
-            return Arrival("run", SOCKET, now, value={k: v for k, v in frame.header.items() if k != "kind"}), size
-        return (Arrival("end", SOCKET, now) if frame.kind == "end" else Arrival("frame", SOCKET, now, data)), size
-
-    def _within(self) -> bool:
-        """Tell whether a whole frame lies in what is kept, after its beginning."""
-        at = self._kept.find(MAGIC, 1)
-        while at >= 0:
-            with contextlib.suppress(ScanFileError):
-                size = frame_size(bytes(self._kept[at : at + head_size()]))
-                decode_frame(bytes(self._kept[at : at + size]))
-                return True
-            at = self._kept.find(MAGIC, at + 1)
-        return False
-
-    def _bad(self, error: ScanFileError) -> Arrival:
-        del self._kept[:1]  # its length cannot be trusted: the next frame is looked for within it
-        self._lost = True
-        return Arrival("frame", SOCKET, time.time(), value=error)
-
-    def _find(self) -> bool:
-        """Leave out what comes before the beginning of a frame; tell whether there is one."""
-        at = self._kept.find(MAGIC)
-        self._lost = at < 0
-        del self._kept[: at if at >= 0 else max(len(self._kept) - len(MAGIC) + 1, 0)]
-        return at >= 0
-
-
-def _make_room(path: Path) -> None:
-    """Take away a socket that nobody listens on."""
-    if not path.exists() and not path.is_symlink():
-        return
-    if not stat.S_ISSOCK(path.lstat().st_mode):
-        raise ValueError(f"socket must be a new path, got {path}, where something else lies")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        try:
-            probe.connect(str(path))
-        except OSError:
-            path.unlink()
-            return
-    raise ValueError(f"socket must be free, got {path}, on which another program listens")

@@ -94,7 +94,7 @@ class Step:
             return f"{since}: its pose is not finite"
         if self.limit == "pause":
             went = f"goes back by {-self.value:.6g} s" if self.value < 0 else f"jumps ahead by {self.value:.6g} s"
-            return f"{since}: the clock {went}" + (f", at most {self.most:g} s (pause)" if self.value > 0 else "")
+            return f"clock at {since} {went}" + (f", at most {self.most:g} s (pause)" if self.value > 0 else "")
         found = _WORDS[self.limit].format(value=self.value)
         if self.limit == "scans" or self.seconds is None:
             return f"{since}: {found}, at most {self.most:.4g} {self.unit} ({self.limit})"

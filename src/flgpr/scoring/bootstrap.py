@@ -272,15 +272,16 @@ class Draw:
 class Rescorer:
     """Pd of some targets and its mean as functions of all alarms' confidences; -inf is never declared.
 
-    ``reference`` are the alarms, with any confidences.
+    ``reference`` are the alarms, with any confidences; ``area`` is the rule of FAR's area where nothing is drawn.
     """
 
-    def __init__(self, reference: Match, subset: Subset = None, far_max: float = 0.1) -> None:
+    def __init__(self, reference: Match, subset: Subset = None, far_max: float = 0.1, area: AreaRule = "union") -> None:
         chosen = select_targets(reference.truth, subset)
         number = np.where(chosen, np.cumsum(chosen) - 1, -1)[reference.pair_target]
         self._alarm, self._pair = reference.pair_alarm[number >= 0], number[number >= 0]
         self._targets, self._false = np.flatnonzero(chosen), np.flatnonzero(reference.false)
-        self.area, self._far_max = far_area(reference, "union"), far_max
+        self.area = far_area(reference, area)
+        self._far_max = far_max
 
     def __call__(self, confidence: FloatArray, draw: Draw | None = None) -> float:
         """Give the mean of Pd up to ``far_max``, that of :func:`flgpr.scoring.pd_mean` of the curve."""

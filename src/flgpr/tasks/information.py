@@ -82,6 +82,22 @@ def run_info(
     }
 
 
+def model_info(folder: PathLike) -> dict[str, Any]:
+    """Tell what a model holds without loading it, or what the model of a result does.
+
+    Beside :func:`flgpr.chain.model.describe_model`, of a result ``result`` is its folder.
+    """
+    from flgpr.chain.model import MODEL_FILE, describe_model  # with what detects, which runs are told of without
+    from flgpr.results.result import MODEL
+
+    home = Path(folder)
+    if (home / MODEL_FILE).is_file():
+        return describe_model(home)
+    if not (home / MODEL / MODEL_FILE).is_file():
+        raise ValueError(f"{folder}: this result was made without a model: its recipe alone decides")
+    return describe_model(home / MODEL) | {"result": str(home)}
+
+
 def seen_ground(run: xr.Dataset, poses: NDArray[np.float64]) -> Lane:
     """Bound the ground that an array of a run looks at from poses (scan, 6): 1 to 5 heights ahead, 1.2 to each side."""
     return _ahead(_grid_ahead(run, poses), poses)

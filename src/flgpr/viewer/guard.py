@@ -37,8 +37,9 @@ def is_loopback(host: str) -> bool:
 
 
 class Guard:
-    """Lets a request through only if host, origin and token are right; answers GET, and PUT on the paths of ``puts``.
+    """Lets a request through only if host, origin and token are right.
 
+    GET and HEAD are answered, and PUT on the paths of ``puts``.
     The token is the first part of the path, which the guarded app does not see: other ports of this machine would share
     a cookie. ``framed`` lets pages of this machine, such as a notebook's, frame the answers. On a wildcard address any
     literal address and this machine's own name are right, foreign names are not.
@@ -72,10 +73,10 @@ class Guard:
         if inner is None or not self._right_place(Headers(scope=scope)):
             await PlainTextResponse("403 forbidden\n", 403, self._headers)(scope, receive, send)
             return
-        allowed = ("GET", "PUT") if inner in self._puts else ("GET",)
+        allowed = ["GET", "HEAD", "PUT"] if inner in self._puts else ["GET", "HEAD"]
         if scope["method"] not in allowed:
             headers = self._headers | {"allow": ", ".join(allowed)}
-            await PlainTextResponse(f"405 only {' and '.join(allowed)}\n", 405, headers)(scope, receive, send)
+            await PlainTextResponse(f"405 only {', '.join(allowed)}\n", 405, headers)(scope, receive, send)
             return
 
         async def send_secured(message: Message) -> None:

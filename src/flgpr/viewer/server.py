@@ -14,16 +14,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
 from flgpr.io import MOST_VERDICT_BYTES, RunStoreError, map_backdrop, read_anchor
 from flgpr.viewer.guard import Guard, is_loopback
+from flgpr.viewer.limits import LimitedConfig, LimitedServer, Limits, fit_to_process
+from flgpr.viewer.listening import listening_socket
 from flgpr.viewer.session import LIVE_FILE, LiveFile, ResultFiles, RunFiles, VerdictFile, ViewError, open_sources
 
 STATIC = {
@@ -58,9 +59,11 @@ class Viewer:
     """A viewer that listens, and serves once :meth:`run` is called.
 
     ``raw`` opens the raw data of a run that is shown, ``backdrop`` is a map that :func:`flgpr.io.map_backdrop` draws,
-    ``verdicts`` the file that takes an analyst's verdicts; ``framed`` lets pages of this machine frame the page, and
-    ``make_map`` makes a map project of a result.
+    ``verdicts`` the file that takes an analyst's verdicts; ``framed`` lets pages of this machine frame the page,
+    and ``make_map`` makes a map project of a result. A port that cannot be listened on is a ValueError.
     """
+
+    limits = Limits()  #: what clients may hold of the server
 
     def __init__(
         self,
@@ -102,22 +105,11 @@ class Viewer:
         self._make_map, self._score = make_map, None if score is None else Path(score)
         self._open_raw, self._raw, self._opening = raw, dict[int, Raw](), threading.Lock()
         self.token = secrets.token_urlsafe(24)
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._socket = socket.socket(family, socket.SOCK_STREAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self._socket.bind((host, port))
-            self._socket.listen(128)  # who asks before run is called waits
-        except OSError:
-            self._socket.close()
-            raise
+        self._socket = listening_socket(host, port)  # who asks before run is called waits
         self.host, self.port = host, int(self._socket.getsockname()[1])
         puts = () if self._verdicts is None else (VERDICTS_PATH,)
         app = Guard(Starlette(routes=self._routes()), self.token, host, self.port, puts, framed)
-        config = uvicorn.Config(
-            app, log_level="warning", access_log=False, lifespan="off", server_header=False, ws="none", http="h11"
-        )
-        self._server = uvicorn.Server(config)
+        self._server = LimitedServer(LimitedConfig(app, fit_to_process(self.limits)))
 
     @property
     def url(self) -> str:
@@ -233,7 +225,7 @@ class Viewer:
 
         async def answer(request: Request) -> Response:
             try:
-                if request.method == "GET":
+                if request.method != "PUT":
                     return _answer(json.dumps(await run_in_threadpool(file.read)).encode(), _JSON)
                 body = bytearray()
                 async for part in request.stream():
@@ -241,6 +233,8 @@ class Viewer:
                     if len(body) > MOST_VERDICT_BYTES:
                         return Response(json.dumps({"error": "verdicts are too large"}), 413, media_type=_JSON)
                 return _answer(json.dumps(await run_in_threadpool(file.write, bytes(body))).encode(), _JSON)
+            except ClientDisconnect:  # nobody reads the answer, and nothing is written
+                return Response(status_code=408)
             except (ValueError, OSError, RecursionError) as error:
                 head = "verdicts are not saved: " if request.method == "PUT" else ""
                 return Response(json.dumps({"error": f"{head}{error}"}), 409, media_type=_JSON)
@@ -282,6 +276,9 @@ def _endpoint(read: Callable[[Request], Response]) -> Endpoint:
             return await run_in_threadpool(read, request)
         except ViewError as error:
             return Response(json.dumps({"error": str(error)}), 500, media_type=_JSON)
+        except OSError as error:
+            words = f"what is shown must be readable, got: {error.strerror or error}"
+            return Response(json.dumps({"error": words}), 500, media_type=_JSON)
 
     return answer
 

@@ -21,7 +21,7 @@ from flgpr.detect import (
     magnitude_form,
 )
 from flgpr.features import range_cuts, stack_channels
-from flgpr.kernels.moments import sample_moments
+from flgpr.kernels.moments import LEAST_OGK, sample_moments
 from flgpr.scoring import offset_boxes
 from flgpr_papers.cosgrove2004.images import Look
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe
@@ -111,8 +111,10 @@ def detectors(
         "Neyman-Pearson": NeymanPearsonDetector(rank).fit(white),
         "gamma 0.5": DeflectionDetector(rank, ddof, gamma=0.5).fit(white),
         "placed by survey": DeflectionDetector(rank, ddof).fit(training.surveyed),
-        "robust": DeflectionDetector(rank, ddof, moments="clipped").fit(white),
+        "clipped": DeflectionDetector(rank, moments="clipped").fit(white),
     }
+    if len(white) >= LEAST_OGK:
+        trained["robust"] = DeflectionDetector(rank, moments="ogk").fit(white)
     if other is not None:
         trained["trained on sand"] = DeflectionDetector(rank, ddof).fit(other)
     if signatures is not None:
@@ -195,9 +197,12 @@ def _quantile(values: NDArray[np.float32], share: float) -> float:
 
 
 def eigenvalue_ratios(recipe: StudyRecipe, training: Training) -> FloatArray:
-    """Largest six eigenvalues of Â over the first (Cosgrove et al. 2004, Sec. IV-A)."""
-    values = DeflectionDetector(ddof=recipe.detector.ddof).fit(training.white).eigenvalues_
-    return np.asarray(values[:6] / values[0])
+    """Return the largest six eigenvalues of Â over the first (Sec. IV-A); NaN in directions that no example reaches."""
+    detector = DeflectionDetector(ddof=recipe.detector.ddof).fit(training.white)
+    sigma = detector.eigenvalues_.copy()
+    reached = sigma.size - int(detector.n_unseen_)
+    sigma[reached:] = np.nan
+    return np.asarray(sigma[:6] / sigma[0])
 
 
 def eigenvectors(recipe: StudyRecipe, training: Training) -> ComplexArray:

@@ -119,7 +119,8 @@ def eigenvector_figure(recipe: StudyRecipe, magnitudes: NDArray[np.float64], rat
     panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
     for j, (axes, row) in enumerate(zip(panels, magnitudes, strict=False)):
         axes.plot(row, color="#1b1b1b")
-        axes.set_title(f"σ{j + 1}/σ1 = {ratios[j]:.3f}", fontsize=9, pad=14)
+        ratio = f"σ{j + 1}/σ1 = {ratios[j]:.3f}" if np.isfinite(ratios[j]) else "no example reaches it"
+        axes.set_title(ratio, fontsize=9, pad=14)
         _stacked(axes, recipe)
     return figure
 

@@ -23,6 +23,8 @@ from flgpr_papers.kit.worlds import changed, turned
 FloatArray = NDArray[np.float64]
 BAND = "band"
 WORLDS = ("roadside", "open")
+WIDE_MINES = ((-0.6, 15.0), (0.5, 20.0), (0.0, 25.0))
+"""Places (x, y), m, of the mines of the paper's Fig. 2, at its ranges."""
 _SIGNATURES, _SIGNATURE_SHARE = 999_000, 0.2
 
 
@@ -114,14 +116,13 @@ def _scene(recipe: StudyRecipe, site: Site, seed: int, share: float) -> tuple[Sc
     for slot, depth in zip(slots, depths, strict=True):
         lean, roll = rng.normal(0, np.radians(4), 2)
         targets.append(
-            {
-                "kind": site.kind,
-                "x": float(rng.uniform(-1, 1)),
-                "y": float(slot + np.clip(rng.normal(0, 0.3), -0.6, 0.6)),
-                "depth": float(max(depth + rng.normal(0, 0.005), 0.0)),
-                "tilt": float(np.hypot(lean, roll)),
-                "azimuth": float(np.arctan2(roll, lean)),
-            }
+            site.mine(
+                x=float(rng.uniform(-1, 1)),
+                y=float(slot + np.clip(rng.normal(0, 0.3), -0.6, 0.6)),
+                depth=float(max(depth + rng.normal(0, 0.005), 0.0)),
+                tilt=float(np.hypot(lean, roll)),
+                azimuth=float(np.arctan2(roll, lean)),
+            )
         )
     scene = Scene.model_validate(
         {
@@ -233,7 +234,7 @@ def signature_cuts(recipe: StudyRecipe) -> tuple[FloatArray, NDArray[np.complex6
         {
             "site": recipe.sites["sand"].scene,
             "length": 2 * ahead,
-            "targets": [{"kind": "metal", "x": 0.0, "y": ahead, "depth": 0.1}],
+            "targets": [recipe.sites["sand"].mine(x=0.0, y=ahead, depth=0.1)],
             "clutter": BARE,
             "track": {"positions": [0.0]},
             **ALONE,
@@ -254,9 +255,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
             "x_min": -2.0,
             "x_max": 2.0,
             "length": 40.0,
-            "targets": [
-                {"kind": "metal", "x": x, "y": y, "depth": 0.05} for x, y in ((-0.6, 15), (0.5, 20), (0.0, 25))
-            ],
+            "targets": [recipe.sites["sand"].mine(x=x, y=y, depth=0.05) for x, y in WIDE_MINES],
             "surface": {"density": recipe.radar.scatterers},
             "clutter": {"bushes": 0.0, "posts": 0.0},
             "track": {"positions": [0.0]},

@@ -58,8 +58,8 @@ def _detector_rows(table: pd.DataFrame, site: str) -> list[list[str]]:
         chosen = part[part["detector"] == name]
         row = [str(name)]
         for column in ("pd", "pd_quantile", "pd_rockless", "pd_mean"):
-            mean, low, high = interval(chosen[column].to_numpy())
-            row.append(f"{mean:.2f} ({max(low, 0):.2f} to {min(high, 1):.2f})")
+            mean, low, high = interval(chosen[column].to_numpy(), bounds=(0.0, 1.0))
+            row.append(f"{mean:.2f} ({low:.2f} to {high:.2f})")
         rows.append(row)
     return rows
 
@@ -72,11 +72,18 @@ def _contrast_rows(recipe: StudyRecipe, lanes: Mapping[str, Sequence[Case]]) -> 
 
 
 def _ratio_rows(lanes: Sequence[Case]) -> list[Row]:
-    ours = map(interval, np.array([case["ratios"] for case in lanes]).T)
-    return [
-        (j, f"{paper:g}", f"{mean:.3f}", f"{low:.3f} to {high:.3f}")
-        for j, (paper, (mean, low, high)) in enumerate(zip(PAPER_RATIOS, ours, strict=False), 1)
-    ]
+    ratios = np.array([case["ratios"] for case in lanes])
+    rows = []
+    for j, paper in enumerate(PAPER_RATIOS[: ratios.shape[1]]):
+        ours = interval(ratios[:, j], bounds=(0.0, 1.0))
+        rows.append((j + 1, f"{paper:g}", *_ratio_in_words(*ours)))
+    return rows
+
+
+def _ratio_in_words(mean: float, low: float, high: float) -> tuple[str, str]:
+    if np.isnan(mean):
+        return "no example reaches it", ""
+    return f"{mean:.3f}", f"{low:.3f} to {high:.3f}"
 
 
 def _resolution_rows(responses: Mapping[str, PointResponse]) -> list[Row]:

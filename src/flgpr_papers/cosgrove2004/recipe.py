@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,19 @@ class Score(Table):
     rock: Annotated[float, Field(ge=0)]
 
 
+class Premises(Table):
+    """How the paper's premises about mines and clutter are measured, and within what they are said to hold."""
+
+    hump: Annotated[float, Field(gt=0, le=1)]  #: share of a cut's largest value by which a hump stands out
+    humps: tuple[float, float]  #: mean number of humps that is called a double hump
+    visible: Annotated[float, Field(gt=0, lt=1)]  #: share of clutter boxes that a visible mine exceeds
+    visible_mines: tuple[float, float]  #: share of visible mines that is called "readily visible"
+    fourth_moment: tuple[float, float]  #: of complex Gaussian clutter, E|z|⁴ / (E|z|²)² is 2
+    humps_across: tuple[float, float]  #: mean number of humps across that is called no structure
+    width_across: Positive  #: least width of mines across, in widths of an ideal point
+    clutter_thinning: Annotated[int, Field(ge=1)]  #: of so many clutter cuts one is measured
+
+
 class Study(Table):
     """Number of seeds and share of the mines that are laid."""
 
@@ -85,13 +98,19 @@ class Study(Table):
 
 
 class Site(Table):
-    """A lane: soil, kind of mine, and numbers of mines by depth (m) for training and test."""
+    """A lane: soil, kind of mine and its body, and numbers of mines by depth (m) for training and test."""
 
     title: str
     scene: str
     kind: str
+    body: str | None = None  #: packaged body; None takes the generic one of the kind
     training: dict[str, int]
     test: dict[str, int]
+
+    def mine(self, **place: float) -> dict[str, Any]:
+        """Describe a mine of this lane at a place, as scenes hold targets."""
+        own = {"kind": self.kind} if self.body is None else {"kind": self.kind, "body": self.body}
+        return own | place
 
     def depths(self, share: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Depth (m) of every mine and whether it trains, at least one mine of a depth."""
@@ -115,6 +134,7 @@ class StudyRecipe(Table):
     training: Training
     detector: Detector
     score: Score
+    premises: Premises
     study: Study
     sites: dict[str, Site]
     questions: dict[str, str]

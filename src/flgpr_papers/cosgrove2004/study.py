@@ -30,6 +30,7 @@ from flgpr_papers.cosgrove2004.images import (
 )
 from flgpr_papers.cosgrove2004.page import page_html
 from flgpr_papers.cosgrove2004.recipe import StudyRecipe, study_recipe
+from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, visible_mines
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
@@ -73,10 +74,14 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
     """Simulate every lane of a seed, train on it and score every detector."""
     cases: dict[str, dict[str, Case]] = {world: {} for world in WORLDS}
     taught: dict[str, ComplexArray] = {}
+    point_width = point_response(recipe, filtered=recipe.image.filter == "ramp").resolution[1]
+    visible = visible_mines(recipe, wide_image(recipe, seed))
     for site in sorted(
         recipe.sites, key=lambda name: name != "sand"
     ):  # dry sand first: its detector is tried elsewhere
-        signatures = np.concatenate([target_cut(recipe, look) for look in signature_looks(recipe, site)])
+        bare_looks = signature_looks(recipe, site)
+        signatures = np.concatenate([target_cut(recipe, look) for look in bare_looks])
+        humps = signature_humps(recipe, bare_looks)
         for world, looks in lane_looks(recipe, site, seed, share).items():
             trains = [look for look in looks if look.trains]
             test = [look for look in looks if not look.trains]
@@ -89,6 +94,10 @@ def run_seed(recipe: StudyRecipe, seed: int, share: float, models: Path | None =
                 learnt = learnt_of(detector.forms, training.clutter)
                 save_model(Model(stages={"map.deflection": learnt}), models / f"{site}-{world}", detector.notes)
             cases[world][site] = {
+                "premises": look_measures(recipe, test, training.whitener),
+                "signature_humps": humps,
+                "visible": visible if (world, site) == ("open", "sand") else [],
+                "point_width": point_width,
                 "site": site,
                 "seed": seed,
                 "training_looks": len(trains),
@@ -153,7 +162,8 @@ def _figures(recipe: StudyRecipe, cases: Cases, responses: Mapping[str, PointRes
         )
         drawn[f"figure-7-{world}"] = figures.roc_figure(recipe, cases[world])
         drawn[f"depth-{world}"] = figures.depth_figure(recipe, cases[world])
-    return dict(sorted(drawn.items()))
+    # The paper's figures come first, in its order.
+    return dict(sorted(drawn.items(), key=lambda item: (not item[0].startswith("figure-"), item[0])))
 
 
 _SEEDS = 2
@@ -174,5 +184,10 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
     pds = table.loc[table["detector"] == f"rank {study.detector.rank}", "pd"]
     return [
         *found,
-        measured("Pd of the deflection detector", "", f"at {study.score.pfa:g} per m²", interval(pds.to_numpy())),
+        measured(
+            "Pd of the deflection detector",
+            "not stated for such a soil",
+            f"at {study.score.pfa:g} per m²",
+            interval(pds.to_numpy(), bounds=(0.0, 1.0)),
+        ),
     ]

@@ -12,12 +12,13 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.classifier import duplication, label_lanes
+from flgpr.chain.classifier import count_mines, duplication, label_lanes
 from flgpr.detect import Fold, SearchStep, forward_search, make_fold, single_features
 from flgpr.features import FEATURES
 from flgpr.model import Lane
 from flgpr.scoring import Match, match, pd_mean_interval
 from flgpr.scoring.bootstrap import Draw, Rescorer, make_design, make_scores
+from flgpr.scoring.lane_roc import AreaRule
 from flgpr.screen import prescreen
 
 MINES = {"kind": lambda kind: kind != "simulant"}
@@ -32,6 +33,8 @@ METHODS = {
 }
 SUBBANDS = ("F1", "F2", "F3", "F4")
 FAR_MAX = 0.1
+AREA: AreaRule = "paper"
+"""Area of FAR by the paper's rule 6 (Sec. II-F): lane less N·π·r², halos counted whole wherever they lie."""
 FloatArray = NDArray[np.float64]
 
 
@@ -66,12 +69,13 @@ class Pool:
         self.features = pd.concat([one.features for one in results], ignore_index=True)
         self.labels = label_lanes([(one.name, one.alarms, one.truth, one.lane) for one in results])
         self.reference = matched(results, [one.alarms for one in results])
-        self.scorer = Rescorer(self.reference, MINES, FAR_MAX)
+        self.scorer = Rescorer(self.reference, MINES, FAR_MAX, AREA)
         self.lanes = [one.name for one in results]
 
     def draws(self, count: int, seed: int = 0) -> Iterator[Draw]:
         """Draw lanes, targets and stretches of lane; two lanes at least, so that one can be left out."""
-        design, rng = make_design(self.reference), np.random.default_rng(seed)
+        design = make_design(self.reference, area=AREA)
+        rng = np.random.default_rng(seed)
         false = np.flatnonzero(self.reference.false)
         false = false[np.argsort(-self.reference.confidence[false], kind="stable")]
         block = make_scores(self.reference, design).block
@@ -106,10 +110,11 @@ class Pool:
     def _fold(self, columns: Sequence[str], train: Any, test: Any, duplicate: bool, draw: Draw | None = None) -> Fold:
         labels = self.labels
         use = train & (labels["label"] != "neither").to_numpy()
-        targets = sum(len(one.truth) for one in self.results if one.name in set(labels["lane"][train]))
+        training_lanes = set(labels["lane"][train])
+        mines = count_mines(one.truth for one in self.results if one.name in training_lanes)
         weight = np.ones(len(labels), np.int64)
         if duplicate:
-            weight[use] = duplication(labels[use], targets)
+            weight[use] = duplication(labels[use], mines)
         if draw is not None:
             use, weight = use & (draw.alarm > 0), weight * draw.alarm.astype(np.int64)
         hit = (labels["label"] == "hit").to_numpy().astype(np.int64)
@@ -148,19 +153,26 @@ class Pool:
                 rows.append([step.score for step in forward_search(folds, len(self.labels), scorer)])
         return {method: np.array(rows) for method, rows in found.items()}
 
-    def retrained(self, columns: Sequence[str], method: str, draws: int) -> FloatArray:
+    def scorer_of(self, subset: Any) -> Rescorer:
+        """Make what gives PD_mean of some of the targets; that of mines is at hand as ``scorer``."""
+        return Rescorer(self.reference, subset, FAR_MAX, AREA)
+
+    def retrained(self, columns: Sequence[str], method: str, draws: int, scorer: Rescorer | None = None) -> FloatArray:
         """PD_mean (draw,) of a fixed set of features by a method A-D, trained anew in every draw."""
         cross, duplicate = _settings(method)
-        return np.array([
-            self.scorer(_refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels)), draw)
-            for draw in self.draws(draws)
-        ])  # fmt: skip
+        score = scorer or self.scorer
+        values = []
+        for draw in self.draws(draws):
+            confidence = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
+            values.append(score(confidence, draw))
+        return np.array(values)
 
     def bands(
         self, columns: Sequence[str], method: str, subset: Any, far: FloatArray, draws: int
     ) -> tuple[FloatArray, FloatArray]:
         """Give 95 % bands (2, far) of a ROC: of the classifier as it is, and trained anew in every draw."""
-        scorer, (cross, duplicate) = Rescorer(self.reference, subset), _settings(method)
+        scorer = Rescorer(self.reference, subset, area=AREA)
+        cross, duplicate = _settings(method)
         confidence, curves = self.confidence(columns, method), []
         for draw in self.draws(draws):
             again = _refit(self.folds(columns, cross, duplicate, draw=draw), len(self.labels))
@@ -188,7 +200,7 @@ class Pool:
             others = [lane for lane in self.lanes if lane != name]
             folds = self.folds(columns, len(others) > 1, True, others)
             left = [one for one in self.results if one.name in others]
-            scorer = Rescorer(matched(left, [one.alarms for one in left]), MINES, FAR_MAX)
+            scorer = Rescorer(matched(left, [one.alarms for one in left]), MINES, FAR_MAX, AREA)
             rows = np.flatnonzero(np.isin(self.labels["lane"], others))
             inner = forward_search(folds, len(self.labels), lambda c, r=rows, s=scorer: s(c[r]), steps)  # type: ignore[misc]
             best = int(np.argmax([step.score for step in inner])) + 1
@@ -211,7 +223,7 @@ class Pool:
 
     def interval(self, confidence: FloatArray, draws: int = 1000) -> tuple[float, float]:
         """95 % interval of PD_mean of actual mines by resampling targets, lanes and stretches of lane."""
-        return pd_mean_interval(self.match_of(confidence), FAR_MAX, MINES, draws=draws)
+        return pd_mean_interval(self.match_of(confidence), FAR_MAX, MINES, area=AREA, draws=draws)
 
 
 def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, recipe: Any) -> Match:
@@ -226,6 +238,45 @@ def prescreened(results: Sequence[LaneResult], polarization: str, subband: str, 
         alarms = prescreen(view, one.lane, screen.radius, screen.density, screen.count)
         tables.append(alarms.assign(confidence=alarms["magnitude"]))
     return matched(results, tables)
+
+
+def clutter_levels(results: Sequence[LaneResult], clear: float = 1.5, stretch: float = 10.0) -> pd.DataFrame:
+    """Tell how far clutter stands out of the background in the run-views, by stretches of lane (the paper's Fig. 8).
+
+    Images are in units of their background, so that their mean level tells nothing. The level of a channel is the 99 %
+    quantile of its magnitude over the median, dB, of the pixels farther than ``clear`` (m) from every target.
+
+    Returns
+    -------
+    DataFrame
+        ``lane``, ``stretch`` (number of a piece of lane ``stretch`` m long) and the level (dB) of every channel, named
+        ``HH F1`` and so on.
+    """
+    rows = []
+    for one in results:
+        x, y = np.meshgrid(one.view["x"].values, one.view["y"].values)
+        away = np.full(x.shape, np.inf)
+        for target_x, target_y in one.truth[["x", "y"]].to_numpy(dtype=np.float64):
+            away = np.minimum(away, np.hypot(x - target_x, y - target_y))
+        number = ((one.view["y"].values - one.lane.y_min) // stretch).astype(int)
+        for k in np.unique(number):
+            chosen = (away > clear) & (number == k)[:, None]
+            row: dict[str, Any] = {"lane": one.name, "stretch": int(k)}
+            for polarization in one.view["polarization"].values:
+                for subband in one.view["subband"].values:
+                    values = one.view.sel(polarization=polarization, subband=subband).values[chosen]
+                    row[f"{polarization} {subband}"] = _stands_out(values)
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _stands_out(magnitude: NDArray[Any]) -> float:
+    """Return the 99 % quantile over the median, dB; NaN for fewer than 100 pixels that were seen."""
+    seen = magnitude[np.isfinite(magnitude)]
+    if seen.size < 100:
+        return float("nan")
+    median, high = np.quantile(seen.astype(np.float64), (0.5, 0.99))
+    return float(20 * np.log10(high / median))
 
 
 def table_one(pool: Pool, subband: str = "F1", prefix: str = "") -> pd.DataFrame:

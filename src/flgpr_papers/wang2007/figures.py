@@ -16,7 +16,7 @@ from flgpr.chain.recipe import Recipe
 from flgpr.detect import HistogramNormalizer
 from flgpr.model import Sensor
 from flgpr.scoring import Match, random_pd, roc_of
-from flgpr_papers.wang2007.analysis import LaneResult
+from flgpr_papers.wang2007.analysis import AREA, LaneResult
 
 _DB = 30.0
 _POLARIZATIONS, _BANDS = ("HH", "VV", "HV"), ("F0", "F1", "F2", "F3", "F4")
@@ -60,16 +60,17 @@ def polarization_figure(examples: Examples) -> Figure:
         _scan(
             axis, examples["raw_surface"][_at(examples, pol, "F0")], examples, examples["place_surface"], f"{pol}, F0"
         )
+    _scan_axes(figure, axes)
     return figure
 
 
 def subband_figure(examples: Examples) -> Figure:
-    """Fig. 3: one scan in five sub-bands, HH."""
+    """Fig. 3: one scan in five sub-bands, VV."""
     figure, axes = _figure(11, 4.2, 1, 5)
     for axis, band in zip(axes, _BANDS, strict=True):
-        _scan(
-            axis, examples["raw_surface"][_at(examples, "HH", band)], examples, examples["place_surface"], f"HH, {band}"
-        )
+        image = examples["raw_surface"][_at(examples, "VV", band)]
+        _scan(axis, image, examples, examples["place_surface"], f"VV, {band}")
+    _scan_axes(figure, axes)
     return figure
 
 
@@ -78,6 +79,7 @@ def series_figure(examples: Examples) -> Figure:
     figure, axes = _figure(11, 4.2, 1, 5)
     for k, axis in enumerate(axes):
         _scan(axis, examples["series"][k], examples, examples["series_place"][k], f"scan {k + 1}")
+    _scan_axes(figure, axes)
     return figure
 
 
@@ -95,6 +97,7 @@ def background_figure(examples: Examples) -> Figure:
     )
     for axis, (image, title) in zip(axes, panels, strict=True):
         _scan(axis, image, examples, place, title)
+    _scan_axes(figure, axes)
     return figure
 
 
@@ -111,13 +114,14 @@ def run_view_figure(one: LaneResult, alarms: bool, length: float = 60.0) -> Figu
             axis.set_visible(False)
             continue
         extent = (float(view.x[0]), float(view.x[-1]), float(piece.y[0]), float(piece.y[-1]))
-        axis.imshow(_decibel(piece.values), origin="lower", extent=extent, vmin=top - _DB, vmax=top, cmap="gray_r")
+        axis.imshow(_decibel(piece.values) - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r")
         for x in (one.lane.x_min, one.lane.x_max):
             axis.axvline(x, color="#0072b2", lw=0.8)
         table, radius = (one.alarms, 0.25) if alarms else (one.truth, 0.6)
         for x, y in table.loc[table["y"].between(low, high), ["x", "y"]].to_numpy():
             axis.add_patch(Circle((x, y), radius, fill=False, color="#d55e00", lw=1.2))
         axis.set(xlabel="x (m)", ylabel="y (m)" if k == 0 else "")
+    _colour_bar(figure, axes, "dB below the brightest thousandth")
     return figure
 
 
@@ -128,6 +132,7 @@ def clean_bands_figure(examples: Examples) -> Figure:
         for axis, band in zip(row, _BANDS, strict=True):
             image = examples[f"clean_{name}"][_at(examples, pol, band)]
             _scan(axis, image, examples, examples[f"place_{name}"], f"{pol}, {band}", (-3, 3), (8, 16))
+    _scan_axes(figure, axes)
     return figure
 
 
@@ -136,16 +141,18 @@ def prescreener_figure(matches: Mapping[tuple[str, str], Match], mines: Any) -> 
     figure, axes = _figure(10, 3.4, 1, 3)
     for axis, pol in zip(axes, _POLARIZATIONS, strict=True):
         for colour, band in zip(_COLOURS, ("F1", "F2", "F3", "F4", "F0"), strict=True):
-            _step(axis, roc_of(matches[pol, band], mines), band, colour, ":" if band == "F0" else "-")
+            _step(axis, roc_of(matches[pol, band], mines, area=AREA), band, colour, ":" if band == "F0" else "-")
         _roc_axes(axis, pol, 0.3)
     return figure
 
 
 def patch_figure(examples: Examples) -> Figure:
     """Fig. 10: incoherent patches of three hits and a false alarm."""
-    names = ("surface", "metal", "plastic", "false")
+    names = ("surface", "shallow", "plastic", "false")
+    titles = dict(zip(examples["names"], examples["titles"], strict=True))
     figure, axes = _figure(12, 8, 1, 4)
-    for axis, name, title in zip(axes, names, examples["titles"], strict=True):
+    for axis, letter, name in zip(axes, "abcd", names, strict=True):
+        title = f"({letter}) {titles[name]}"
         patches = examples[f"patches_{name}"]
         order = [_at(examples, pol, band) for pol in _POLARIZATIONS for band in _BANDS[1:]]
         rows = [np.hstack([np.pad(np.nan_to_num(patch[channel]), 1) for patch in patches]) for channel in order]
@@ -157,8 +164,9 @@ def patch_figure(examples: Examples) -> Figure:
         axis.set_xticks(
             (np.arange(len(patches)) + 0.5) * size, [f"{d:.0f}" for d in examples[f"distances_{name}"]], fontsize=7
         )
-        axis.set_title(str(title), fontsize=8)
+        axis.set_title(title, fontsize=8)
         axis.set_xlabel("distance (m)", fontsize=8)
+    _colour_bar(figure, axes, "magnitude over the row's largest")
     return figure
 
 
@@ -204,12 +212,12 @@ def classifier_figure(
     ):
         axis.fill_between(BAND_FAR, *anew, color=colour, alpha=0.15, lw=0, label="95 %, trained anew in every draw")
         axis.fill_between(BAND_FAR, *kept, color=colour, alpha=0.3, lw=0, label="95 %, as trained")
-        _step(axis, roc_of(last[1], subsets[kind]), f"{last[0]}, {kind}", colour, "-")
+        _step(axis, roc_of(last[1], subsets[kind], area=AREA), f"{last[0]}, {kind}", colour, "-")
         _roc_axes(axis, f"{kind} mines with bands", 0.1)
     for axis, (title, matches) in zip(np.atleast_1d(axes), panels.items(), strict=False):
         for colour, (name, one) in zip(_COLOURS, matches.items(), strict=False):
             for dash, (kind, subset) in zip(("-", "--"), subsets.items(), strict=False):
-                _step(axis, roc_of(one, subset), f"{name}, {kind}", colour, dash)
+                _step(axis, roc_of(one, subset, area=AREA), f"{name}, {kind}", colour, dash)
         _roc_axes(axis, title, 0.1)
     return figure
 
@@ -242,11 +250,29 @@ def _scan(
     if x and y:
         rows, columns = (np.abs(examples[n] - sum(lim) / 2) <= np.ptp(lim) / 2 for n, lim in (("y", y), ("x", x)))
         top = values[np.ix_(rows, columns)].max()
-    axis.imshow(values, origin="lower", extent=extent, vmin=top - _DB, vmax=top, cmap="gray_r", aspect="equal")
+    axis.imshow(values - top, origin="lower", extent=extent, vmin=-_DB, vmax=0, cmap="gray_r", aspect="equal")
     axis.add_patch(Circle((float(place[0]), float(place[1])), 1.0, fill=False, color="#d55e00", lw=1.0))
     axis.set(xlim=x, ylim=y)
     axis.set_title(title, fontsize=9)
     axis.tick_params(labelsize=7)
+
+
+def _scan_axes(figure: Figure, axes: Any) -> None:
+    """Name the axes of scan images at the figure's edges, and add the bar of their common scale."""
+    grid = np.atleast_2d(axes)
+    for axis in grid[-1]:
+        axis.set_xlabel("cross-track (m)", fontsize=8)
+    for axis in grid[:, 0]:
+        axis.set_ylabel("down-track (m)", fontsize=8)
+    _colour_bar(figure, axes, "dB below the image's largest")
+
+
+def _colour_bar(figure: Figure, axes: Any, label: str) -> None:
+    """Add one colour bar for all panels, which share their scale."""
+    shown = [axis for axis in np.ravel(axes) if axis.get_visible()]
+    bar = figure.colorbar(shown[0].images[0], ax=list(np.ravel(axes)), shrink=0.8, pad=0.01)
+    bar.set_label(label, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
 
 
 def _step(axis: Axes, curve: pd.DataFrame, label: str, colour: str, dash: str) -> None:
@@ -267,14 +293,14 @@ def captions() -> Sequence[tuple[str, str]]:
     return (
         ("1", "Schematic of the radar system and imaged area."),
         ("2", "Scan images of one place in F0 and three polarizations. Circle (2 m): a surface-laid plastic mine."),
-        ("3", "Scan images of one place in HH and five sub-bands."),
-        ("4", "Five consecutive scans: the mine moves through the image, the self-signature stays."),
+        ("3", "Scan images of one place in VV and five sub-bands."),
+        ("4", "Five consecutive scans, HH, F1: the mine moves through the image, the self-signature stays."),
         ("5", "Background removal and normalisation."),
         ("6", "Run-view of 60 m of a calibration lane, HH, F1; circles are targets."),
         ("7", "Alarms in the same 60 m."),
         ("8", "Cleaned images: VV over a deep metal mine (paper: 15 cm) and HH over a plastic one (paper: 5 cm)."),
         ("9", "ROC at the prescreener stage, actual mines."),
-        ("10", "Patches by channel and distance, each row scaled to its own maximum."),
+        ("10", "Patches at alarms by channel and distance, each row scaled to its own maximum."),
         ("11", "Regions of a patch."),
         ("12", "Effect of duplication and normalisation on M_HH."),
         ("13", "Prescreener against C_HH, buried mines."),

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, make_training_set, train
 from flgpr.chain.recipe import Recipe
@@ -36,6 +37,8 @@ from flgpr_papers.kit.findings import (
 )
 from flgpr_papers.kit.page import detections_at, pd_in_words
 from flgpr_papers.wang2007.analysis import (
+    AREA,
+    BURIED_METAL,
     BURIED_PLASTIC,
     MINES,
     SIMULANTS,
@@ -43,6 +46,7 @@ from flgpr_papers.wang2007.analysis import (
     LaneResult,
     Pool,
     all_forty,
+    clutter_levels,
     matched,
     prescreened,
     table_one,
@@ -52,6 +56,7 @@ from flgpr_papers.wang2007.analysis import (
 FloatArray = NDArray[np.float64]
 SETS = {"A": CLASSIFIER_A, "B": CLASSIFIER_B}
 PAPER_MINES, PAPER_PLASTIC, PAPER_SIMULANTS = 47, 20, 16
+_HARDLY = 0.03  # of PD_mean: a gain below it is called none
 F1 = tuple(f"{name}_F1" for name in FEATURES)
 
 
@@ -85,6 +90,7 @@ def all_findings(
         *feature_findings(pool, by_band["F1"], searches, draws),
         *band_findings(pool, by_band, sets, draws),
         *curve_findings(pool.match_of(pool.confidence(["C_HH_F1"], "A")), blind_matches),
+        *alike_findings(pool, blind_matches, draws),
     ]
     return found, Tables(pool, by_band, searches, sets, blind_matches)
 
@@ -111,6 +117,7 @@ def prescreener_findings(results: Sequence[LaneResult], recipe: Recipe, draws: i
             note="PD_mean of actual mines; simulants and alarms outside the lane are left out.",
         )
     ]  # fmt: skip
+    found += _clutter_findings(results)
     for p in ("HH", "VV", "HV"):
         steps = {f"{a} - {b}": _compare(of[p, a], of[p, b], draws, 3) for a, b in pairwise(SUBBANDS)}
         found.append(parts_larger(f"Pd falls from F1 to F4 in {p}", "each lower (Fig. 9)", steps))
@@ -128,6 +135,34 @@ def prescreener_findings(results: Sequence[LaneResult], recipe: Recipe, draws: i
             {"16 m - 26 m": _compare(of["HH", "F1"], wide, draws)},
         ),
     ]  # fmt: skip
+
+
+def _clutter_findings(results: Sequence[LaneResult]) -> list[Finding]:
+    """Judge that F1 has the least clutter (Fig. 8), by stretches of 10 m of lane as the sample."""
+    levels = clutter_levels(results)
+    parts = {}
+    for polarization in ("VV", "HH"):
+        for subband in ("F0", *SUBBANDS[1:]):
+            gap = (levels[f"{polarization} {subband}"] - levels[f"{polarization} F1"]).dropna().to_numpy()
+            parts[f"{polarization} {subband} - F1"] = _mean_of_stretches(gap, 8)
+    return [
+        parts_larger(
+            "Sub-band F1 has the lowest level of clutter, in VV and HH",
+            "appears so, in general (Fig. 8)",
+            parts,
+            note="99 % quantile of the run-view away from targets over its median, dB, by stretches of 10 m.",
+        )
+    ]
+
+
+def _mean_of_stretches(values: FloatArray, parts: int) -> Interval:
+    """Return the mean over stretches of lane and Student's interval of it, of so many that hold all together."""
+    mean = float(values.mean()) if values.size else float("nan")
+    if values.size < 2 or np.ptp(values) == 0:
+        return mean, -np.inf, np.inf
+    error = float(values.std(ddof=1) / np.sqrt(values.size))
+    half = float(stdtrit(values.size - 1, (1 + together(parts)) / 2)) * error
+    return mean, mean - half, mean + half
 
 
 def feature_findings(
@@ -149,9 +184,6 @@ def feature_findings(
     level = spread(float(a[own]), drawn["A"][:, own])
     less = less_figure(level, 0.93, share_error(0.93, PAPER_MINES))
     contrast = pool.match_of(pool.confidence(["C_HH_F1"], "A"))
-    best = max(range(10), key=lambda step: searches["A"][step].score)
-    columns = [F1[step.feature] for step in searches["A"][: best + 1]]
-    more = _retrained(pool, columns, ["C_HH_F1"], draws)
     found = [
         parts_larger(
             "C_HH is the best single feature", "PD_mean 0.93, the next 0.82",
@@ -159,8 +191,12 @@ def feature_findings(
             note=f"PD_mean of C_HH {a[own]:.2f}.",
         ),
         parts_larger(
-            "C_HH improves much on the prescreener's magnitude", "very significant (Fig. 13)",
-            {"C_HH - magnitude": _compare(contrast, pool.match_of(pool.magnitude()), draws)},
+            "C_HH improves much on the prescreener's magnitude, for buried metal and for buried plastic mines",
+            "very significant for both (Fig. 13)",
+            {
+                f"{kind}, C_HH - magnitude": _compare(contrast, pool.match_of(pool.magnitude()), draws, 2, subset)
+                for kind, subset in (("metal", BURIED_METAL), ("plastic", BURIED_PLASTIC))
+            },
         ),
         Finding(
             "PD_mean of C_HH is 0.93", "0.93 (resubstitution and cross-validation)",
@@ -169,11 +205,7 @@ def feature_findings(
             "The level depends on soil, mines and clutter, which the paper does not describe.", interval=less,
             asks=("alike", MARGIN, share_error(0.93, PAPER_MINES)),
         ),
-        parts_larger(
-            "More features hardly help (less than 0.03 over C_HH by resubstitution)", "0.93 to 0.94",
-            {"0.03 less the gain": _turned(more, 0.03)},
-            note=f"The best set, {', '.join(columns)}, was chosen on these lanes: the gain is too favourable.",
-        ),
+        *_more_feature_findings(pool, searches, draws),
         _within_finding(
             "Cross-validation is close to resubstitution with duplication (within 0.02, but for P_psi)", "equal",
             {name: gap(k, k, 9, "C") for name, k in number.items() if name != "P_psi"},
@@ -198,6 +230,78 @@ def feature_findings(
         ),
     ]  # fmt: skip
     return [*found, *_distribution_findings(pool, draws)]
+
+
+def _best_set(search: Sequence[SearchStep]) -> list[str]:
+    """Return the features of F1 up to the step of a search that scores best."""
+    best = max(range(len(search)), key=lambda step: search[step].score)
+    return [F1[step.feature] for step in search[: best + 1]]
+
+
+def _more_feature_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> list[Finding]:
+    """Judge what more features give, by every method and for simulants (Table II and the text below Fig. 13)."""
+    note = "The best set of a search was chosen on these lanes: its gain is too favourable."
+    sets = {method: _best_set(search) for method, search in searches.items()}
+    kept = {
+        f"({method}) {_HARDLY} less the gain": _turned(
+            _retrained(pool, sets[method], ["C_HH_F1"], draws, 3, method), _HARDLY
+        )
+        for method in "ABC"
+    }
+    unduplicated = _retrained(pool, sets["D"], ["C_HH_F1"], draws, 1, "D")
+    value, low, high = _retrained(pool, sets["A"], ["C_HH_F1"], draws, subset=SIMULANTS)
+    return [
+        parts_larger(
+            f"More features than C_HH hardly help by methods A, B and C (less than {_HARDLY})",
+            "0.93 to 0.94, 0.90 to 0.91, 0.93 (Table II)",
+            kept,
+            note=note,
+        ),
+        parts_larger(
+            f"More features help by method D, cross-validation without duplication (more than {_HARDLY})",
+            "0.77 to 0.89 (Tables I and II)",
+            {"gain": unduplicated},
+            limit=_HARDLY,
+            note=note,
+        ),
+        parts_larger(
+            f"More features do not find simulants better (less than {_HARDLY} over C_HH)",
+            "no better (III)",
+            {f"{_HARDLY} less the gain": _turned((value, low, high), _HARDLY)},
+            note=f"PD_mean of simulants with {', '.join(sets['A'])} and with C_HH alone, method A.",
+        ),
+        *_duplication_findings(pool, searches, draws),
+    ]
+
+
+def _duplication_findings(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> list[Finding]:
+    """Judge where duplication matters more: by cross-validation in Table I, by resubstitution in Table II."""
+    columns = list(F1)
+    singles = {method: pool.singles(columns, method) for method in "ABCD"}
+    drawn = pool.singles_in(columns, "ABCD", retrainings(draws))
+    one_feature = spread(_duplication_gap(singles), _duplication_gap(drawn))
+    steps = {method: np.array([step.score for step in search]) for method, search in searches.items()}
+    searched = pool.searches_in(columns, "ABCD", retrainings(draws))
+    value, low, high = spread(_duplication_gap(steps), _duplication_gap(searched))
+    return [
+        parts_larger(
+            "Duplication matters more by cross-validation than by resubstitution, single features",
+            "0.08 and 0.03 (Table I, mean of |C - D| and |A - B|)",
+            {"mean |C - D| less mean |A - B|": one_feature},
+        ),
+        parts_larger(
+            "Duplication matters more by resubstitution than by cross-validation, combinations",
+            "0.05 and 0.04 (Table II, mean of |A - B| and |C - D|)",
+            {"mean |A - B| less mean |C - D|": (-value, -high, -low)},
+        ),
+    ]
+
+
+def _duplication_gap(scores: Mapping[str, FloatArray]) -> Any:
+    """Return mean |C - D| less mean |A - B| over the last axis."""
+    by_cross_validation = np.abs(scores["C"] - scores["D"]).mean(axis=-1)
+    by_resubstitution = np.abs(scores["A"] - scores["B"]).mean(axis=-1)
+    return by_cross_validation - by_resubstitution
 
 
 def _slope(pool: Pool, searches: Mapping[str, list[SearchStep]], draws: int) -> Interval:
@@ -272,8 +376,9 @@ def curve_findings(calibration: Match, blind: dict[str, Match]) -> list[Finding]
         for far, figure in wanted:
             claim = f"Of the {what} C_HH finds {figure:.0%} at {far:g} per m² (calibration)"
             found.append(_share_finding(claim, calibration, subset, far, figure, count))
-    (n, targets, _), (m, mines, _) = (detections_at(calibration, one, 0.07) for one in (SIMULANTS, BURIED_PLASTIC))
-    gap = {"plastic - simulants at 0.07 per m²": difference_of_shares((m, mines), (n, targets))}
+    n, simulants, _ = detections_at(calibration, SIMULANTS, 0.07, area=AREA)
+    m, mines, _ = detections_at(calibration, BURIED_PLASTIC, 0.07, area=AREA)
+    gap = {"plastic - simulants at 0.07 per m²": difference_of_shares((m, mines), (n, simulants))}
     found.append(parts_larger("Simulants are found much worse than plastic mines", "9 of 16 against 90 %", gap))
     for name, one in blind.items():
         claim = f"Metal mines: 100 % below 0.01 per m² on the blind lanes, classifier {name}"
@@ -282,11 +387,23 @@ def curve_findings(calibration: Match, blind: dict[str, Match]) -> list[Finding]
     return found
 
 
+def alike_findings(pool: Pool, blind: dict[str, Match], draws: int) -> list[Finding]:
+    """Judge that classifiers A and B are alike, on calibration and blind lanes (Fig. 14)."""
+    calibration = {name: pool.match_of(pool.confidence(list(columns), "A")) for name, columns in SETS.items()}
+    subsets = {"metal": BURIED_METAL, "plastic": BURIED_PLASTIC}
+    parts = {}
+    for lanes, scores in (("calibration", calibration), ("blind", blind)):
+        for kind, subset in subsets.items():
+            parts[f"{kind}, {lanes}: B - A"] = _compare(scores["B"], scores["A"], draws, 4, subset)
+    claim = f"Classifiers A and B are alike on calibration and blind lanes (PD_mean within {MARGIN})"
+    return [_within_finding(claim, "similar for both (Fig. 14)", parts, MARGIN)]
+
+
 def _share_finding(
     claim: str, matched: Match, subset: Any, far: float, figure: float, count: int | None, note: str = ""
 ) -> Finding:
     """Compare a Pd with that of the paper, of so many targets (None: as many as here)."""
-    found, targets, chance = detections_at(matched, subset, far)
+    found, targets, chance = detections_at(matched, subset, far, area=AREA)
     n = targets if count is None else count
     gap = difference_of_shares((found, targets), (round(figure * n), n))
     text = f"{pd_in_words(found, targets, chance)}; less {round(figure * n)} of {n}: {gap[0]:+.2f}"
@@ -305,16 +422,25 @@ def _within_finding(claim: str, paper: str, parts: Mapping[str, Interval], limit
     return Finding(claim, paper, ours, verdict, note, interval=parts[name], rule=(-limit, limit), parts=values)
 
 
-def _compare(first: Match, second: Match, draws: int, parts: int = 1) -> Interval:
-    """Difference of PD_mean of two lists of alarms."""
-    one = compare(first, second, MINES, draws=draws, level=together(parts))
+def _compare(first: Match, second: Match, draws: int, parts: int = 1, subset: Any = MINES) -> Interval:
+    """Return the difference of PD_mean of two lists of alarms."""
+    one = compare(first, second, subset, area=AREA, draws=draws, level=together(parts))
     return one.difference, one.low, one.high
 
 
-def _retrained(pool: Pool, first: Sequence[str], second: Sequence[str], draws: int, parts: int = 1) -> Interval:
-    """Difference of PD_mean of two sets of features by resubstitution, both trained anew in every draw."""
-    here = [pool.scorer(pool.confidence(list(columns), "A")) for columns in (first, second)]
-    drawn = [pool.retrained(list(columns), "A", retrainings(draws)) for columns in (first, second)]
+def _retrained(
+    pool: Pool,
+    first: Sequence[str],
+    second: Sequence[str],
+    draws: int,
+    parts: int = 1,
+    method: str = "A",
+    subset: Any = MINES,
+) -> Interval:
+    """Return the difference of PD_mean of two sets of features by a method A-D, both trained anew in every draw."""
+    scorer = pool.scorer_of(subset)
+    here = [scorer(pool.confidence(list(columns), method)) for columns in (first, second)]
+    drawn = [pool.retrained(list(columns), method, retrainings(draws), scorer) for columns in (first, second)]
     return spread(here[0] - here[1], drawn[0] - drawn[1], together(parts))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -154,6 +154,7 @@ def findings_in(world: World, folder: Path) -> list[Finding]:
 
 _AHEAD = 11.0  # m before the array at which an example target is shown
 _CONSECUTIVE = 5
+_LABEL_RADIUS = 1.0  # m, r_label
 
 
 def save_examples(
@@ -170,41 +171,83 @@ def save_examples(
     arrays |= {"x": imager.grid.x, "y": imager.grid.y, "near": cleaned.grid.ny}
     poses = run["pose"].values
     number = {int(scan): place for place, scan in enumerate(imager.scans)}
-    for name, (x, y, _) in chosen.items():
-        scan = _scan_before(imager, poses, y)
+    for name, one in chosen.items():
+        scan = _scan_before(imager, poses, one.y)
         image = imager.image(scan).values
         arrays[f"raw_{name}"] = np.abs(image).astype(np.float16 if image.max() == 0 else np.float32)
         arrays[f"clean_{name}"] = cleaned.whole_background.magnitude(image, cleaned.gains[number[scan]])
-        arrays[f"place_{name}"] = lane_to_scan([x, y, 0.0], poses[scan])[:2]
-        arrays[f"patches_{name}"], arrays[f"distances_{name}"] = _patches(cleaned, recipe, x, y)
-    first = number[_scan_before(imager, poses, chosen["surface"][1])]
+        arrays[f"place_{name}"] = lane_to_scan([one.x, one.y, 0.0], poses[scan])[:2]
+        patches, distances = _patches(cleaned, recipe, one.alarm_x, one.alarm_y)
+        arrays[f"patches_{name}"] = patches
+        arrays[f"distances_{name}"] = distances
+    first = number[_scan_before(imager, poses, chosen["surface"].y)]
     first = max(0, min(first - 2, len(imager.scans) - _CONSECUTIVE))
     follow = [int(scan) for scan in imager.scans[first : first + _CONSECUTIVE]]
     hh, f1 = list(arrays["polarization"]).index("HH"), list(table.subbands).index(recipe.prescreen.subband)
     arrays["series"] = np.stack([np.abs(imager.image(scan).values[hh, f1]) for scan in follow])
-    arrays["series_place"] = np.stack([lane_to_scan([*chosen["surface"][:2], 0.0], poses[scan])[:2] for scan in follow])
+    surface = [chosen["surface"].x, chosen["surface"].y, 0.0]
+    arrays["series_place"] = np.stack([lane_to_scan(surface, poses[scan])[:2] for scan in follow])
     arrays["signature"] = np.abs(cleaned.whole_background.signature[hh, f1])
     arrays["gain"] = cleaned.whole_background.gain[hh, f1]
-    arrays["titles"] = np.array([f"{name}: {text}" for name, (_, _, text) in chosen.items()])
+    arrays["names"] = np.array(list(chosen))
+    arrays["titles"] = np.array([one.title for one in chosen.values()])
     write_arrays(path, arrays)
 
 
-def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, tuple[float, float, str]]:
-    """Choose place and words of a surface plastic mine, a deep metal one, a shallow plastic one and a false alarm."""
+class Example(NamedTuple):
+    """What a figure shows: the place of a target or of a false alarm, that of the alarm (both m), and words."""
+
+    x: float
+    y: float
+    alarm_x: float
+    alarm_y: float
+    title: str
+
+
+def example_targets(truth: pd.DataFrame, alarms: pd.DataFrame) -> dict[str, Example]:
+    """Choose the targets of Figs. 2 to 5, 8 and 10: mines by kind and depth, and the strongest false alarm.
+
+    ``surface`` is a plastic mine on the ground, ``metal`` one 15 cm deep, ``shallow`` a metal one and ``plastic`` a
+    plastic one 5 cm deep; of several the one with the strongest alarm, of none the nearest in depth.
+    """
     mines = truth[truth["kind"].isin(["metal", "plastic"])]
-    plastic, metal = (mines[mines["kind"] == kind] for kind in ("plastic", "metal"))
-    wanted = {"surface": (plastic, -1.0), "metal": (metal, 1.0), "plastic": (plastic[plastic["depth"] > 0], 0.05)}
-    found = {}
-    for name, (table, depth) in wanted.items():
-        table = table if len(table) else mines
-        row = table.iloc[int((table["depth"] - depth).abs().argmin())]
-        where = "on the surface" if row["depth"] < 0 else f"{100 * row['depth']:.0f} cm deep"
-        found[name] = (float(row["x"]), float(row["y"]), f"{row['kind']} mine {where}")
-    away = np.hypot(*(alarms[axis].to_numpy()[:, None] - truth[axis].to_numpy()[None] for axis in ("x", "y")))
+    plastic = mines[mines["kind"] == "plastic"]
+    metal = mines[mines["kind"] == "metal"]
+    examples = {
+        "surface": _example(plastic, -1.0, mines, alarms),
+        "metal": _example(metal, 0.15, mines, alarms),
+        "shallow": _example(metal[metal["depth"] > 0], 0.05, mines, alarms),
+        "plastic": _example(plastic[plastic["depth"] > 0], 0.05, mines, alarms),
+    }
+    away = _distances(alarms, truth)
     free = alarms[(away.min(axis=1) > 2) & (alarms["x"].abs() < 1.5)]
-    best = (free if len(free) else alarms).sort_values("confidence", ascending=False).iloc[0]
-    found["false"] = (float(best["x"]), float(best["y"]), "strongest false alarm")
-    return found
+    strongest = (free if len(free) else alarms).sort_values("confidence", ascending=False).iloc[0]
+    place = float(strongest["x"]), float(strongest["y"])
+    examples["false"] = Example(*place, *place, "strongest false alarm")
+    return examples
+
+
+def _example(table: pd.DataFrame, depth: float, others: pd.DataFrame, alarms: pd.DataFrame) -> Example:
+    """Choose the mine nearest in depth with the strongest alarm within 1 m; its own place stands in for one without."""
+    mines = table if len(table) else others
+    off = (mines["depth"] - depth).abs()
+    alike = mines[off <= off.min() + 0.02]
+    near = _distances(alarms, alike) <= _LABEL_RADIUS
+    confidence = np.where(near, alarms["confidence"].to_numpy()[:, None], -np.inf)
+    alarm, number = np.unravel_index(int(np.argmax(confidence)), confidence.shape)
+    hit = bool(near[alarm, number])
+    mine = alike.iloc[int(number) if hit else 0]
+    where = "on the surface" if mine["depth"] < 0 else f"{100 * mine['depth']:.0f} cm deep"
+    title = f"{mine['kind']} mine {where}" + ("" if hit else ", no alarm: cut at the mine")
+    place = alarms.iloc[int(alarm)] if hit else mine
+    return Example(float(mine["x"]), float(mine["y"]), float(place["x"]), float(place["y"]), title)
+
+
+def _distances(alarms: pd.DataFrame, targets: pd.DataFrame) -> NDArray[np.float64]:
+    """Return the distance (alarm, target) of every alarm from every target, m."""
+    across = alarms["x"].to_numpy()[:, None] - targets["x"].to_numpy()[None]
+    along = alarms["y"].to_numpy()[:, None] - targets["y"].to_numpy()[None]
+    return np.asarray(np.hypot(across, along))
 
 
 def _scan_before(imager: ScanImager, poses: NDArray[np.float64], y: float) -> int:

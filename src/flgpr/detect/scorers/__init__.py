@@ -1,0 +1,50 @@
+"""What trained estimators score with: named arrays, a few settings, and their arithmetic.
+
+An estimator is trained by the library that it comes from. What its scores depend on is then taken out of it and kept:
+arrays of numbers, and settings that JSON can hold. Scores are worked out from these alone. So a model file needs no
+library to be read, holds nothing that could run, and scores the same whichever version of a library trained it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from flgpr.detect.scorers.checks import Arrays, Scorer
+
+_SCORERS = {
+    "rvm": "kernel_machines:RelevanceScorer",
+    "one-class-rvm": "kernel_machines:OneClassRelevanceScorer",
+    "svm": "kernel_machines:VectorScorer",
+    "one-class-svm": "kernel_machines:VectorScorer",
+    "logistic": "linear:LinearScorer",
+    "lda": "linear:LinearScorer",
+    "random-forest": "trees:ForestScorer",
+    "gradient-boosting": "trees:BoostedScorer",
+    "isolation-forest": "trees:IsolationScorer",
+    "mixture": "densities:MixtureScorer",
+    "ecod": "densities:TailScorer",
+    "copod": "densities:CopulaScorer",
+    "knn": "densities:NeighbourScorer",
+}
+"""Scorers by the name of the estimator that they are taken from."""
+
+
+def scorer_class(name: str) -> type[Scorer]:
+    """Return the class that scores for an estimator, by its name in recipes; another name is a ValueError."""
+    if name not in _SCORERS:
+        raise ValueError(f"estimator must be one of {', '.join(_SCORERS)}, got {str(name)[:60]!r}")
+    module, _, kind = _SCORERS[name].partition(":")
+    found: type[Scorer] = getattr(import_module(f"flgpr.detect.scorers.{module}"), kind)
+    return found
+
+
+def scorer_of(name: str, estimator: Any) -> Scorer:
+    """Take a scorer out of a fitted estimator; one that it cannot stand in for is a ValueError."""
+    return scorer_class(name).of(estimator)
+
+
+def restored_scorer(name: str, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Scorer:
+    """Make a scorer of what a file holds; whatever breaks a rule of its estimator is a ValueError that names it."""
+    return scorer_class(name).restored(settings, arrays, features)

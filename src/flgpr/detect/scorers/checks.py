@@ -1,0 +1,123 @@
+"""What scorers share: how they are asked, and how arrays and settings of a file from anywhere are checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = Mapping[str, NDArray[Any]]
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Scorer(Protocol):
+    """Scores of samples from named arrays and settings."""
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features) as the estimator does: (n_samples,)."""
+        ...
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that the scores depend on."""
+        ...
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings that the scores depend on, as JSON holds them."""
+        ...
+
+    @property
+    def threshold(self) -> float:
+        """Score at which the estimator itself decides."""
+        ...
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take the scorer out of a fitted estimator."""
+        ...
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make the scorer of checked settings and arrays for so many features."""
+        ...
+
+
+class Checked:
+    """Arrays and settings of a file: each is taken once, by name, type, size and values; nothing may be left."""
+
+    def __init__(self, settings: Mapping[str, Any], arrays: Arrays) -> None:
+        self._settings = dict(settings)
+        self._arrays = dict(arrays)
+
+    def array(self, name: str, shape: Sequence[int | None], integer: bool = False) -> NDArray[Any]:
+        """Take an array of finite float64, or of int64 numbers; None in ``shape`` lets an axis be of any length."""
+        if name not in self._arrays:
+            raise ValueError(f"array {name!r} is missing")
+        value = self._arrays.pop(name)
+        wanted = np.dtype(np.int64 if integer else np.float64)
+        if value.dtype != wanted:
+            raise ValueError(f"array {name!r} must hold {wanted}, got {value.dtype}")
+        fits = len(value.shape) == len(shape) and all(
+            want in (None, have) for want, have in zip(shape, value.shape, strict=True)
+        )
+        if not fits:
+            described = ", ".join("any" if length is None else str(length) for length in shape)
+            raise ValueError(f"array {name!r} must have the shape ({described}), got {value.shape}")
+        if not integer and not np.isfinite(value).all():
+            raise ValueError(f"array {name!r} must be finite, got {np.count_nonzero(~np.isfinite(value))} that are not")
+        return value
+
+    def number(self, name: str, low: float = -math.inf, high: float = math.inf) -> float:
+        """Take a finite number from ``low`` to ``high``."""
+        value = self._setting(name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"setting {name!r} must be a finite number, got {_short(value)}")
+        if not low <= value <= high:
+            raise ValueError(f"setting {name!r} must lie between {low:g} and {high:g}, got {value:g}")
+        return float(value)
+
+    def whole(self, name: str, low: int, high: int) -> int:
+        """Take a whole number from ``low`` to ``high``."""
+        value = self._setting(name)
+        if type(value) is not int or not low <= value <= high:
+            raise ValueError(f"setting {name!r} must be a whole number from {low} to {high}, got {_short(value)}")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """Take true or false."""
+        value = self._setting(name)
+        if type(value) is not bool:
+            raise ValueError(f"setting {name!r} must be true or false, got {_short(value)}")
+        return value
+
+    def choice(self, name: str, options: Sequence[str]) -> str:
+        """Take one of some words."""
+        value = self._setting(name)
+        if not isinstance(value, str) or value not in options:
+            raise ValueError(f"setting {name!r} must be one of {', '.join(options)}, got {_short(value)}")
+        return value
+
+    def done(self) -> None:
+        """Refuse what was not taken: nothing that is not asked for belongs into a model."""
+        for kind, left in (("array", self._arrays), ("setting", self._settings)):
+            if left:
+                raise ValueError(f"{kind} {_short(sorted(map(str, left))[0])} does not belong to it")
+
+    def _setting(self, name: str) -> Any:
+        if name not in self._settings:
+            raise ValueError(f"setting {name!r} is missing")
+        return self._settings.pop(name)
+
+
+def refuse_unless(fits: bool, rule: str, got: Any) -> None:
+    """Refuse an estimator that is to be kept, with the rule that it breaks."""
+    if not fits:
+        raise ValueError(f"{rule}, got {_short(got)}")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

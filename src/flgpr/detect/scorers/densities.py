@@ -1,0 +1,239 @@
+"""Scores by how common samples like one are among the training examples: mixtures, tails, copulas and neighbours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+
+METRICS = ("minkowski", "euclidean", "manhattan", "chebyshev")
+METHODS = ("largest", "mean", "median")
+_AT_ONCE = 2**22  # distances that are held at a time
+
+
+@dataclass(frozen=True)
+class MixtureScorer:
+    """The log density of a mixture of Gaussians, less the least that is called a mine."""
+
+    own_centre: FloatArray  #: (n_features,) subtracted from the features first
+    own_scale: FloatArray  #: (n_features,) by which they are then divided
+    share: FloatArray  #: (n_components,) of the components, with the sum 1
+    mean: FloatArray  #: (n_components, n_features)
+    root: FloatArray  #: (n_components, n_features, n_features) R with R·Rᵀ the inverse covariance, triangular
+    offset: float
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        z = (X - self.own_centre) / self.own_scale
+        logs = np.empty((len(z), len(self.share)))
+        for k, (share, mean, root) in enumerate(zip(self.share, self.mean, self.root, strict=True)):
+            distance = np.sum(((z - mean) @ root) ** 2, axis=1)
+            logs[:, k] = np.log(share) + np.sum(np.log(np.diagonal(root))) - distance / 2
+        largest = logs.max(axis=1, keepdims=True)
+        density = np.log(np.sum(np.exp(logs - largest), axis=1)) + largest[:, 0]
+        return np.asarray(density - z.shape[1] / 2 * math.log(2 * math.pi) - self.offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the mixture and its standardisation."""
+        return {
+            "own_centre": self.own_centre,
+            "own_scale": self.own_scale,
+            "share": self.share,
+            "mean": self.mean,
+            "root": self.root,
+        }
+
+    def settings(self) -> dict[str, Any]:
+        """Return the offset."""
+        return {"offset": self.offset}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted mixture of any shape of covariance."""
+        mixture = estimator.mixture_
+        count, features = mixture.means_.shape
+        given = np.asarray(mixture.precisions_cholesky_, dtype=np.float64)
+        roots = {
+            "full": lambda: given,
+            "tied": lambda: np.broadcast_to(given, (count, features, features)),
+            "diag": lambda: given[:, :, None] * np.eye(features),
+            "spherical": lambda: given[:, None, None] * np.eye(features),
+        }[mixture.covariance_type]()
+        return cls(
+            np.array(estimator.center_, dtype=np.float64),
+            np.array(estimator.scale_, dtype=np.float64),
+            np.array(mixture.weights_, dtype=np.float64),
+            np.array(mixture.means_, dtype=np.float64),
+            np.array(roots),
+            float(estimator.offset_),
+        )
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays; shares, scales and the roots' diagonals are positive."""
+        checked = Checked(settings, arrays)
+        share = checked.array("share", (None,))
+        scorer = cls(
+            checked.array("own_centre", (features,)),
+            checked.array("own_scale", (features,)),
+            share,
+            checked.array("mean", (len(share), features)),
+            checked.array("root", (len(share), features, features)),
+            checked.number("offset"),
+        )
+        checked.done()
+        refuse_unless(len(share) > 0, "array 'share' must hold a component", len(share))
+        diagonal = np.diagonal(scorer.root, axis1=1, axis2=2)
+        for name, values in (("share", share), ("own_scale", scorer.own_scale), ("root", diagonal)):
+            refuse_unless(bool((values > 0).all()), f"array {name!r} must be positive", float(values.min()))
+        return scorer
+
+
+@dataclass(frozen=True)
+class TailScorer:
+    """How far out a sample lies in the tails of every feature (ECOD, Li et al. 2022): more is more unlike.
+
+    The tails are those of the training examples and the samples together, as in PyOD: a score depends on what else is
+    scored with it.
+    """
+
+    examples: FloatArray  #: (n_examples, n_features)
+    threshold: float
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        if not len(X):
+            return np.zeros(0)
+        left, right, skewed = tail_logs(np.concatenate([self.examples, X]))
+        return np.asarray(self._joined(left, right, skewed).sum(axis=1)[-len(X) :])
+
+    @staticmethod
+    def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
+        return np.maximum(skewed, np.maximum(left, right))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the training examples."""
+        return {"examples": self.examples}
+
+    def settings(self) -> dict[str, Any]:
+        """Return the score at which the estimator decides."""
+        return {"threshold": self.threshold}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted estimator of PyOD."""
+        return cls(np.array(estimator.X_train, dtype=np.float64), float(estimator.threshold_))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls(checked.array("examples", (None, features)), checked.number("threshold"))
+        checked.done()
+        return scorer
+
+
+class CopulaScorer(TailScorer):
+    """The same by the empirical copula (COPOD, Li et al. 2020)."""
+
+    @staticmethod
+    def _joined(left: FloatArray, right: FloatArray, skewed: FloatArray) -> FloatArray:
+        return np.maximum(skewed, (left + right) / 2)
+
+
+def tail_logs(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return -log of the shares of samples at most and at least as large, and of the tail that the skewness picks."""
+    left = -np.log(_share_up_to(X))
+    right = -np.log(_share_up_to(-X))
+    off = X - X.mean(axis=0)
+    side = np.sign(np.mean(off**3, axis=0))
+    # A symmetric feature counts both tails.
+    skewed = -left * np.sign(side - 1) + right * np.sign(side + 1)
+    return left, right, skewed
+
+
+def _share_up_to(X: FloatArray) -> FloatArray:
+    """Return the share of samples that are at most as large, feature by feature."""
+    share = np.empty_like(X)
+    for feature in range(X.shape[1]):
+        column = X[:, feature]
+        share[:, feature] = np.searchsorted(np.sort(column), column, side="right") / len(column)
+    return share
+
+
+@dataclass(frozen=True)
+class NeighbourScorer:
+    """The distance from the nearest training examples: more is more unlike."""
+
+    examples: FloatArray  #: (n_examples, n_features)
+    neighbours: int  #: how many of them count
+    method: str  #: "largest" of their distances, "mean" or "median"
+    power: float  #: p of the Minkowski distance; infinity is written as 0
+    threshold: float
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        step = max(1, _AT_ONCE // max(len(self.examples), 1))
+        parts = [self._score(X[begin : begin + step]) for begin in range(0, len(X), step)]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def _score(self, X: FloatArray) -> FloatArray:
+        nearest = np.sort(self._distances(X), axis=1)[:, : self.neighbours]
+        if self.method == "largest":
+            return np.asarray(nearest[:, -1])
+        return np.asarray(nearest.mean(axis=1) if self.method == "mean" else np.median(nearest, axis=1))
+
+    def _distances(self, X: FloatArray) -> FloatArray:
+        """Return the distances (n_samples, n_examples)."""
+        total = np.zeros((len(X), len(self.examples)))
+        for feature in range(X.shape[1]):
+            off = np.abs(X[:, feature, None] - self.examples[:, feature])
+            total = np.maximum(total, off) if self.power == 0 else total + off**self.power
+        return total if self.power == 0 else np.asarray(total ** (1 / self.power))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the training examples."""
+        return {"examples": self.examples}
+
+    def settings(self) -> dict[str, Any]:
+        """Return how distances are taken and count, and the score at which the estimator decides."""
+        return {
+            "neighbours": self.neighbours,
+            "method": self.method,
+            "power": self.power,
+            "threshold": self.threshold,
+        }
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted estimator of PyOD, whose metric must be one of ``METRICS``."""
+        metric = estimator.metric
+        known = isinstance(metric, str) and metric in METRICS and not estimator.metric_params
+        refuse_unless(known, f"metric must be one of {', '.join(METRICS)} for a detector", metric)
+        power = {"minkowski": float(estimator.p), "euclidean": 2.0, "manhattan": 1.0, "chebyshev": 0.0}[metric]
+        examples = np.array(estimator.neigh_._fit_X, dtype=np.float64)
+        neighbours = int(estimator.n_neighbors)
+        return cls(examples, neighbours, str(estimator.method), power, float(estimator.threshold_))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        examples = checked.array("examples", (None, features))
+        scorer = cls(
+            examples,
+            checked.whole("neighbours", 1, max(len(examples), 1)),
+            checked.choice("method", METHODS),
+            checked.number("power", 0.0, 100.0),
+            checked.number("threshold"),
+        )
+        checked.done()
+        refuse_unless(len(examples) > 0, "array 'examples' must hold an example", len(examples))
+        return scorer

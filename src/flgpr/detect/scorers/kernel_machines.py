@@ -1,0 +1,241 @@
+"""Scores that are sums of kernels on some of the training examples: support and relevance vector machines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+
+KERNELS = ("linear", "rbf", "laplacian", "poly", "sigmoid")
+_AT_ONCE = 2**22  # values of a kernel matrix that are held at a time
+
+
+@dataclass(frozen=True)
+class KernelSum:
+    """``Σ a_n K(x, x_n) + b`` over vectors x_n."""
+
+    vectors: FloatArray  #: (n_vectors, n_features) x_n
+    weight: FloatArray  #: (n_vectors,) a_n
+    intercept: float  #: b
+    kernel: str
+    gamma: float
+    degree: float
+    coef0: float
+
+    def matrix(self, X: FloatArray) -> FloatArray:
+        """Evaluate the kernel (n_samples, n_vectors)."""
+        if self.kernel in ("rbf", "laplacian"):
+            distance = np.zeros((len(X), len(self.vectors)))
+            for feature in range(X.shape[1]):
+                off = X[:, feature, None] - self.vectors[:, feature]
+                distance += off**2 if self.kernel == "rbf" else np.abs(off)
+            return np.asarray(np.exp(-self.gamma * distance))
+        product = X @ self.vectors.T
+        if self.kernel == "linear":
+            return np.asarray(product)
+        shifted = self.gamma * product + self.coef0
+        return np.asarray(np.tanh(shifted) if self.kernel == "sigmoid" else shifted**self.degree)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the vectors and their weights."""
+        return {"vectors": self.vectors, "weight": self.weight}
+
+    def settings(self) -> dict[str, Any]:
+        """Return the kernel and the intercept."""
+        return {
+            "kernel": self.kernel,
+            "gamma": self.gamma,
+            "degree": self.degree,
+            "coef0": self.coef0,
+            "intercept": self.intercept,
+        }
+
+    @classmethod
+    def of(cls, estimator: Any, vectors: Any, weight: Any, intercept: float, gamma: float) -> Self:
+        """Take it out of a fitted machine, whose kernel must be one of ``KERNELS``."""
+        kernel = estimator.kernel
+        known = isinstance(kernel, str) and kernel in KERNELS
+        refuse_unless(known, f"kernel must be one of {', '.join(KERNELS)} for a detector", kernel)
+        return cls(
+            np.array(vectors, dtype=np.float64),
+            np.array(np.ravel(weight), dtype=np.float64),
+            float(intercept),
+            str(kernel),
+            float(gamma),
+            float(estimator.degree),
+            float(estimator.coef0),
+        )
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Take it out of a file's settings and arrays."""
+        weight = checked.array("weight", (None,))
+        return cls(
+            checked.array("vectors", (len(weight), features)),
+            weight,
+            checked.number("intercept"),
+            checked.choice("kernel", KERNELS),
+            checked.number("gamma", 0.0),
+            checked.number("degree", 0.0, 100.0),
+            checked.number("coef0"),
+        )
+
+
+def _in_parts(score: Any, X: FloatArray, vectors: int) -> FloatArray:
+    """Score samples some at a time, so that no kernel matrix grows with their number."""
+    step = max(1, _AT_ONCE // max(vectors, 1))
+    parts = [score(X[begin : begin + step]) for begin in range(0, len(X), step)]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+@dataclass(frozen=True)
+class VectorScorer:
+    """The decision function of a support vector machine, of two classes or of one."""
+
+    terms: KernelSum
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        return _in_parts(self._score, X, len(self.terms.weight))
+
+    def _score(self, X: FloatArray) -> FloatArray:
+        return np.asarray(self.terms.matrix(X) @ self.terms.weight + self.terms.intercept)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the support vectors and their weights."""
+        return self.terms.arrays()
+
+    def settings(self) -> dict[str, Any]:
+        """Return the kernel and the intercept."""
+        return self.terms.settings()
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted machine."""
+        weight = estimator.dual_coef_
+        refuse_unless(weight.shape[0] == 1, "estimator must part two classes", weight.shape)
+        intercept = float(np.ravel(estimator.intercept_)[0])
+        return cls(KernelSum.of(estimator, estimator.support_vectors_, weight, intercept, estimator._gamma))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls(KernelSum.taken(checked, features))
+        checked.done()
+        return scorer
+
+
+@dataclass(frozen=True)
+class RelevanceScorer:
+    """The log odds of a relevance vector machine, averaged over the weights' posterior if it is moderated."""
+
+    terms: KernelSum
+    covariance: FloatArray  #: (n_weights, n_weights) posterior covariance of the weights, the bias last if it has one
+    moderated: bool  #: whether log odds m become m / sqrt(1 + π s²/8) with their variance s² (MacKay 1992)
+    bias: bool  #: whether the intercept is a weight with a variance
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        return _in_parts(self.log_odds, X, len(self.terms.weight))
+
+    def log_odds(self, X: FloatArray) -> FloatArray:
+        """Return the log odds of a mine (n_samples,)."""
+        basis = self.terms.matrix(X)
+        mean = basis @ self.terms.weight + self.terms.intercept
+        if not self.moderated:
+            return np.asarray(mean)
+        if self.bias:
+            basis = np.hstack([basis, np.ones((len(basis), 1))])
+        variance = np.sum((basis @ self.covariance) * basis, axis=1)
+        return np.asarray(mean / np.sqrt(1 + np.pi * np.maximum(variance, 0.0) / 8))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the relevance vectors, their weights and the weights' covariance."""
+        return {**self.terms.arrays(), "covariance": self.covariance}
+
+    def settings(self) -> dict[str, Any]:
+        """Return the kernel, the intercept, and how the posterior enters."""
+        return {**self.terms.settings(), "moderated": self.moderated, "bias": self.bias}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted machine."""
+        terms = KernelSum.of(
+            estimator, estimator.relevance_vectors_, estimator.dual_coef_, estimator.intercept_, estimator.gamma_
+        )
+        covariance = np.array(estimator.covariance_, dtype=np.float64)
+        return cls(terms, covariance, bool(estimator.moderated), bool(estimator._has_bias))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls.taken(checked, features)
+        checked.done()
+        return scorer
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Take it out of a file's settings and arrays."""
+        terms = KernelSum.taken(checked, features)
+        moderated = checked.flag("moderated")
+        bias = checked.flag("bias")
+        weights = len(terms.weight) + bias
+        return cls(terms, checked.array("covariance", (weights, weights)), moderated, bias)
+
+
+@dataclass(frozen=True)
+class OneClassRelevanceScorer:
+    """The probability of a mine by a one-class relevance vector machine, less the least that it calls a mine."""
+
+    machine: RelevanceScorer
+    own_centre: FloatArray  #: (n_features,) subtracted from the features before the kernel
+    own_scale: FloatArray  #: (n_features,) by which they are then divided
+    offset: float  #: least probability that it calls a mine
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        log_odds = self.machine((X - self.own_centre) / self.own_scale)
+        return np.asarray(logistic(log_odds) - self.offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return those of the machine, and its standardisation."""
+        return {**self.machine.arrays(), "own_centre": self.own_centre, "own_scale": self.own_scale}
+
+    def settings(self) -> dict[str, Any]:
+        """Return those of the machine, and the offset."""
+        return {**self.machine.settings(), "offset": self.offset}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted machine."""
+        centre = np.array(estimator.center_, dtype=np.float64)
+        scale = np.array(estimator.scale_, dtype=np.float64)
+        return cls(RelevanceScorer.of(estimator), centre, scale, float(estimator.offset_))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        machine = RelevanceScorer.taken(checked, features)
+        centre = checked.array("own_centre", (features,))
+        scale = checked.array("own_scale", (features,))
+        refuse_unless(bool((scale > 0).all()), "array 'own_scale' must be positive", float(scale.min(initial=1.0)))
+        scorer = cls(machine, centre, scale, checked.number("offset"))
+        checked.done()
+        return scorer
+
+
+def logistic(x: FloatArray) -> FloatArray:
+    """Return ``1 / (1 + exp(-x))`` without overflow."""
+    small = np.exp(-np.abs(x))
+    return np.asarray(np.where(x >= 0, 1 / (1 + small), small / (1 + small)))

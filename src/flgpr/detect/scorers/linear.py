@@ -1,0 +1,50 @@
+"""Scores that are linear in the features: logistic regression and linear discriminant analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, refuse_unless
+
+
+@dataclass(frozen=True)
+class LinearScorer:
+    """``w · x + b``: of a logistic regression the log odds of a mine."""
+
+    weight: FloatArray  #: (n_features,) w
+    intercept: float  #: b
+    plain: bool  #: whether examples weighed alike, so that the log odds are those of the examples' frequencies
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        return np.asarray(X @ self.weight + self.intercept)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the weights."""
+        return {"weight": self.weight}
+
+    def settings(self) -> dict[str, Any]:
+        """Return the intercept, and whether examples weighed alike."""
+        return {"intercept": self.intercept, "plain": self.plain}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted estimator of two classes."""
+        refuse_unless(estimator.coef_.shape[0] == 1, "estimator must part two classes", estimator.coef_.shape)
+        weight = np.array(estimator.coef_[0], dtype=np.float64)
+        plain = getattr(estimator, "class_weight", None) is None
+        return cls(weight, float(np.ravel(estimator.intercept_)[0]), plain)
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls(checked.array("weight", (features,)), checked.number("intercept"), checked.flag("plain"))
+        checked.done()
+        return scorer

@@ -1,0 +1,288 @@
+"""Scores of trees: random forests, boosted trees and isolation forests, as one table of nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flgpr.detect.scorers.checks import Arrays, Checked, FloatArray, IntArray, refuse_unless
+
+_LEAF = -1
+_DEEPEST = 4096  # nodes on the way to a leaf: no forest of alarms comes near
+
+
+@dataclass(frozen=True)
+class Trees:
+    """Binary trees, one after the other in one table of nodes.
+
+    A sample goes from a tree's first node to the left child where its feature is at most the threshold, else to the
+    right one, until it is in a leaf. Children stand behind their parents, so that every way ends.
+    """
+
+    first: IntArray  #: (n_trees,) first node of every tree
+    left: IntArray  #: (n_nodes,) left child, -1 in a leaf
+    right: IntArray  #: (n_nodes,) right child, -1 in a leaf
+    feature: IntArray  #: (n_nodes,) feature that is looked at, 0 in a leaf
+    split: FloatArray  #: (n_nodes,) threshold, 0 in a leaf
+    value: FloatArray  #: (n_nodes,) what a leaf adds
+
+    def total(self, X: NDArray[Any]) -> FloatArray:
+        """Sum what the trees' leaves add for samples (n_samples, n_features): (n_samples,)."""
+        total = np.zeros(len(X))
+        for root in self.first:
+            node = np.full(len(X), root)
+            walking = np.flatnonzero(self.left[node] != _LEAF)
+            while walking.size:
+                here = node[walking]
+                goes_left = X[walking, self.feature[here]] <= self.split[here]
+                node[walking] = np.where(goes_left, self.left[here], self.right[here])
+                walking = walking[self.left[node[walking]] != _LEAF]
+            total += self.value[node]
+        return total
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the table."""
+        return {
+            "first": self.first,
+            "left": self.left,
+            "right": self.right,
+            "feature": self.feature,
+            "split": self.split,
+            "value": self.value,
+        }
+
+    @classmethod
+    def joined(cls, trees: Sequence[Mapping[str, Any]]) -> Self:
+        """Put trees together, each with ``left``, ``right``, ``feature``, ``split`` and ``value`` of its own nodes."""
+        columns: dict[str, list[NDArray[Any]]] = {name: [] for name in ("left", "right", "feature", "split", "value")}
+        first = []
+        count = 0
+        for tree in trees:
+            leaf = np.asarray(tree["left"]) < 0
+            first.append(count)
+            columns["left"].append(np.where(leaf, _LEAF, np.asarray(tree["left"]) + count))
+            columns["right"].append(np.where(leaf, _LEAF, np.asarray(tree["right"]) + count))
+            columns["feature"].append(np.where(leaf, 0, tree["feature"]))
+            columns["split"].append(np.where(leaf, 0.0, tree["split"]))
+            columns["value"].append(np.asarray(tree["value"], dtype=np.float64))
+            count += len(leaf)
+        whole = {name: np.concatenate(parts) for name, parts in columns.items()}
+        return cls(
+            np.array(first, dtype=np.int64),
+            whole["left"].astype(np.int64),
+            whole["right"].astype(np.int64),
+            whole["feature"].astype(np.int64),
+            whole["split"].astype(np.float64),
+            whole["value"].astype(np.float64),
+        )
+
+    @classmethod
+    def taken(cls, checked: Checked, features: int) -> Self:
+        """Take the table out of a file's arrays; a way that could leave its tree, or not end, is a ValueError."""
+        value = checked.array("value", (None,))
+        count = len(value)
+        trees = cls(
+            checked.array("first", (None,), integer=True),
+            checked.array("left", (count,), integer=True),
+            checked.array("right", (count,), integer=True),
+            checked.array("feature", (count,), integer=True),
+            checked.array("split", (count,)),
+            value,
+        )
+        _check_ways(trees, features)
+        return trees
+
+
+def _check_ways(trees: Trees, features: int) -> None:
+    """Refuse nodes whose children do not stand behind them within their tree, and features that are not there."""
+    count = len(trees.value)
+    first = trees.first
+    rising = first.size > 0 and first[0] == 0 and bool((np.diff(first) > 0).all()) and first[-1] < count
+    refuse_unless(rising, "array 'first' must rise from 0 within the nodes", first[:5].tolist())
+    node = np.arange(count)
+    last = np.append(first[1:], count)[np.searchsorted(first, node, side="right") - 1]  # of the node's own tree
+    leaf = trees.left == _LEAF
+    refuse_unless(bool((leaf == (trees.right == _LEAF)).all()), "a node must have two children or none", "one")
+    for name, child in (("left", trees.left), ("right", trees.right)):
+        behind = leaf | ((child > node) & (child < last))
+        refuse_unless(bool(behind.all()), f"array {name!r} must lead to later nodes of the tree", child[~behind][:1])
+    known = (trees.feature >= 0) & (trees.feature < features)
+    refuse_unless(bool(known.all()), f"array 'feature' must be from 0 to {features - 1}", trees.feature[~known][:1])
+    level = first
+    for _ in range(_DEEPEST):
+        parents = level[~leaf[level]]
+        if not parents.size:
+            return
+        level = np.unique(np.concatenate([trees.left[parents], trees.right[parents]]))
+    raise ValueError(f"trees must be at most {_DEEPEST} nodes deep, got one that is deeper")
+
+
+def _table_of(tree: Any) -> dict[str, Any]:
+    """Return the nodes of one of scikit-learn's trees."""
+    return {
+        "left": tree.children_left,
+        "right": tree.children_right,
+        "feature": tree.feature,
+        "split": tree.threshold,
+    }
+
+
+@dataclass(frozen=True)
+class ForestScorer:
+    """The log odds of a random forest: of the mean over trees of the share of mines in a sample's leaf."""
+
+    trees: Trees
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features), which the trees look at in single precision."""
+        p = self.trees.total(X.astype(np.float32)) / len(self.trees.first)
+        return np.asarray(np.log(np.maximum(p, 1e-12)) - np.log(np.maximum(1 - p, 1e-12)))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the table of nodes."""
+        return self.trees.arrays()
+
+    def settings(self) -> dict[str, Any]:
+        """Return nothing: the trees are all."""
+        return {}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted forest of two classes."""
+        tables = []
+        for one in estimator.estimators_:
+            share = one.tree_.value[:, 0, :]
+            refuse_unless(share.shape[1] == 2, "estimator must part two classes", share.shape)
+            tables.append({**_table_of(one.tree_), "value": share[:, 1] / share.sum(axis=1)})
+        return cls(Trees.joined(tables))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's arrays; shares lie between 0 and 1."""
+        checked = Checked(settings, arrays)
+        trees = Trees.taken(checked, features)
+        checked.done()
+        shares = (trees.value >= 0) & (trees.value <= 1)
+        refuse_unless(bool(shares.all()), "array 'value' must lie between 0 and 1", trees.value[~shares][:1])
+        return cls(trees)
+
+
+@dataclass(frozen=True)
+class BoostedScorer:
+    """The log odds of boosted trees: a constant and what a sample's leaves add to it."""
+
+    trees: Trees
+    baseline: float
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features)."""
+        return np.asarray(self.baseline + self.trees.total(X))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the table of nodes."""
+        return self.trees.arrays()
+
+    def settings(self) -> dict[str, Any]:
+        """Return the constant."""
+        return {"baseline": self.baseline}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted estimator of two classes and numbers; categories are refused."""
+        refuse_unless(estimator.n_trees_per_iteration_ == 1, "estimator must part two classes", len(estimator.classes_))
+        tables = []
+        for (predictor,) in estimator._predictors:
+            nodes = predictor.nodes
+            categories = int(nodes["is_categorical"].sum())
+            refuse_unless(categories == 0, "features must be numbers without categories for a detector", categories)
+            leaf = nodes["is_leaf"].astype(bool)
+            tables.append(
+                {
+                    "left": np.where(leaf, _LEAF, nodes["left"].astype(np.int64)),
+                    "right": np.where(leaf, _LEAF, nodes["right"].astype(np.int64)),
+                    "feature": nodes["feature_idx"],
+                    "split": nodes["num_threshold"],
+                    "value": nodes["value"],
+                }
+            )
+        return cls(Trees.joined(tables), float(np.ravel(estimator._baseline_prediction)[0]))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls(Trees.taken(checked, features), checked.number("baseline"))
+        checked.done()
+        return scorer
+
+
+@dataclass(frozen=True)
+class IsolationScorer:
+    """The decision function of an isolation forest (Liu, Ting & Zhou 2008): samples that are soon alone score low.
+
+    It is ``-2^(-d / (n c)) - offset`` of the summed path lengths d in n trees, c being the mean length of one tree.
+    """
+
+    trees: Trees
+    mean_length: float  #: c
+    offset: float
+    threshold: float = 0.0
+
+    def __call__(self, X: FloatArray) -> FloatArray:
+        """Score samples (n_samples, n_features), which the trees look at in single precision."""
+        lengths = self.trees.total(X.astype(np.float32))
+        scale = len(self.trees.first) * self.mean_length
+        relative = lengths / scale if scale > 0 else np.ones_like(lengths)
+        return np.asarray(-(2.0**-relative) - self.offset)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the table of nodes, whose values are path lengths."""
+        return self.trees.arrays()
+
+    def settings(self) -> dict[str, Any]:
+        """Return the mean length and the offset."""
+        return {"mean_length": self.mean_length, "offset": self.offset}
+
+    @classmethod
+    def of(cls, estimator: Any) -> Self:
+        """Take it out of a fitted forest."""
+        tables = []
+        for one, features in zip(estimator.estimators_, estimator.estimators_features_, strict=True):
+            table = _table_of(one.tree_)
+            table["feature"] = np.asarray(features)[np.maximum(one.tree_.feature, 0)]
+            table["value"] = _path_lengths(one.tree_)
+            tables.append(table)
+        lengths = _mean_path_length(np.array([estimator._max_samples]))
+        return cls(Trees.joined(tables), float(lengths[0]), float(estimator.offset_))
+
+    @classmethod
+    def restored(cls, settings: Mapping[str, Any], arrays: Arrays, features: int) -> Self:
+        """Make it of a file's settings and arrays."""
+        checked = Checked(settings, arrays)
+        scorer = cls(Trees.taken(checked, features), checked.number("mean_length", 0.0), checked.number("offset"))
+        checked.done()
+        return scorer
+
+
+def _path_lengths(tree: Any) -> FloatArray:
+    """Return each node's depth, and the mean length of a tree grown from the examples that are left there."""
+    depth = np.zeros(tree.node_count)
+    for node in range(tree.node_count):  # children stand behind their parents
+        if tree.children_left[node] >= 0:
+            depth[tree.children_left[node]] = depth[node] + 1
+            depth[tree.children_right[node]] = depth[node] + 1
+    return np.asarray(depth + _mean_path_length(tree.n_node_samples))
+
+
+def _mean_path_length(count: NDArray[Any]) -> FloatArray:
+    """Return the mean depth of an unsuccessful search among ``count`` examples (Liu, Ting & Zhou 2008, Eq. 1)."""
+    n = np.asarray(count, dtype=np.float64)
+    several = np.maximum(n, 3.0)
+    length = 2 * (np.log(several - 1) + np.euler_gamma) - 2 * (several - 1) / several
+    return np.asarray(np.where(n <= 1, 0.0, np.where(n == 2, 1.0, length)))
