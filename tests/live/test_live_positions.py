@@ -10,6 +10,7 @@ from flgpr.chain.recipe import parse_recipe
 from flgpr.io import Scan, decode_frame, describe_for_live, encode_frame, encode_scan, save_run
 from flgpr.live import session
 from flgpr.live.detector import LiveDetector, LiveSettings
+from flgpr.live.feeding import feed
 from flgpr.live.intake import Intake
 from flgpr.live.session import LiveOptions, LiveRun
 from flgpr.live.state import restore_snapshot, take_snapshot
@@ -360,3 +361,10 @@ def test_a_pose_is_not_filled_in_from_a_wrong_one():
     intake.settled(0, 1)
     filled = intake.admit(lost)
     np.testing.assert_allclose(filled.pose[1], 2 * scans[5].pose[1] - scans[3].pose[1], atol=0.1)
+
+
+def test_a_feed_rehearses_positions_that_jump(home):
+    feed(home / "run.zarr", home / "in", float("inf"), faults=["jump:8:2"])
+    report = LiveRun(LiveOptions(home / "recipe.toml", home / "out", home / "in")).run()
+    counts = {name: report.counts[name] for name in ("received", "implausible", "late", "missing")}
+    assert counts == {"received": LONG, "implausible": 2, "late": 0, "missing": 0}
