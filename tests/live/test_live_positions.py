@@ -269,6 +269,17 @@ def test_a_wrong_first_pose_is_forgotten(home):
     assert [line["forgotten"] for line in lines if line["event"] == "anew"] == [True]
 
 
+def test_without_times_what_agrees_with_those_held_back_is_no_problem(home):
+    """The third pose could have been reached from the wrong first one; it is not said to be beyond a limit."""
+    scans = [Scan(one.number, np.nan, one.pose, one.signal) for one in scans_of()]
+    frames = [frame_of(shifted(one, 1, 45.0) if one.number == 0 else one) for one in scans]
+    _, lines, _ = live(home, "first", frames)
+    problems = [line for line in lines if line["event"] == "problem"]
+    assert [line["scan"] for line in problems] == [1, 2]
+    assert all(line["value"] > line["most"] for line in problems)
+    assert [line["scan"] for line in lines if line["event"] == "anew"] == [3]
+
+
 def test_a_clock_is_told_beside_the_pose_that_is_used(home):
     scans = scans_of()
     frames = [frame_of(shifted(one, 1, 0.0, -50.0 if one.number >= 6 else 0.0)) for one in scans]

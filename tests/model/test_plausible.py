@@ -301,6 +301,16 @@ def test_what_is_held_back_is_bounded():
     assert sorted([*dropped, *gate.held]) == list(range(1, 40))
 
 
+def test_a_number_that_comes_again_takes_the_place_of_the_first():
+    gate, pose = PoseGate(MotionLimits()), straight()
+    for number in range(6):
+        gate.judge(Sighting(number, number / RATE, pose[number]))
+    for number, place in ((6, 500.0), (7, 501.0), (6, 9000.0), (8, 502.0)):
+        verdict = gate.judge(Sighting(number, number / RATE, np.array([place, 0, 0, 0, 0, 0])))
+        assert not verdict.anew  # the first 6 is gone: 7 and 8 alone agree
+    assert gate.judge(Sighting(9, 9 / RATE, np.array([503.0, 0, 0, 0, 0, 0]))).trusted == [7, 8, 9]
+
+
 def test_a_late_scan_is_judged_by_its_neighbours():
     pose, limits = straight(), MotionLimits()
     gate = PoseGate(limits)

@@ -95,7 +95,8 @@ def alarm_event(
 
 def position_events(name: str, update: LiveUpdate) -> list[Event]:
     """Tell that a pose is not plausible ("pose"), or a time ("clock"), with the numbers, of a frame called ``name``."""
-    kinds = [("pose", update.step), ("clock", update.clock)]
+    beyond = update.step is not None and update.step.strain > 1  # else it agrees better with those held back
+    kinds = [("pose", update.step if beyond else None), ("clock", update.clock)]
     return [
         {"event": "problem", "name": name, "words": step.words, "kind": kind} | step.as_json()
         for kind, step in kinds

@@ -82,7 +82,7 @@ class Intake:
         self.counts: dict[str, int] = dict.fromkeys(COUNTS, 0)
         self._used, self._came = Numbers(), Numbers()
         self._poses: list[tuple[int, NDArray[np.float64]]] = []  # those that were plausible, ascending
-        self._told: list[tuple[int, NDArray[np.float64]]] = []  # all that came last, not those that were filled in
+        self._own_poses: list[tuple[int, NDArray[np.float64]]] = []  # all that came last, not those that were filled in
 
     def admit(self, data: bytes, fault: ScanFileError | None = None) -> Scan | None:
         """Give a frame's scan if it is whole, of this run, with a pose and not come before; else count it.
@@ -129,8 +129,8 @@ class Intake:
             self._used.add(number)
         self._came.add(number)
         self.counts["missing"] = self._came.missing
-        for told, pose in self._told:
-            if told == number:
+        for known, pose in self._own_poses:
+            if known == number:
                 self._poses = _with_pose(self._poses, number, pose)
 
     def settled(self, held: int, left_out: int, anew: bool = False, forgotten: bool = False) -> None:
@@ -151,16 +151,16 @@ class Intake:
         """Give what JSON can hold of it, for a later :meth:`restore`."""
         poses = [[number, pose.tolist()] for number, pose in self._poses]
         used, came = ([list(run) for run in numbers.runs] for numbers in (self._used, self._came))
-        told = [[number, pose.tolist()] for number, pose in self._told]
-        return {"counts": dict(self.counts), "used": used, "came": came, "poses": poses, "told": told}
+        own_poses = [[number, pose.tolist()] for number, pose in self._own_poses]
+        return {"counts": dict(self.counts), "used": used, "came": came, "poses": poses, "own_poses": own_poses}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state that :meth:`state` gave."""
         self.counts = dict.fromkeys(COUNTS, 0) | {name: int(n) for name, n in state["counts"].items()}
         self._used, self._came = Numbers(state["used"]), Numbers(state["came"])
-        self._poses, self._told = (
+        self._poses, self._own_poses = (
             [(int(number), np.asarray(pose, dtype=np.float64)) for number, pose in state[name]]
-            for name in ("poses", "told")
+            for name in ("poses", "own_poses")
         )
 
     def _note(self, scan: Scan) -> None:
@@ -170,7 +170,7 @@ class Intake:
         self._came.add(scan.number)
         self.counts["missing"] = self._came.missing
         if scan.pose is not None:
-            self._told = _with_pose(self._told, scan.number, scan.pose)
+            self._own_poses = _with_pose(self._own_poses, scan.number, scan.pose)
             if self._is_plausible(scan.number, scan.pose):
                 self._poses = _with_pose(self._poses, scan.number, scan.pose)
 

@@ -246,7 +246,7 @@ class LiveRun:
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
         if scan is not None and update is not None:
-            lines += self._told(scan, update, arrival, detector, intake)
+            lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
             lines.append({"event": "problem", "name": arrival.name, "words": problem})
         if _faults(before) != _faults(intake.counts):
@@ -257,7 +257,7 @@ class LiveRun:
         self._frames += 1
         return scan is not None
 
-    def _told(
+    def _update_events(
         self, scan: Scan, update: LiveUpdate, arrival: Arrival, detector: LiveDetector, intake: Intake
     ) -> list[Event]:
         """Tell what a scan changed, and those held back that went on with it."""

@@ -287,7 +287,7 @@ class PoseGate:
         leaving += others[: max(len(others) + 1 - most, 0)]
         for number in leaving:
             del self.held[number]
-            self._links.pop(number, None)
+        self._links = {after: before for after, before in self._links.items() if not {after, before} & {*leaving}}
         self.held[one.number] = one
         if link is not None:
             self._links[one.number] = link
