@@ -31,7 +31,7 @@ NUMBERS, FEW = st.integers(0, 30), st.integers(0, 4)
 
 
 class IntakeMachine(RuleBasedStateMachine):
-    """A number goes on once at most, the counts add up, and a pose that was filled in lies on its neighbours' line."""
+    """A number is used once at most, the counts add up, and a pose that was filled in lies on its neighbours' line."""
 
     def __init__(self):
         super().__init__()
@@ -48,9 +48,10 @@ class IntakeMachine(RuleBasedStateMachine):
     @rule(number=NUMBERS, pose=st.sampled_from([True, True, True, False]), whole=st.sampled_from([True, True, False]))
     def give(self, number, pose, whole):
         data, where = self.frame(number, pose, whole)
-        scan, new = self.intake.admit(data), number not in self.known
+        scan, new = self.intake.admit(data), number not in self.went
         self.frames += 1
-        self.known.add(number)
+        if new:
+            self.known.add(number)
         if new and pose:
             self.poses[number] = np.array(where)
         if not (new and whole):
@@ -270,6 +271,7 @@ class SessionMachine(RuleBasedStateMachine):
         (self.home / "in").mkdir()
         (self.home / "in" / "run.json").write_text(json.dumps(DESCRIBED.as_json()))
         self.files = self.number = 0
+        self.datum = 0.0  # m, that positions have moved along the lane for good
         self.quick = mock.patch.object(session, "rehearse")
         self.quick.start()
 
@@ -298,7 +300,8 @@ class SessionMachine(RuleBasedStateMachine):
         self.files += 1
 
     def frame(self, number, fault=""):
-        signal, pose = RUN["signal"].values[number], RUN["pose"].values[number]
+        signal, pose = RUN["signal"].values[number], RUN["pose"].values[number].copy()
+        pose[1] += self.datum + (45.0 if fault == "wrong" else 0.0)
         data = encode_scan(
             number, signal * (np.nan if fault == "masked" else 1), None if fault == "pose" else pose, number / 4.2
         )
@@ -306,7 +309,8 @@ class SessionMachine(RuleBasedStateMachine):
 
     @precondition(lambda self: self.number < 20)
     @rule(
-        scans=st.integers(1, 6), fault=st.sampled_from(["", "", "lost", "late", "twice", "masked", "pose", "corrupt"])
+        scans=st.integers(1, 6),
+        fault=st.sampled_from(["", "", "lost", "late", "twice", "masked", "pose", "corrupt", "wrong", "moved"]),
     )
     def drive(self, scans, fault):
         """Go on by some scans, of which the second has a fault."""
@@ -316,6 +320,7 @@ class SessionMachine(RuleBasedStateMachine):
         if fault == "late" and second is not None:
             numbers = [*numbers[:1], *numbers[2:], second]
         for number in numbers:
+            self.datum += 60.0 if number == second and fault == "moved" else 0.0
             if number != second or fault != "lost":
                 self.write(self.frame(number, fault if number == second else ""))
             if number == second and fault == "twice":

@@ -404,7 +404,7 @@ def test_a_feed_rehearses_what_a_radar_gets_wrong(home, tmp_path):
     }
     assert events(tmp_path / "out", "counts")[0]["missing"] == 3  # a loss is told when it is seen, not at the end
     for text in ("stolen:1", "lost", "lost:x", "lost:1:2:3", "late:-1"):
-        with pytest.raises(ValueError, match="fault must be lost, late, twice, nan with"):
+        with pytest.raises(ValueError, match="fault must be lost, late, twice, nan, jump with"):
             feed(home / "run.zarr", tmp_path / "other", FAST, faults=[text])
     with pytest.raises(ValueError, match=rf"a scan that is played \(0 to {SCANS - 1}\), got {SCANS}"):
         feed(home / "run.zarr", tmp_path / "other", FAST, faults=[f"nan:{SCANS}"])

@@ -124,6 +124,95 @@ def test_a_radar_that_falls_silent_is_seen_within_a_second(driving):
     assert screen.says()["state-words"] == "Scans unusable"
 
 
+def problem(number, kind="pose"):
+    words = f"scan {number} after scan {number - 1}: 46 m away in 0.238 s, 193.2 m/s, at most 30 m/s (speed)"
+    return {"event": "problem", "name": "a.scan", "words": words, "kind": kind, "scan": number}
+
+
+def test_positions_that_are_wrong_are_seen_within_a_second_and_until_they_are_good_again(driving):
+    screen, feeder = driving
+    near = alarm("alarm-1", 0.5, 12.0, 4.5, 4.0)
+    for number in range(1, 5):
+        feeder.give(scan(number, float(number)), near)
+        screen.alive()
+        screen.pass_time(250)
+    assert screen.says()["state-words"] == ""
+    feeder.give(problem(5))  # a single one costs its scan, no more
+    screen.alive()
+    screen.pass_time(250)
+    feeder.give(scan(6, 6.0))
+    screen.alive()
+    screen.pass_time(250)
+    assert (screen.says()["state-words"], screen.says()["verdict"]) == ("", "go")
+    feeder.give(problem(7))
+    screen.alive()
+    screen.pass_time(250)
+    feeder.give(problem(8))
+    screen.alive()
+    screen.pass_time(250)
+    said = screen.says()
+    assert (said["state-words"], said["state-detail"]) == ("Positions wrong", "check the GPS")
+    assert (said["verdict"], said["drive-left"]) == ("blind", "–")
+    for width in (1024, 390):
+        screen.page.set_viewport_size({"width": width, "height": 768})
+        box = screen.page.locator("#state-detail").bounding_box()
+        assert box["x"] + box["width"] <= width  # what to do is read in full
+    screen.page.set_viewport_size({"width": 1280, "height": 800})
+    for number in range(9, 14):  # as long as they last, whatever else is missed by now
+        feeder.give(problem(number), {"event": "counts", "implausible": number - 6})
+        screen.alive()
+        screen.pass_time(250)
+        assert screen.says()["state-words"] == "Positions wrong"
+    feeder.give(scan(14, 7.0))
+    screen.alive()
+    screen.pass_time(250)
+    said = screen.says()
+    assert (said["state-words"], said["verdict"]) == ("", "go")
+    assert said["drive-faults"] == "scans: wrong place 7"
+
+
+def test_one_wrong_position_of_a_slow_radar_is_seen_within_a_second(driving):
+    screen, feeder = driving
+    for number in range(1, 10):
+        feeder.give(scan(number, float(number)))
+        screen.alive()
+        screen.pass_time(2000)
+    feeder.give(problem(10))
+    screen.alive()
+    screen.pass_time(1000)
+    assert screen.says()["state-words"] == "Positions wrong"
+
+
+def test_where_detection_starts_anew_the_alarms_of_before_lie_ahead_no_more(driving):
+    screen, feeder = driving
+    feeder.give(scan(1, 1.0), alarm("alarm-1", 0.5, 12.0, 4.5, 1.0))
+    screen.alive()
+    screen.pass_time(250)
+    feeder.give(problem(2), problem(3))
+    screen.alive()
+    screen.pass_time(250)
+    assert screen.says()["state-words"] == "Positions wrong"
+    anew = {"event": "anew", "scan": 4, "held": [2, 3], "pose": [0, -494.0, 5, 0, 0, 0], "forgotten": False}
+    feeder.give(anew, *(scan(number, -498.0 + number) for number in (2, 3, 4)), {"event": "counts", "restarts": 1})
+    feeder.give(alarm("alarm-1", 0.5, 12.0, 4.5, -494.0, "final"), alarm("alarm-2", 0.5, -480.0, 4.5, -494.0))
+    screen.alive()
+    screen.pass_time(250)
+    said = screen.says()
+    assert (said["state-words"], said["verdict"]) == ("", "go")
+    assert float(said["drive-left"][:-2]) == pytest.approx(13, abs=2.1)
+    assert said["drive-next"] == ""
+    assert said["drive-faults"] == "scans: moved 1"
+
+
+def test_a_clock_that_jumps_is_no_matter_of_positions(driving):
+    screen, feeder = driving
+    for number in range(1, 6):
+        feeder.give(problem(number, "clock"), scan(number, float(number)))
+        screen.alive()
+        screen.pass_time(250)
+        assert screen.says()["state-words"] == ""
+
+
 def test_a_loss_is_seen_at_the_desk_and_nothing_moves_for_it(driving):
     screen, feeder = driving
     screen.page.click("#to-desk")

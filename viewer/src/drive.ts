@@ -7,13 +7,15 @@ import { Sound } from "./sound";
 const LOOK = 100;
 const SILENCE = 750;
 const [BEATS, FEW, LONGEST] = [2.5, 4, 5000];
+/** Positions that stay wrong for so long, ms, or for two scans in a row, are told: a single one costs a scan, no more. */
+const DOUBT = 400;
 /** Scans that are shown later than this after they came are told as late, ms. */
 const BEHIND = 1000;
 const LISTED = 3;
 /** The picture's type of 11 px is as large as 29 px then: 12 minutes of arc from 1.5 m. */
 const ENLARGED = 2.6;
 /** What the driver is told of scans that went wrong. */
-const TOLD: Record<string, string> = { missing: "lost", late: "late", duplicate: "twice", masked: "holes", corrupt: "corrupt", refused: "refused", pose_missing: "no pose" };
+const TOLD: Record<string, string> = { missing: "lost", late: "late", duplicate: "twice", masked: "holes", corrupt: "corrupt", refused: "refused", pose_missing: "no pose", implausible: "wrong place", restarts: "moved" };
 const THEMES = { light: "Day", night: "Night", sun: "Sun" };
 type Theme = keyof typeof THEMES;
 
@@ -34,6 +36,8 @@ export function health(live: Live, now: number): Health {
   const rhythm = sorted.length < FEW ? 0 : sorted[sorted.length >> 1]!;
   const limit = Math.max(SILENCE, Math.min(BEATS * rhythm, LONGEST));
   if (now - came.frame > limit) return lost("No radar", now - came.frame);
+  const { wrong } = live;
+  if (wrong && (wrong.scans > 1 || now - wrong.since > DOUBT)) return { level: "lost", words: "Positions wrong", detail: "check the GPS" };
   if (now - came.use > limit) return lost("Scans unusable", now - came.use);
   if (live.delay > BEHIND) return { level: "slow", words: "Too slow", detail: `${fixed(live.delay / 1000, 1)} s late` };
   return { level: "ok", words: "", detail: "" };

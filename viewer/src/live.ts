@@ -34,6 +34,7 @@ interface Event {
   median_db?: number;
   halves?: string;
   words?: string;
+  kind?: string;
   [count: string]: unknown;
 }
 interface Answer { events: Event[]; next: number; bad: number; restarted: boolean; more?: boolean; age?: number | null; now?: number }
@@ -71,6 +72,10 @@ const FAULTS: Record<string, string> = {
   masked: "with missing sweeps",
   pose_filled: "with a pose filled in",
   pose_missing: "without a pose",
+  implausible: "with a wrong position",
+  held: "held back",
+  restarts: "new beginnings elsewhere",
+  clock: "with a wrong clock",
   refused: "refused",
   missing: "missing",
 };
@@ -101,7 +106,7 @@ export interface LiveHandlers {
   changed: (fresh: LiveAlarm[]) => void;
 }
 
-/** Follows live.jsonl: `start`, `scan`, `view`, `alarm`, `counts`, `problem`, `resume` and `end`; what it does not know it leaves alone. */
+/** Follows live.jsonl: `start`, `scan`, `view`, `alarm`, `counts`, `problem`, `anew`, `resume` and `end`; what it does not know it leaves alone. */
 export class Live {
   readonly track: { scan: number; x: number; y: number; heading: number; time: number | null }[] = [];
   readonly alarms = new Map<string, LiveAlarm>();
@@ -136,6 +141,10 @@ export class Live {
   private scans = new Set<number>();
   private bad = 0;
   private problem = "";
+  /** Since when and for how many scans in a row positions have been wrong, on the page's clock, ms; null while they are good. */
+  wrong: { since: number; scans: number } | null = null;
+  /** Alarms of before detection started anew: where positions were others, so that none of them lies ahead. */
+  private readonly past = new Set<string>();
   private latency: number[] = [];
 
   constructor(private readonly handlers: LiveHandlers) {}
@@ -243,6 +252,8 @@ export class Live {
     this.bad = 0;
     this.counts = {};
     this.problem = "";
+    this.wrong = null;
+    this.past.clear();
     this.ended = this.begun = false;
     this.runs++;
   }
@@ -256,9 +267,22 @@ export class Live {
     else if (event.event === "counts" || event.event === "end") {
       for (const name of Object.keys(FAULTS)) if (number(event[name])) this.counts[name] = event[name];
       this.ended ||= event.event === "end";
-    } else if (event.event === "problem") this.problem = String(event.words ?? "");
+    } else if (event.event === "problem") this.takeProblem(event);
+    else if (event.event === "anew") this.moved();
     else if (event.event === "resume") this.ended = false;
     else this.bad++;
+  }
+
+  private takeProblem(event: Event): void {
+    this.problem = String(event.words ?? "");
+    if (event.kind === "pose") this.wrong = { since: this.wrong?.since ?? performance.now(), scans: (this.wrong?.scans ?? 0) + 1 };
+  }
+
+  /** Detection started anew elsewhere: way and alarms so far belong to positions that hold no more. */
+  private moved(): void {
+    this.wrong = null;
+    this.track.length = 0;
+    for (const id of this.alarms.keys()) this.past.add(id);
   }
 
   private heard(): void {
@@ -290,6 +314,7 @@ export class Live {
   private takeScan(event: Event): void {
     const [x, y, , heading] = event.pose ?? [];
     if (!number(x) || !number(y)) return;
+    this.wrong = null;
     const scan = number(event.scan) ? event.scan : this.track.length;
     this.scans.add(scan);
     const one = { scan, x, y, heading: number(heading) ? heading : 0, time: number(event.arrived) ? event.arrived : null };
@@ -346,6 +371,7 @@ export class Live {
   /** Alarms ahead of the vehicle that a threshold lets through, the nearest first. */
   ahead(least: number): { alarm: LiveAlarm; left: number }[] {
     return [...this.alarms.values()]
+      .filter(({ id }) => !this.past.has(id))
       .map((alarm) => ({ alarm, left: this.distance(alarm) }))
       .filter((one): one is { alarm: LiveAlarm; left: number } => one.left !== null && one.left > 0 && one.alarm.confidence >= least)
       .sort((a, b) => a.left - b.left);

@@ -24,6 +24,7 @@ from flgpr.model import (
     scan_to_lane,
     vehicle_to_scan,
 )
+from flgpr.model.motion import plausible_run
 
 FloatArray = NDArray[np.float64]
 Band = tuple[float, float]
@@ -214,6 +215,7 @@ def fit_recipe(run: xr.Dataset) -> str:
     >>> recipe.image.y, recipe.prescreen.polarization, list(recipe.image.subbands)
     ((1.8, 8.45), 'HH', ['F1'])
     """
+    run = plausible_run(run)
     across = _goes_across(run)
     setup = _setup_of(aperture_run(run) if across else run, across)
     text = _text(setup, _choose(setup))

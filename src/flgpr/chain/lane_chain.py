@@ -40,7 +40,7 @@ KINDS = {
     "features": "features",
 }  # fmt: skip
 """Passes of every way through, and what they are called."""
-IMAGING = {"image", "background", "clutter", "suppression", "variants"}
+IMAGING = {"image", "background", "clutter", "suppression", "variants", "motion"}
 """Tables of a recipe that images and their backgrounds hang on; run-views and what follows hang on VIEWING, too."""
 VIEWING = {"run_view", "contrast", "map"}
 FloatArray = NDArray[np.float64]

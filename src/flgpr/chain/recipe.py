@@ -21,6 +21,8 @@ from flgpr.kernels.windows import WINDOWS, ramp
 from flgpr.model import POLARIZATIONS, Grid, Lane, scan_to_lane
 from flgpr.model.bounds import Largest, Spacing
 from flgpr.model.faults import describe_fault, no_preset
+from flgpr.model.motion import judge_run, plausible_run
+from flgpr.model.plausible import MotionLimits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -285,7 +287,7 @@ class Recipe(Table):
     """All that a detection run depends on beside its data.
 
     Where nothing was trained on the alarms, ``confidence`` ranks them: their local contrast, the magnitude, or a column
-    of a features stage.
+    of a features stage. ``motion`` are the limits of the vehicle, which tell a pose that is wrong.
     """
 
     name: str
@@ -297,6 +299,7 @@ class Recipe(Table):
     contrast: ContrastTable
     score: ScoreTable
     lane: LaneTable | None = None
+    motion: MotionLimits = MotionLimits()
     clutter: tuple[ClutterNamed, ...] = ()
     map: MapNamed | None = None
     screen: ScreenNamed | None = None
@@ -467,10 +470,11 @@ def load_recipe(name: str | Path) -> Recipe:
 
 
 def as_imaged(run: xr.Dataset, recipe: Recipe) -> xr.Dataset:
-    """Take a run as a recipe does: scan by scan, or all of it as one."""
+    """Take a run as a recipe does: without scans whose poses are not plausible, scan by scan, or all of it as one."""
     from flgpr.model import aperture_run  # with xarray, which a list of recipes can do without
 
-    return aperture_run(run) if recipe.image.frames == "all" else run
+    used = plausible_run(run, recipe.motion)
+    return aperture_run(used) if recipe.image.frames == "all" else used
 
 
 def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
@@ -485,10 +489,11 @@ def lane_of(run: xr.Dataset, recipe: Recipe) -> Lane:
     if recipe.image.frames == "all":
         from flgpr.model import aperture_pose
 
-        covered = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), aperture_pose(run))
+        pose = aperture_pose(plausible_run(run, recipe.motion))
+        covered = scan_to_lane(recipe.image.grid().corners(recipe.run_view.y_max), pose)
         (x_min, y_min), (x_max, y_max) = covered[:, :2].min(axis=0), covered[:, :2].max(axis=0)
         return Lane(float(x_min), float(x_max), float(y_min), float(y_max))
-    return course_lane(recipe, run["pose"].values)
+    return course_lane(recipe, run["pose"].values[judge_run(run, recipe.motion).plausible])
 
 
 def course_lane(recipe: Recipe, poses: FloatArray, end: float | None = None) -> Lane:

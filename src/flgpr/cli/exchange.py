@@ -98,7 +98,9 @@ def import_cphd(
 ) -> None:
     """Import a CPHD file."""
     with plain_errors():
-        tasks.import_cphd(file, output, anchor)
+        run = tasks.import_cphd(file, output, anchor)
+    for note in () if quiet else run.attrs.get("import_notes", []):
+        typer.echo(f"note: {note}")
     tell_written(quiet, output)
 
 

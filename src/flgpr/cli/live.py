@@ -79,7 +79,7 @@ def feed(
     count: Annotated[int | None, Option(help="Number of scans; default all.")] = None,
     lead: Annotated[float, Option(help="Time between the run's description and its first scan, s.")] = 2.0,
     fault: Annotated[
-        list[str] | None, Option(help="Rehearse a fault: lost, late, twice or nan, as lost:40:13; may repeat.")
+        list[str] | None, Option(help="Rehearse a fault: lost, late, twice, nan or jump, as lost:40:13; may repeat.")
     ] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -131,13 +131,16 @@ def detect(
 
 
 def _detected(result: Result, silently: bool) -> dict[str, Any]:
-    main, masked = result.detections[0], result.manifest["run"]["masked_scans"]
+    main, run = result.detections[0], result.manifest["run"]
+    masked, motion = run["masked_scans"], run.get("motion", {"scans": [], "notes": []})
     if not silently:
         if masked:
-            scans = result.manifest["run"]["scans"]
-            typer.echo(f"{len(masked)} of {scans} scans left out for missing sweeps: {masked}")
+            typer.echo(f"{len(masked)} of {run['scans']} scans left out for missing sweeps: {masked}")
+        for note in motion["notes"]:
+            typer.echo(note)
         typer.echo(f"{len(main.alarms)} alarms; report: {(result.folder / 'report.html').resolve()}")
-    return {"alarms": len(main.alarms), "masked_scans": masked, "result": str(result.folder)}
+    left_out = {"masked_scans": masked, "implausible_scans": motion["scans"]}
+    return {"alarms": len(main.alarms), **left_out, "result": str(result.folder)}
 
 
 @app.command()

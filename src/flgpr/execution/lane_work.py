@@ -220,7 +220,7 @@ def do_finish(job: LaneJob) -> Report:
     begun = _now()
     with _ONE_AT_A_TIME:
         chain, _ = _open(job)
-        detections, described = chain.detections(), describe_run(chain.run, job.run)
+        detections, described = chain.detections(), describe_run(chain.run, job.run, chain.recipe.motion)
         if job.others:
             described["others"] = {name: {"path": path, "store_sha256": digest} for name, path, digest in job.others}
         lane, cut = section_lane(chain.recipe, chain.lane, chain.section), chain.section if job.section else None

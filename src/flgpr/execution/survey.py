@@ -129,6 +129,7 @@ def _summary(runs: Sequence[PathLike], folders: Sequence[Path]) -> list[dict[str
                 "run": str(run),
                 "scans": described["scans"],
                 "masked_scans": len(described["masked_scans"]),
+                "implausible_scans": len(described.get("motion", {}).get("scans", [])),
                 "area_m2": round(area, 3),
                 "alarms": alarms,
                 "sections": len(results),

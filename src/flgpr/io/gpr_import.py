@@ -15,6 +15,9 @@ from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, MissingHeaderError, read_gpr
 from flgpr.io.mapped import impulse_to_frequency
 from flgpr.model import make_run
+from flgpr.model.bounds import LARGEST
+from flgpr.model.motion import judge_poses, some_steps
+from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
 
 _BLOCK = 512  # traces that are transformed at a time
@@ -152,11 +155,11 @@ def _poses(
             raise ValueError(f"{section.path}: an anchor needs positions of two traces or more, got {got}")
         place = anchor.from_geodetic(section.fixes[:, 1:])
         place[:, 2] = height
-        at = section.fixes[:, 0]
+        at, place = _plausible_fixes(section, place, notes)
         some = slice(None, None, 1 + len(at) // _MOST_HEADINGS)
         heading = np.interp(at, at[some], np.unwrap(course(place[some])))
         track = make_track(at, place, heading)
-        keep = np.arange(math.ceil(section.fixes[0, 0]), math.floor(section.fixes[-1, 0]) + 1)
+        keep = np.arange(math.ceil(at[0]), math.floor(at[-1]) + 1)
         notes.append(f"{len(keep)} of {count} traces lie between positions of the satellite receiver and are kept")
         return keep, poses_at(track, keep)
     if step is not None and not 1e-5 <= step <= 1e3:
@@ -168,6 +171,26 @@ def _poses(
     pose = np.zeros((count, 6))
     pose[:, 1], pose[:, 2] = along, height
     return np.arange(count), pose
+
+
+def _plausible_fixes(
+    section: GprSection, place: NDArray[np.float64], notes: list[str]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Leave out fixes (fix, 3) in the lane that no vehicle reaches, with a note; give the others' traces and places.
+
+    Traces in between are put on the line from fix to fix, so that one wrong fix would move all to its next ones. The
+    headers tell at best a nominal rate of traces, so that no time is asked.
+    """
+    at = section.fixes[:, 0]
+    pose = np.concatenate([place, np.zeros_like(place)], axis=1)
+    limits = MotionLimits(scans=int(LARGEST))  # fixes may be as many traces apart as they like
+    motion = judge_poses(pose, None, limits, np.round(at))
+    if motion.left_out:
+        notes.append(
+            f"{len(motion.left_out)} of {len(at)} positions of the satellite receiver left out, which no vehicle "
+            f"reaches; traces are counted as scans: {some_steps(motion.steps)}"
+        )
+    return at[motion.plausible], place[motion.plausible]
 
 
 def _spectra(

@@ -11,7 +11,7 @@ import math
 from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numba
@@ -33,6 +33,7 @@ from flgpr.features import FEATURES, POLARIMETRIC
 from flgpr.imaging import ImagingOperator
 from flgpr.io import RunDescription, Scan, as_run
 from flgpr.model import Grid, Lane, lane_to_scan, vehicle_to_scan
+from flgpr.model.plausible import PoseGate, Sighting, Step, Verdict
 from flgpr.screen import counts, density_threshold, local_maxima, look_weight, seen_along, view_array
 
 FloatArray = NDArray[np.float64]
@@ -89,14 +90,22 @@ class LiveAlarm:
 class LiveUpdate:
     """What a scan changed: it was "taken", "warm-up", "still" (not moved) or "late" (its ground is passed).
 
-    ``view`` is the prescreener's run-view, (y, x), where it may have changed, from ``row`` of the lane on; NaN is
-    unseen.
+    A scan whose pose is not plausible, see :class:`flgpr.model.plausible.PoseGate`, is "held" back or, when others
+    tell against it, "implausible": left out. ``alarms`` are all that changed, those of ``released`` included. ``view``
+    is the prescreener's run-view, (y, x), where it may have changed, from ``row`` of the lane on; NaN is unseen.
     """
 
     outcome: str
     alarms: list[LiveAlarm]
     row: int = 0
     view: NDArray[np.float32] | None = None
+    step: Step | None = None  #: why the pose is not plausible
+    clock: Step | None = None  #: why the time is not, which is no fault of the pose
+    anew: bool = False  #: whether detection started anew, at the first of ``released``
+    forgotten: bool = False  #: whether all before was forgotten then: too few poses had agreed on it
+    #: scans that were held back and what became of them now, in their order
+    released: list[tuple[Scan, LiveUpdate]] = field(default_factory=list)
+    words: str = ""  #: why a scan that was held back before, or with others, is "refused"
 
 
 class LiveDetector:
@@ -126,12 +135,20 @@ class LiveDetector:
         self.grid = self.reads.grid
         image, (median, _), (mean, _) = recipe.image, *recipe.smoothing[:2]
         reach = self.grid.ny + median // 2 + mean // 2  # rows that the background of those that count hangs on
-        rows = min(reach, image.grid().ny)
-        self.background = CausalBackground(*recipe.smoothing, self.settings.span, self.settings.warm_up, rows)
+        self._rows = min(reach, image.grid().ny)
         self._pixels, self._taper = image.grid().points(), image.weights(description.frequency)
         labels = list(description.polarization)
         self._imaged = [labels.index(one) for one in image.polarizations or labels]
         self._operator: tuple[tuple[float, ...], ImagingOperator] | None = None
+        self.gate = PoseGate(recipe.motion)
+        self.held: dict[int, Scan] = {}  # scans held back until others agree with their poses, by number
+        self.left_out = 0  # scans whose pose was not plausible in the end
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin with nothing learnt and nothing seen."""
+        settings = self.settings
+        self.background = CausalBackground(*self.recipe.smoothing, settings.span, settings.warm_up, self._rows)
         self.first_pose: FloatArray | None = None
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
@@ -143,6 +160,7 @@ class LiveDetector:
         self.seen_area = 0.0  # passed, m²
         self.closed = -math.inf  # ground up to here (lane y) is final
         self.newest: tuple[int, FloatArray] | None = None
+        self.before: FloatArray | None = None  # pose of the scan that was the newest before it
         self.named = 0
 
     @property
@@ -151,22 +169,77 @@ class LiveDetector:
         return None if self.newest is None else self.newest[1]
 
     def add(self, scan: Scan) -> LiveUpdate:
-        """Take in a scan with a pose and without missing sweeps, in any order of scans."""
+        """Take in a scan with a pose and without missing sweeps, in any order of scans; and those it lets go on."""
         if scan.pose is None:
             raise ValueError(f"scan {scan.number} must have a pose, got none")
-        pose = scan.pose
-        if self.first_pose is None:
-            self.first_pose = pose
+        twin = self.held.get(scan.number)
+        if twin is not None and twin.pose is not None and np.array_equal(twin.pose, scan.pose):
+            return LiveUpdate("duplicate", [])
+        verdict = self.gate.judge(Sighting(scan.number, scan.time, scan.pose))
+        for number in verdict.dropped:
+            self.left_out += self.held.pop(number, None) is not None
+        return replace(self._settle(scan, verdict), step=verdict.step, clock=verdict.clock)
+
+    def _settle(self, scan: Scan, verdict: Verdict) -> LiveUpdate:
+        """Do with a scan what was judged of its pose."""
+        if verdict.anew:
+            return self._start_anew(scan, verdict)
+        if verdict.trusted:
+            return self._take(scan)
+        if verdict.held:
+            self.held[scan.number] = scan
+            return LiveUpdate("held", [])
+        self.left_out += 1
+        return LiveUpdate("implausible", [])
+
+    def _start_anew(self, scan: Scan, verdict: Verdict) -> LiveUpdate:
+        """Begin where positions agree now, with the scans held back: alarms that were open are final.
+
+        Where too few poses agreed before, nothing of that is kept at all.
+        """
+        alarms: list[LiveAlarm] = []
+        if verdict.forgotten:
+            self._begin()
+            self.left_out += len(verdict.forgotten)
+        else:
+            alarms = self.finish()
+            self.history, self._sums, self.view = [], None, {}
+            self.first_pose = self.newest = self.before = None
+            self.closed = -math.inf
+        released = []
+        for earlier in (self.held.pop(number, None) for number in verdict.trusted[:-1]):
+            if earlier is not None:
+                update = self._try(earlier)
+                self.learn()
+                released.append((earlier, update))
+                alarms += update.alarms
+        own = self._try(scan)
+        forgotten = bool(verdict.forgotten)
+        alarms = _last_states(alarms + own.alarms)
+        return replace(own, alarms=alarms, anew=True, forgotten=forgotten, released=released)
+
+    def _try(self, scan: Scan) -> LiveUpdate:
+        """Take in one of several scans: what is wrong with it is told beside what became of the others."""
+        try:
+            return self._take(scan)
+        except ValueError as error:
+            return LiveUpdate("refused", [], words=str(error))
+
+    def _take(self, scan: Scan) -> LiveUpdate:
+        """Take in a scan whose pose is trusted."""
+        pose = np.asarray(scan.pose, np.float64)
         ahead = self._reach(pose)
         if ahead[1] < self.closed:
             return LiveUpdate("late", [])
         if self.newest is not None and np.hypot(*(pose[:2] - self.newest[1][:2])) < self.settings.least_step:
             return LiveUpdate("still", [])
-        if self.newest is None or scan.number > self.newest[0]:
-            self.newest = scan.number, pose
-        where = self.newest[1]
         image = self._image(scan)
-        gain, background = self.background.add(image)
+        gain, background = self.background.add(image)  # refuses an image that cannot be used
+        if self.first_pose is None:
+            self.first_pose = pose
+        if self.newest is None or scan.number > self.newest[0]:
+            self.before, self.newest = self.where, (scan.number, pose)
+        where = self.newest[1]
         if background is None:
             return LiveUpdate("warm-up", [])
         cleaned = self.reads.clean(scan.number, pose, image, gain, background, own=self.mapper is not None)
@@ -263,6 +336,14 @@ class LiveDetector:
         """First and last lane y that a scan can see."""
         return seen_along(self.grid, pose, self.recipe.run_view.y_max)
 
+    def _passed(self, pose: FloatArray) -> float:
+        """Lane y up to which ground is passed by the newest scan and the one before it.
+
+        By one alone it is not: a pose that is too far ahead by less than tells it wrong would close ground unseen.
+        """
+        known = [pose] if self.before is None else [pose, self.before]
+        return min(self._reach(one)[0] for one in known)
+
     def _look(self, scan: CleanedScan, pose: FloatArray) -> tuple[int, xr.DataArray]:
         """Take a scan into the run-view of the ground that is not final, and a margin of the final ground before it."""
         first, rows = self._window(pose)
@@ -300,7 +381,7 @@ class LiveDetector:
         strong = found[found["magnitude"] >= self._threshold(found, view)].reset_index(drop=True)
         known = strong.assign(**self._confidence(strong, before))
         changed = self._match(known[~np.isnan(known["confidence"].to_numpy())], pose)
-        limit = self._reach(pose)[0] - self.recipe.prescreen.radius
+        limit = self._passed(pose) - self.recipe.prescreen.radius
         if limit > self.closed:
             final = self._close(found, view, limit)
             names = {one.alarm_id for one in final}
@@ -401,6 +482,19 @@ class LiveDetector:
 
     def _margin(self) -> float:
         return self.recipe.prescreen.radius + 2 * self.recipe.run_view.spacing
+
+
+def _last_states(alarms: list[LiveAlarm]) -> list[LiveAlarm]:
+    """Tell of what several scans made of alarms the last alone: one that is new stays new, or was never told."""
+    last = {one.alarm_id: one for one in alarms}
+    new = {one.alarm_id for one in alarms if one.state == "new"}
+    changed = []
+    for name, one in last.items():
+        if name in new and one.state == "update":
+            changed.append(replace(one, state="new"))
+        elif name not in new or one.state != "withdrawn":
+            changed.append(one)
+    return changed
 
 
 def _numbers(alarm: LiveAlarm) -> list[float]:

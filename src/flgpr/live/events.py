@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flgpr.append_log import write_all
 from flgpr.chain.evidence import decibels
 from flgpr.door import open_own
-from flgpr.live.detector import LiveAlarm
+from flgpr.live.detector import LiveAlarm, LiveUpdate
 from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.vehicle import Vehicle
 
@@ -92,6 +92,27 @@ def alarm_event(
     if margin is not None:
         event |= {"in_time": margin >= 0, "margin_m": round(margin, 3)}
     return event
+
+
+def position_events(name: str, update: LiveUpdate) -> list[Event]:
+    """Tell that a pose is not plausible ("pose"), or a time ("clock"), with the numbers, of a frame called ``name``."""
+    beyond = update.step is not None and update.step.strain > 1  # else it agrees better with those held back
+    kinds = [("pose", update.step if beyond else None), ("clock", update.clock)]
+    return [
+        {"event": "problem", "name": name, "words": step.words, "kind": kind} | step.as_json()
+        for kind, step in kinds
+        if step is not None
+    ]
+
+
+def anew_event(scan: int, update: LiveUpdate, where: NDArray[np.float64]) -> Event:
+    """Tell that detection started anew with ``scan`` and those held back before it, at the pose of the newest.
+
+    ``forgotten`` tells whether all before was given up, because too few poses had agreed on it.
+    """
+    numbers = [held.number for held, _ in update.released]
+    pose = [round(float(value), 4) for value in where]
+    return {"event": "anew", "scan": scan, "held": numbers, "pose": pose, "forgotten": update.forgotten}
 
 
 def view_event(row: int, view: NDArray[np.float32]) -> Event:

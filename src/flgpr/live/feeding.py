@@ -26,12 +26,16 @@ from flgpr.io import (
 from flgpr.io.scan_file import END_FILE, RUN_FILE, scan_name
 
 PathLike = str | Path
-FAULTS = ("lost", "late", "twice", "nan")
+FAULTS = ("lost", "late", "twice", "nan", "jump")
+_JUMP = 45.0  # m along the lane, by which a position is wrong that jumps
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong from a scan on: so many are lost, come twice or have a sweep of NaN; one comes so much later."""
+    """What goes wrong from a scan on: so many are lost, come twice, have a sweep of NaN or a pose that is 45 m off.
+
+    One comes so much later.
+    """
 
     kind: str
     scan: int
@@ -85,12 +89,14 @@ def feed(
             wait(lead)
         start = time.monotonic()
         played = _played(first, last, wrong)
-        for moment, scan, again, spoilt in played:
+        for moment, scan, again, kinds in played:
             one = dataset.isel(scan=scan)
-            signal = np.array(one["signal"].values)
-            if spoilt:
+            signal, pose = np.array(one["signal"].values), np.array(one["pose"].values)
+            if "nan" in kinds:
                 signal[0, 0] = np.nan
-            frame = encode_scan(scan, signal, one["pose"].values, float(one["time"]), description.run_id)
+            if "jump" in kinds:
+                pose[1] += _JUMP
+            frame = encode_scan(scan, signal, pose, float(one["time"]), description.run_id)
             due = 0.0 if math.isinf(rate) else start + (moment - first) / rate - time.monotonic()
             if due > 0:
                 wait(due)
@@ -100,15 +106,15 @@ def feed(
     return len(played)
 
 
-def _played(first: int, last: int, faults: Sequence[Fault]) -> list[tuple[float, int, bool, bool]]:
-    """Order what is played: when, in scans, which scan, whether once more, and whether a sweep of it is NaN."""
+def _played(first: int, last: int, faults: Sequence[Fault]) -> list[tuple[float, int, bool, frozenset[str]]]:
+    """Order what is played: when, in scans, which scan, whether once more, and the faults that it has."""
     played = []
     for scan in range(first, last):
         late = sum(fault.count + 0.5 for fault in faults if fault.kind == "late" and fault.scan == scan)
-        kinds = {fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count}
+        kinds = frozenset(fault.kind for fault in faults if fault.scan <= scan < fault.scan + fault.count)
         if "lost" not in kinds:
-            played += [(scan + late, scan, again, "nan" in kinds) for again in (False, True)[: 1 + ("twice" in kinds)]]
-    return sorted(played)
+            played += [(scan + late, scan, again, kinds) for again in (False, True)[: 1 + ("twice" in kinds)]]
+    return sorted(played, key=lambda one: one[:3])
 
 
 class _FolderSink(AbstractContextManager["_FolderSink"]):

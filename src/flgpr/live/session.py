@@ -34,7 +34,15 @@ from flgpr.io.tables import write_table
 from flgpr.live import forecast
 from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
 from flgpr.live.event_rate import Event
-from flgpr.live.events import EVENT_FILE, EventFile, alarm_event, as_line, view_event
+from flgpr.live.events import (
+    EVENT_FILE,
+    EventFile,
+    alarm_event,
+    anew_event,
+    as_line,
+    position_events,
+    view_event,
+)
 from flgpr.live.intake import Intake
 from flgpr.live.senders import SENDERS, SocketWatch
 from flgpr.live.state import SNAPSHOT_FILE, Snapshot, SnapshotWriter, read_snapshot, restore_snapshot, take_snapshot
@@ -214,7 +222,7 @@ class LiveRun:
         self._fingerprint = sha256(canonical_json(self._own | {"run": description.run_id}))
         check_scan_memory(description.shape, self._recipe)
         detector = LiveDetector(description, self._recipe, self._lane, self._model, self.options.settings)
-        intake = Intake(description)
+        intake = Intake(description, limits=self._recipe.motion)
         if snapshot is not None:
             self._names = restore_snapshot(snapshot, detector, intake, self._fingerprint)
             self._waiting = set(detector.alarms)
@@ -237,30 +245,8 @@ class LiveRun:
         before = dict(intake.counts)
         scan, update, problem = self._judge(arrival, detector, intake)
         lines: list[Event] = []
-        latency = max(time.time() - arrival.when, 0.0)
-        if scan is not None and update is not None and scan.pose is not None:
-            if not self._started:
-                self._started = True
-                lines.append(self._start_event(detector, intake.description))
-            shown = [round(float(value), 4) for value in scan.pose]
-            lines.append(
-                {"event": "scan", "scan": scan.number, "pose": shown, "outcome": update.outcome,
-                 "arrived": round(arrival.when, 3), "latency_ms": round(1e3 * latency, 1)}
-            )  # fmt: skip
-            where = detector.where if detector.where is not None else scan.pose
-            told = [self._alarm_event(alarm, scan.number, where, latency) for alarm in update.alarms]
-            # Of some the last word was to wait for a look, which did not come: told again where that holds no more.
-            for name in self._waiting & (detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}):
-                event = self._alarm_event(replace(detector.alarms[name], state="update"), scan.number, where, latency)
-                told += [event] if event.get("wait") is False else []
-            for event in told:
-                (self._waiting.add if event.get("wait") else self._waiting.discard)(event["alarm_id"])
-                self._tell(as_line(event))
-            lines += told
-            if update.outcome == "taken":
-                self._latency = [*self._latency[-_REPORTED:], latency]
-            if update.view is not None:
-                lines.append(view_event(update.row, update.view))
+        if scan is not None and update is not None:
+            lines += self._update_events(scan, update, arrival, detector, intake)
         if problem:
             lines.append({"event": "problem", "name": arrival.name, "words": problem})
         if _faults(before) != _faults(intake.counts):
@@ -270,6 +256,45 @@ class LiveRun:
         self._moments = [*self._moments[:1], time.time()]
         self._frames += 1
         return scan is not None
+
+    def _update_events(
+        self, scan: Scan, update: LiveUpdate, arrival: Arrival, detector: LiveDetector, intake: Intake
+    ) -> list[Event]:
+        """Tell what a scan changed, and those held back that went on with it."""
+        latency = max(time.time() - arrival.when, 0.0)
+        lines = position_events(arrival.name, update)
+        where = detector.where if detector.where is not None else scan.pose
+        if update.anew and where is not None:
+            lines.append(anew_event(scan.number, update, where))
+            self._started = self._started and detector.lane is not None and not update.forgotten
+            self._waiting &= detector.alarms.keys()
+        if update.outcome in ("held", "implausible", "duplicate"):
+            return lines
+        if not self._started and detector.first_pose is not None:
+            self._started = True
+            lines.append(self._start_event(detector, intake.description))
+        settled = [*update.released, (scan, update)]
+        lines += [_scan_event(each, changed.outcome, arrival, latency) for each, changed in settled]
+        if where is not None:
+            lines += self._alarm_events(update, scan.number, where, latency, detector)
+        lines += [view_event(changed.row, changed.view) for _, changed in settled if changed.view is not None]
+        if update.outcome == "taken":
+            self._latency = [*self._latency[-_REPORTED:], latency]
+        return lines
+
+    def _alarm_events(
+        self, update: LiveUpdate, scan: int, where: NDArray[np.float64], latency: float, detector: LiveDetector
+    ) -> list[Event]:
+        """Tell alarms that changed, to whoever listens, too."""
+        told = [self._alarm_event(alarm, scan, where, latency) for alarm in update.alarms]
+        # Of some the last word was to wait for a look, which did not come: told again where that holds no more.
+        for name in self._waiting & (detector.alarms.keys() - {alarm.alarm_id for alarm in update.alarms}):
+            event = self._alarm_event(replace(detector.alarms[name], state="update"), scan, where, latency)
+            told += [event] if event.get("wait") is False else []
+        for event in told:
+            (self._waiting.add if event.get("wait") else self._waiting.discard)(event["alarm_id"])
+            self._tell(as_line(event))
+        return told
 
     def _alarm_event(self, alarm: LiveAlarm, scan: int, where: NDArray[np.float64], latency: float) -> Event:
         event = alarm_event(alarm, scan, where, self.options.vehicle, latency)
@@ -292,10 +317,15 @@ class LiveRun:
         try:
             update = detector.add(scan)
         except ValueError as error:
+            intake.settled(len(detector.held), detector.left_out)
             intake.judged(scan.number, "refused", newest)
             return scan, None, str(error)
-        intake.judged(scan.number, update.outcome, newest)
-        return scan, update, ""
+        intake.settled(len(detector.held), detector.left_out, update.anew, update.forgotten)
+        intake.counts["clock"] += update.clock is not None
+        for held, changed in update.released:
+            intake.judged(held.number, changed.outcome, None)
+        intake.judged(scan.number, update.outcome, None if update.anew else newest)
+        return scan, update, update.words
 
     def _start_event(self, detector: LiveDetector, description: RunDescription) -> Event:
         screen, vehicle = self._recipe.prescreen, self.options.vehicle
@@ -346,6 +376,14 @@ def rehearse(description: RunDescription, recipe: Recipe, model: Model) -> None:
         noise = rng.standard_normal((2, *description.shape), dtype=np.float32)
         pose = np.array([0.0, float(number), 2.0, 0.0, 0.0, 0.0])
         detector.add(Scan(number, float("nan"), pose, (noise[0] + 1j * noise[1]).astype(np.complex64)))
+
+
+def _scan_event(scan: Scan, outcome: str, arrival: Arrival, latency: float) -> Event:
+    pose = [] if scan.pose is None else [round(float(value), 4) for value in scan.pose]
+    return {
+        "event": "scan", "scan": scan.number, "pose": pose, "outcome": outcome, "arrived": round(arrival.when, 3),
+        "latency_ms": round(1e3 * latency, 1),
+    }  # fmt: skip
 
 
 def _faults(counts: dict[str, int]) -> dict[str, int]:

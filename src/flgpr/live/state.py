@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.chain.gathering import CleanedScan
-from flgpr.io import MAX_MEMORY, Bundle, BundleError, write_bundle
+from flgpr.io import MAX_MEMORY, Bundle, BundleError, Scan, write_bundle
 from flgpr.live.detector import LiveAlarm, LiveDetector
 from flgpr.live.intake import Intake
 
 SNAPSHOT_FILE = "snapshot.bundle"
-FORMAT, VERSION = "flgpr-live-snapshot", 5
+FORMAT, VERSION = "flgpr-live-snapshot", 6
 _NUMBERS = ("passed", "magnitudes")
-_SCALARS = ("closed", "seen_area", "named")
+_SCALARS = ("closed", "seen_area", "named", "left_out")
 Snapshot = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -37,6 +37,7 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
     for i, one in enumerate(detector.history):
         arrays |= {f"scan{i}.{name}": value for name, value in vars(one).items() if isinstance(value, np.ndarray)}
     arrays |= {f"numbers.{name}": np.array(getattr(detector, name)) for name in _NUMBERS}
+    arrays |= {f"held{number}.signal": scan.signal for number, scan in detector.held.items()}
     newest, scalars = detector.newest, {name: getattr(detector, name) for name in _SCALARS}
     words = {
         "format": FORMAT,
@@ -45,9 +46,12 @@ def take_snapshot(detector: LiveDetector, intake: Intake, names: set[str], finge
         "run": detector.description.as_json(),
         "names": sorted(names),
         "intake": intake.state(),
+        "gate": detector.gate.state(),
+        "held": list(detector.held),
         "history": [one.number for one in detector.history],
         "alarms": [asdict(one) for one in detector.alarms.values()],
         "first_pose": None if detector.first_pose is None else detector.first_pose.tolist(),
+        "before": None if detector.before is None else detector.before.tolist(),
         "newest": None if newest is None else [newest[0], newest[1].tolist()],
         "scalars": {name: value if np.isfinite(value) else None for name, value in scalars.items()},
     }
@@ -94,12 +98,19 @@ def _restored(
     detector.alarms = {one["alarm_id"]: LiveAlarm(**one) for one in words["alarms"]}
     for name in _NUMBERS:
         setattr(detector, name, array("d", arrays[f"numbers.{name}"].tobytes()))
-    first, newest = words["first_pose"], words["newest"]
+    first, newest, before = words["first_pose"], words["newest"], words["before"]
+    detector.before = None if before is None else np.asarray(before, dtype=np.float64)
     detector.first_pose = None if first is None else np.asarray(first, dtype=np.float64)
     detector.newest = None if newest is None else (newest[0], np.asarray(newest[1], dtype=np.float64))
     for name in _SCALARS:
         value = words["scalars"][name]
         setattr(detector, name, -np.inf if value is None else value)
+    detector.gate.restore(words["gate"])
+    poses = detector.gate.held
+    detector.held = {
+        number: Scan(number, poses[number].time, poses[number].pose, arrays[f"held{number}.signal"])
+        for number in map(int, words["held"])
+    }
     intake.restore(words["intake"])
     return set(words["names"])
 

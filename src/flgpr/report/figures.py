@@ -18,6 +18,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from flgpr.model import Lane
+from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, thinned
 from flgpr.scoring import Score
 from flgpr.screen import select
@@ -96,7 +97,8 @@ def whole_roc_figure(scored: Sequence[Score]) -> Figure:
 
 def geometry_figure(run: dict[str, Any], lane: Lane, looks: xr.DataArray | None, beyond: float) -> Figure:
     """Draw in plan and from the side where a manifest's run had its antennas, and how often each spot was seen."""
-    pose, tx, rx = (np.asarray(run[name], dtype=float) for name in ("pose", "tx_m", "rx_m"))
+    tx, rx = (np.asarray(run[name], dtype=float) for name in ("tx_m", "rx_m"))
+    pose = plausible_poses(run)
     figure = Figure(figsize=(8.2, 5.6), layout="constrained")
     plan, side = figure.subplots(1, 2, width_ratios=(1.25, 1))
     if looks is not None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from flgpr.io import write_whole
 from flgpr.report.figures import channel_figure, geometry_figure, run_view_figure, whole_roc_figure
 from flgpr.report.kit import render
+from flgpr.results.description import left_out_scans, plausible_poses
 from flgpr.results.result import Result
 from flgpr.results.score import roc_json
 from flgpr.scoring import Rules, Score, figure_bytes, patch_figure, roc_figure, score
@@ -138,8 +139,8 @@ def _found(result: Result, truth: pd.DataFrame | None, objects: pd.DataFrame | N
         "variants": run_view_figure(result, ["main", *plain], truth, objects) if plain else None,
         "channels": channel_figure(result),
         "geometry": geometry_figure(run, result.lane, main.view["looks"], 0.4),
-        "scans": run["scans"] - len(run["masked_scans"]),
-        "height": np.mean(np.asarray(run["pose"])[:, 2]),
+        "scans": run["scans"] - len(left_out_scans(run)),
+        "height": np.mean(plausible_poses(run)[:, 2]),
         "libraries": [f"{name} {version}" for name, version in result.manifest["libraries"].items()],
         "notes": {one.name: one.notes for one in result.detections},
     }

@@ -17,6 +17,7 @@ import flgpr
 from flgpr.door import MOST_JSON, Folder, parse_json
 from flgpr.io import canonical_json, sha256
 from flgpr.io.files import listed_files
+from flgpr.results.description import plausible_poses
 from flgpr.results.result import Result, read_result_manifest
 from flgpr.results.view_files import plain_json
 from flgpr.scoring import (
@@ -75,7 +76,8 @@ def expected_shift(truth: pd.DataFrame, run: dict[str, Any]) -> NDArray[np.float
         return np.full(len(truth), np.nan)
     x, y, depth = (truth[name].to_numpy(dtype=float) for name in ("x", "y", "depth"))
     soil = run["soil"]["permittivity"]
-    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in run["pose"]]
+    poses = plausible_poses(run)
+    shifts = [refraction_shift(depth, soil, pose[2], np.hypot(x - pose[0], y - pose[1])) for pose in poses]
     return np.asarray(np.mean(shifts, axis=0), dtype=np.float64)
 
 

@@ -22,6 +22,7 @@ from flgpr.chain.lane_chain import MAIN, Detection, variations_of
 from flgpr.chain.recipe import Recipe
 from flgpr.io import write_whole
 from flgpr.model import Lane
+from flgpr.results.description import left_out_scans
 
 VIEW_FORMAT, VIEW_VERSION = "flgpr-view", 1
 TILE_ROWS = 512
@@ -190,7 +191,7 @@ def _grid(view: xr.DataArray) -> dict[str, float]:
 def _scans(run: Mapping[str, Any]) -> dict[str, list[Any]]:
     pose = np.asarray(run.get("pose", np.zeros((0, 6))), dtype=np.float64).reshape(-1, 6)
     columns = {name: np.round(pose[:, i], 4).tolist() for i, name in enumerate(("x", "y", "z", "heading"))}
-    return columns | {"masked": list(run.get("masked_scans", []))}
+    return columns | {"masked": left_out_scans(run)}
 
 
 def plain_json(value: Any) -> Any:

@@ -31,6 +31,7 @@ from flgpr.io.files import check_new, existing, partial_of
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.tables import json_value, parse_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
+from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
 from flgpr.results.result import Result, read_result
 from flgpr.results.score import read_scored_truth
@@ -73,7 +74,7 @@ def import_with_mapping(
         moved = reference_track(way, lever_arm, latency)
     files = [Path(one) for one in data or ()]
     arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(anchor))
-    store, run = Path(output), _tied(arrived.run, anchor)
+    store, run = Path(output), _tied(_with_doubts(arrived.run), anchor)
     if arrived.track is not None:  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
@@ -83,7 +84,7 @@ def import_with_mapping(
 def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
     """Import a CPHD file and store the run; files of other makers need the anchor. A store that exists is refused."""
     _fresh(Path(output))
-    run = _tied(read_cphd(path, _anchor(anchor)), anchor)
+    run = _tied(_with_doubts(read_cphd(path, _anchor(anchor))), anchor)
     save_run(run, output, resume=True)
     return run
 
@@ -103,8 +104,17 @@ def import_gpr(
     """
     _fresh(Path(output))
     section = read_gpr(path, max_memory)
-    run = _tied(gpr_run(section, channel, anchor=_anchor(anchor), max_memory=max_memory, **options), anchor)
+    made = gpr_run(section, channel, anchor=_anchor(anchor), max_memory=max_memory, **options)
+    run = _tied(_with_doubts(made), anchor)
     save_run(run, output, resume=True)
+    return run
+
+
+def _with_doubts(run: xr.Dataset) -> xr.Dataset:
+    """Note in ``import_notes`` what positions no vehicle reaches; all of them are kept."""
+    doubts = judge_run(run).notes()
+    if doubts:
+        run.attrs.setdefault("import_notes", []).extend(doubts)
     return run
 
 

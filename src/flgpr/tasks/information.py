@@ -16,7 +16,8 @@ from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
-from flgpr.results.description import describe_run
+from flgpr.model.motion import judge_run, plausible_run
+from flgpr.results.description import describe_run, plausible_poses
 
 PathLike = str | Path
 _WIDEST = 10.0  # m
@@ -35,8 +36,11 @@ def run_info(
     heights ahead and 1.2 to either side. The recipe is tried, and with ``recipes`` all packaged ones are.
     """
     dataset = open_run(run)
-    description = describe_run(dataset, run)
-    pose, frequency = np.asarray(description["pose"]), dataset["frequency"].values
+    table = None if recipe is None else load_recipe(recipe)
+    motion = judge_run(dataset, None if table is None else table.motion)
+    description = describe_run(dataset, run, None if table is None else table.motion)
+    dataset = plausible_run(dataset, None if table is None else table.motion)
+    pose, frequency = plausible_poses(description), dataset["frequency"].values
     steps = np.diff(frequency)
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
     complete = complete_scans(dataset)
@@ -45,13 +49,12 @@ def run_info(
     antennas = np.array(description["tx_m"] + description["rx_m"])
     height = float(pose[:, 2].mean() + antennas[:, 2].mean())
     array = np.ptp(antennas, axis=0)
-    if recipe is not None:
-        table = load_recipe(recipe)
+    if table is not None:
         grid, lane = table.image.grid(), lane_of(dataset, table)
-        seen = aperture_pose(dataset)[None] if table.image.frames == "all" else pose[complete]
+        seen = aperture_pose(dataset)[None] if table.image.frames == "all" else dataset["pose"].values[complete]
     else:
-        grid = _grid_ahead(dataset, pose)
-        lane, seen = _ahead(grid, pose[complete]), pose[complete]
+        grid, seen = _grid_ahead(dataset, pose), dataset["pose"].values[complete]
+        lane = _ahead(grid, seen)
     names = ([] if recipe is None else [str(recipe)]) + (recipe_names() if recipes else [])
     spot = max((lane.x_max - lane.x_min) / 24, (lane.y_max - lane.y_min) / 400)
     around = Grid.spanning((lane.x_min, lane.x_max), (lane.y_min, lane.y_max), spot)
@@ -76,7 +79,7 @@ def run_info(
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "warnings": geometry_doubts(dataset),
+        "warnings": geometry_doubts(dataset) + motion.notes(),
     }
 
 

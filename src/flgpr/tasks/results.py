@@ -44,7 +44,7 @@ def replay(
     old = read_result(folder)
     described = old.manifest["run"]
     dataset = open_run(run if run is not None else described["path"])
-    now = describe_run(dataset, run if run is not None else described["path"])
+    now = describe_run(dataset, run if run is not None else described["path"], old.recipe.motion)
     if now["store_sha256"] != described["store_sha256"]:
         raise ValueError(f"run must be the one the result was made of ({described['store_sha256'][:12]}…), got {run}")
     if "others" in described:
