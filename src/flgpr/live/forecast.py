@@ -34,7 +34,7 @@ from flgpr.model import complete_scans
 NAME = "live.forecast"
 """Where a model keeps it, beside what its stages have learnt."""
 _SIDE = 1.2816  # standard deviations to either side that hold 80 % of a Gaussian
-_LEAST = 40  # looks at training alarms from which six numbers are learnt
+LEAST = 40  # looks at training alarms from which six numbers are learnt
 _LARGEST = 30.0  # of log odds: farther off they tell no more
 
 
@@ -156,7 +156,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 
     rows = np.fromiter(followed, np.dtype((np.float64, len(Followed._fields))))
     notes: dict[str, Any] = {"looks": len(rows)}
-    if len(rows) < _LEAST:
+    if len(rows) < LEAST:
         return {}, notes
     odds, seen, total, squares, later = rows.T
     alike, share = squares / total**2, total / (seen + total)
