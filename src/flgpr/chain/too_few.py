@@ -144,6 +144,12 @@ def share_changes(settings: Any, name: str) -> list[Change]:
     return [Change("share", HALF, share, header(name))] if share < HALF else []
 
 
+def clear_change(settings: Any) -> Change:
+    """Offer clutter nearer to the targets: half as far, and no farther than the stage does by itself."""
+    usual = type(settings).model_fields["clear"].default
+    return Change("clear", min(settings.clear / 2, usual), settings.clear)
+
+
 def kinds_change(settings: Any, views: Sequence[TrainingView]) -> list[Change]:
     """Offer the kinds of targets that the truth holds, where these are others than a stage learns from."""
     kinds = sorted(set(pd.concat([lane.truth["kind"] for lane in views])))

@@ -34,7 +34,7 @@ from flgpr.model import complete_scans
 NAME = "live.forecast"
 """Where a model keeps it, beside what its stages have learnt."""
 _SIDE = 1.2816  # standard deviations to either side that hold 80 % of a Gaussian
-LEAST = 40  # looks at training alarms from which six numbers are learnt
+_LEAST = 40  # looks at training alarms from which six numbers are learnt
 _LARGEST = 30.0  # of log odds: farther off they tell no more
 
 
@@ -82,8 +82,11 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     learnt = model.stages.get(NAME)
     if learnt is None:
+        looks = model.notes.get(NAME, {}).get("looks", 0)
         why = (
-            "its lanes gave too few" if NAME in model.notes else "it was trained before that was learnt; train it again"
+            f"its lanes gave too few, {looks} looks at alarms of {_LEAST}: train on longer lanes, or on more of them"
+            if NAME in model.notes
+            else "it was trained before that was learnt; train it again"
         )
         warnings.warn(f"model does not tell what further looks are worth: {why}", stacklevel=2)
         return None
@@ -156,7 +159,7 @@ def learn(followed: Iterable[Followed]) -> tuple[Arrays, dict[str, Any]]:
 
     rows = np.fromiter(followed, np.dtype((np.float64, len(Followed._fields))))
     notes: dict[str, Any] = {"looks": len(rows)}
-    if len(rows) < LEAST:
+    if len(rows) < _LEAST:
         return {}, notes
     odds, seen, total, squares, later = rows.T
     alike, share = squares / total**2, total / (seen + total)

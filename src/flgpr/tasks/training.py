@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -198,12 +197,6 @@ class _Course:
                 detector = LiveDetector(describe_for_live(run), self.recipe, lane.area, self.model, settings)
                 followed.extend(forecast.follow(detector, run))
             arrays, notes = forecast.learn(followed)
-        if not arrays:
-            warnings.warn(
-                f"model will not tell what further looks are worth: its alarms were looked at again {notes['looks']} "
-                f"times, and {forecast.LEAST} are needed: train on longer lanes, or on more of them",
-                stacklevel=2,
-            )
         self.model = replace(
             self.model,
             stages=self.model.stages | ({forecast.NAME: arrays} if arrays else {}),

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from flgpr.chain.passes import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
 from flgpr.chain.stages.clusters import subset
-from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, kinds_change
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
 from flgpr.kernels.moments import ledoit_wolf_moments
 from flgpr.screen import select
 
@@ -167,7 +167,7 @@ class Matched(FeatureStage):
             raise TooFewExamplesError(needed, counts, kinds_change(settings, examples))
         if len(clutter) < 2:
             needed = f"clutter pixels farther than {settings.clear:g} m from all targets, got {len(clutter)}"
-            raise TooFewExamplesError(needed, counts, [Change("clear", settings.clear / 2, settings.clear)])
+            raise TooFewExamplesError(needed, counts, [clear_change(settings)])
         mean, covariance = ledoit_wolf_moments(clutter[:: len(clutter) // _MOST + 1])
         learnt = {"signature": bright.mean(axis=0) - mean, "mean": mean, "covariance": covariance}
         return learnt, {"mines_for_signature": len(bright), "clutter_pixels": len(clutter)}

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from flgpr.chain.passes import Accumulator, Arrays, gathered
 from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
-from flgpr.chain.too_few import Change, Tally, TooFewExamplesError
+from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     DeflectionDetector,
@@ -143,7 +143,7 @@ class FormMap(MapStage):
         if looks < 2:
             shorter = Change("length", max(settings.length // 2, 1), settings.length)
             raise TooFewExamplesError(f"2 looks at targets or more, got {looks}", counts, [shorter])
-        nearer = Change("clear", settings.clear / 2, settings.clear)
+        nearer = clear_change(settings)
         if min(cuts, pixels) < 2:
             needed = f"2 cuts and 2 pixels of clutter or more, got {cuts} and {pixels}"
             raise TooFewExamplesError(needed, counts, [nearer])

@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from flgpr.chain.passes import Accumulator, Arrays, added
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
-from flgpr.chain.too_few import Change, Tally, TooFewExamplesError
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
 from flgpr.model.bounds import Spacing
@@ -207,7 +207,7 @@ class LikelihoodMap(MapStage):
         if count.sum() < size:
             needed = f"{size} places of target-free ground or more, got {count.sum():g}"
             free = Tally(int(count.sum()), "places in the lane away from all targets")
-            raise TooFewExamplesError(needed, [free], [Change("clear", settings.clear / 2, settings.clear)])
+            raise TooFewExamplesError(needed, [free], [clear_change(settings)])
         learnt: dict[str, list[Any]] = {"whitener": [], **{name: [] for names in sorts for name in names}}
         for metre in metres:
             reach = next(r for r in range(1, len(count) + 1) if count[np.abs(metres - metre) <= r].sum() >= size)

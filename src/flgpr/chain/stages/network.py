@@ -14,7 +14,7 @@ from pydantic import Field
 
 from flgpr.chain.passes import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
-from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, kinds_change
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
 from flgpr.features import cut_regions
 from flgpr.screen import local_maxima
 from flgpr.screen.views import grid_of
@@ -84,11 +84,7 @@ class ChipNetwork(FeatureStage):
         )
         if not len(mines) or not len(clutter):
             needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
-            changes = (
-                kinds_change(settings, examples)
-                if len(clutter)
-                else [Change("clear", settings.clear / 2, settings.clear)]
-            )
+            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
             counts = [Tally(len(mines), "chips of mines"), Tally(len(clutter), "chips of clutter")]
             raise TooFewExamplesError(needed, counts, changes)
         both = np.concatenate([mines, clutter])
