@@ -236,7 +236,7 @@ def test_masks_without_a_roadside_or_any_target_say_so():
 def test_the_likelihood_tells_its_places_of_ground():
     empty = {"bodies": np.zeros((0, 4)), "ahead": np.zeros(0), "stones": np.zeros((0, 4)), "stones_ahead": np.zeros(0)}
     few = {"covariance": np.zeros((2, 4, 4)), "count": np.array([1.0, 2.0])} | empty
-    message = too_few("map", "likelihood", [few], clear=8.0)
+    message = too_few("map", "likelihood", [few], clear=8.0, sensor="sri-array")
     assert counts_of(message) == {"places in the lane away from all targets": 3}
     assert "4 places of target-free ground or more, got 3" in message
     assert "in [map] (now 8.0)" in message
