@@ -67,7 +67,7 @@ def test_a_lane_without_clutter_cannot_train_it(examples):
     mines = examples.label == 1
     only = TrainingSet(examples.features[mines], examples.label[mines], examples.weight[mines], examples.lane[mines])
     table = DetectorTable(estimator="isolation-forest", features=COLUMNS, on="clutter")
-    with pytest.raises(ValueError, match="needs hits and false alarms, got 20 and 0"):
+    with pytest.raises(ValueError, match="needs false alarms, got 20 hits and 0 false alarms"):
         train_estimator(only, table, COLUMNS)
 
 

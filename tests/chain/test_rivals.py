@@ -204,9 +204,9 @@ def test_the_signature_is_that_of_the_kinds_and_all_that_made_it_is_spent():
     lane = training()
     assert Matched.fit(MatchedSettings(kinds=("metal",)), [lane])[1]["mines_for_signature"] == 2
     assert [list(one.index) for one in Matched.spent(MatchedSettings(), [lane])] == [[0, 1, 2]]
-    with pytest.raises(ValueError, match="kinds must be those of targets that are seen, got none of wood"):
+    with pytest.raises(ValueError, match="needs targets of the kinds wood that are seen, got none"):
         Matched.fit(MatchedSettings(kinds=("wood",)), [lane])
-    with pytest.raises(ValueError, match="clear must leave clutter between the targets, got 30 m"):
+    with pytest.raises(ValueError, match="needs clutter pixels farther than 30 m from all targets"):
         Matched.fit(MatchedSettings(clear=30.0), [lane])
 
 

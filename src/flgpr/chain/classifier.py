@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr import detect  # what it offers loads scikit-learn, which only what has learnt or learns needs
+from flgpr.chain.too_few import check_classes
 from flgpr.detect.scorers.checks import Checked
 from flgpr.model import Lane
 from flgpr.screen import label_alarms
@@ -189,6 +190,7 @@ def train(examples: TrainingSet, features: Sequence[str] = CLASSIFIER_B, duplica
     missing = [name for name in features if name not in examples.features.columns]
     if missing:
         raise ValueError(f"features must be columns of the feature table, got {', '.join(missing)}")
+    check_classes("all", int((examples.label == 1).sum()), int((examples.label == 0).sum()))
     values = examples.features[list(features)].to_numpy(dtype=np.float64)
     weight = examples.weight if duplicate else np.ones_like(examples.weight)
     normalizer = detect.HistogramNormalizer().fit(values, sample_weight=weight)

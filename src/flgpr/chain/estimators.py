@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.classifier import FloatArray, TrainingSet, checked_names, feature_values
 from flgpr.chain.recipe import DetectorTable
+from flgpr.chain.too_few import Change, TooFewExamplesError, check_classes
 from flgpr.detect.scorers import restored_scorer, scorer_of
 from flgpr.detect.scorers.checks import Scorer
 
@@ -33,6 +34,7 @@ ALLOWED = {
 }
 """Classes that are trained, by the name that recipes use. Only training looks here: a model holds none of them."""
 _OUTWARD = ("ecod", "copod", "knn")  # whose scores grow with what is unlike the examples
+_NEIGHBOURS = 5  # of PyOD's KNN, where no option says otherwise
 LAYOUT = 2
 """How a trained estimator is laid out in a model: 1 was a file of skops, which could name what to call."""
 
@@ -151,8 +153,7 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
     values, _ = feature_values(examples.features, features)
     mines = examples.label == 1
     wanted = {"all": np.ones_like(mines), "mines": mines, "clutter": ~mines}[table.on]
-    if (table.on != "clutter" and not mines.any()) or (table.on != "mines" and mines.all()):
-        raise ValueError(f"training needs hits and false alarms, got {int(mines.sum())} and {int((~mines).sum())}")
+    _check_examples(table, int(mines.sum()), int((~mines).sum()))
     X = values[wanted]
     centre = np.zeros(X.shape[1])
     scale = np.ones(X.shape[1])
@@ -173,3 +174,15 @@ def train_estimator(examples: TrainingSet, table: DetectorTable, features: Seque
     return TrainedEstimator(
         table.estimator, tuple(features), centre, scale, scorer, notes, unlike=table.on == "clutter"
     )
+
+
+def _check_examples(table: DetectorTable, hits: int, false_alarms: int) -> None:
+    """Refuse fewer examples than an estimator can be trained with."""
+    check_classes(table.on, hits, false_alarms)
+    shown = {"all": hits + false_alarms, "mines": hits, "clutter": false_alarms}[table.on]
+    neighbours = int(table.options.get("n_neighbors", _NEIGHBOURS))
+    least = {"mixture": 2, "lda": 3, "knn": neighbours + 1}.get(table.estimator, 1)
+    if shown < least:
+        fewer = [Change("n_neighbors", shown - 1, neighbours, "[detector.options]")] if shown > 1 else []
+        needed = f"{least} examples or more for {table.estimator}, got {shown}"
+        raise TooFewExamplesError(needed, changes=fewer if table.estimator == "knn" else [])

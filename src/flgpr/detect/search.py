@@ -71,8 +71,12 @@ def make_fold(
     use = np.asarray(train, bool)
     labels, counts = np.asarray(label)[use], np.asarray(weight, np.float64)[use]
     tried = np.flatnonzero(np.ones(len(features), bool) if test is None else np.asarray(test, bool))
-    if not all((labels == k).any() for k in (0, 1)):
-        raise ValueError("train must hold samples of both classes")
+    hits, false_alarms = (int((labels == k).sum()) for k in (1, 0))
+    if not hits or not false_alarms:
+        raise ValueError(
+            f"train must hold samples of both classes, got {hits} hits and {false_alarms} false alarms in the fold; "
+            "take fewer folds, or lanes with more mines"
+        )
     normalizer = HistogramNormalizer().fit(features[use], sample_weight=counts)
     means, scatter = class_moments(normalizer.transform(features[use]), labels, counts)
     values = normalizer.transform(features[tried]) if tried.size else np.zeros((0, features.shape[1]))

@@ -82,8 +82,11 @@ def forecast_of(recipe: Recipe, model: Model) -> Forecast | None:
         return None
     learnt = model.stages.get(NAME)
     if learnt is None:
+        looks = model.notes.get(NAME, {}).get("looks", 0)
         why = (
-            "its lanes gave too few" if NAME in model.notes else "it was trained before that was learnt; train it again"
+            f"its lanes gave too few, {looks} looks at alarms of {_LEAST}: train on longer lanes, or on more of them"
+            if NAME in model.notes
+            else "it was trained before that was learnt; train it again"
         )
         warnings.warn(f"model does not tell what further looks are worth: {why}", stacklevel=2)
         return None

@@ -13,13 +13,16 @@ from typing import Any
 
 import pandas as pd
 
+from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
 from flgpr.chain.model import Model, check_free_model, save_model
+from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
+from flgpr.chain.too_few import TooFewExamplesError, cannot_be_trained, count_in_views, count_targets, share_changes
 from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
@@ -132,7 +135,7 @@ class _Course:
         """Fit all learning stages, each with what those before it have learnt."""
         named = self.recipe.named()
         for name in self.recipe.learning():
-            of, settings = named[name].of, named[name].settings
+            of = named[name].of
             if of.kind in ("screen", "features"):
                 self._views = self._views or [
                     TrainingView(chain.training_view, lane.targets, lane.area)
@@ -142,27 +145,44 @@ class _Course:
             else:
                 examples = [dict(chain.known[f"learn.{name}"]) for chain, _ in self._chains(truth=True)]
             with self._counted(name):
-                try:
-                    arrays, notes = of.fit(settings, examples)
-                except ValueError as error:
-                    raise ValueError(f"{name} cannot be trained: {error}") from None
+                arrays, notes = self._fit(name, examples)
             self.model = replace(
                 self.model, stages=self.model.stages | {name: arrays}, notes=self.model.notes | {name: notes}
             )
 
+    def _fit(self, name: str, examples: list[Any]) -> tuple[Arrays, dict[str, Any]]:
+        """Fit a stage; where the examples do not suffice, tell how many targets each step left."""
+        stage = self.recipe.named()[name]
+        try:
+            return stage.of.fit(stage.settings, examples)
+        except ValueError as error:
+            counts = [count_targets([lane.targets for lane in self.lanes])]
+            if stage.of.kind in ("screen", "features"):
+                counts += count_in_views(self._views, stage.of.spent(stage.settings, self._views))
+            if isinstance(error, TooFewExamplesError):
+                raise error.of_stage(name, counts) from None
+            changes = share_changes(stage.settings, name)
+            raise cannot_be_trained(name, str(error), counts, changes) from None
+
     def train_detector(self, features: Sequence[str], label_radius: float) -> None:
         """Train the detector on the alarms of all lanes."""
-        alarms = [
-            (f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area)
-            for number, (chain, lane) in enumerate(self._chains(truth=False), 1)
-        ]
+        alarms, raised = [], 0
+        for number, (chain, lane) in enumerate(self._chains(truth=False), 1):
+            alarms.append((f"{number}:{Path(lane.run).stem}", *chain.ranked_alarms(), lane.targets, lane.area))
+            raised += len(chain.raised())
         table = self.recipe.detector or DetectorTable(features=CLASSIFIER_B)
         wanted = _matching(list(features) or list(table.features), list(alarms[0][2].columns))
         with self._counted("detector"):
-            examples = make_training_set(alarms, label_radius, wanted, self._spent())
-            detector = (
-                train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
-            )
+            spent = self._spent()
+            together = [pd.concat(rows) for rows in zip(*spent.values(), strict=True)]
+            examples = make_training_set(alarms, label_radius, wanted, together)
+            try:
+                detector = (
+                    train(examples, wanted) if table.estimator == "fisher" else train_estimator(examples, table, wanted)
+                )
+            except TooFewExamplesError as error:
+                steps = count_alarm_steps(alarms, raised, spent, wanted, label_radius)
+                raise steps.told(error, self.recipe, table.on) from None
         self.model = replace(self.model, detector=detector)
 
     def learn_forecast(self) -> None:
@@ -190,14 +210,14 @@ class _Course:
         yield
         self._how.note(report(self.output.name, name, -1, begun, 0))
 
-    def _spent(self) -> list[pd.DataFrame]:
-        parts = [
-            stage.of.spent(stage.settings, self._views)
+    def _spent(self) -> dict[str, list[pd.DataFrame]]:
+        """Give, by stage, the rows of every lane's truth that made what it has learnt."""
+        parts = {
+            name: stage.of.spent(stage.settings, self._views)
             for name, stage in self.recipe.named().items()
             if name in self.recipe.learning()
-        ]
-        parts = [part for part in parts if part]
-        return [pd.concat(rows) for rows in zip(*parts, strict=True)]
+        }
+        return {name: rows for name, rows in parts.items() if rows}
 
     def _chains(self, truth: bool) -> Iterator[tuple[LaneChain, _Lane]]:
         """Go through the lanes as far as the model allows, and yield each one's chain and lane."""

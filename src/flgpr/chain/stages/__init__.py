@@ -92,6 +92,9 @@ class Stage:
     learns: ClassVar[bool] = False  #: whether it must be trained: it then has ``fit``
     waits: ClassVar[str] = ""  #: why it cannot work while scans come in; "" if it can
     Settings: ClassVar[type[Table]] = Table  #: the entries of its table in a recipe
+    looser: ClassVar[
+        Mapping[str, Any]
+    ] = {}  #: entries, with values, that let more through: told who trains on few mines
 
     def __init__(self, settings: Any, setup: Setup, learnt: Arrays | None = None) -> None:
         self.settings, self.setup = settings, setup

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from flgpr.chain.passes import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
 from flgpr.chain.stages.clusters import subset
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
 from flgpr.kernels.moments import ledoit_wolf_moments
 from flgpr.screen import select
 
@@ -160,10 +161,13 @@ class Matched(FeatureStage):
         bright = np.concatenate([_brightest(e.view, m[["x", "y"]].to_numpy(), settings.reach) for e, m in pairs])
         bright = bright[np.isfinite(bright).all(axis=1)]
         clutter = np.concatenate([_clutter(lane, settings.clear) for lane in examples])
+        counts = [Tally(len(bright), "targets that make the signature"), Tally(len(clutter), "clutter pixels")]
         if not len(bright):
-            raise ValueError(f"kinds must be those of targets that are seen, got none of {', '.join(settings.kinds)}")
+            needed = f"targets of the kinds {', '.join(settings.kinds)} that are seen, got none"
+            raise TooFewExamplesError(needed, counts, kinds_change(settings, examples))
         if len(clutter) < 2:
-            raise ValueError(f"clear must leave clutter between the targets, got {settings.clear:g} m")
+            needed = f"clutter pixels farther than {settings.clear:g} m from all targets, got {len(clutter)}"
+            raise TooFewExamplesError(needed, counts, [clear_change(settings)])
         mean, covariance = ledoit_wolf_moments(clutter[:: len(clutter) // _MOST + 1])
         learnt = {"signature": bright.mean(axis=0) - mean, "mean": mean, "covariance": covariance}
         return learnt, {"mines_for_signature": len(bright), "clutter_pixels": len(clutter)}

@@ -32,11 +32,12 @@ _THRESHOLDS = ("amplitude", "size", "std", "energy_ratio")
 def subset(lanes: list[TrainingView], share: float, kinds: tuple[str, ...] = ()) -> list[pd.DataFrame]:
     """Choose the mines that make templates and thresholds: the same ones for every stage, evenly spread over the lanes.
 
-    Of the targets, sorted by place, every so-manieth is taken, at least four in all; of ``kinds`` only where given, as
-    long as there are any.
+    Of the targets, sorted by place, every so-manieth is taken, at least four in all. With a ``share`` of at most half,
+    no two neighbours are taken, as a detector learns from the others. Of ``kinds`` only where given, as long as there
+    are any.
     """
     total = sum(len(lane.truth) for lane in lanes)
-    step = max(total // max(round(share * total), min(4, total)), 1) if total else 1
+    step = max(total // max(round(share * total), min(4, total), 1), 1 if share > 0.5 else 2)
     chosen, begun = [], 0
     for lane in lanes:
         table = lane.truth.sort_values(["y", "x"], kind="stable")
@@ -82,6 +83,7 @@ class ClusterScreen(ScreenStage):
 
     learns = True
     waits = "a region is looked at from all ranges before it is judged"
+    looser: ClassVar[Mapping[str, Any]] = {"rule": "or", "pass_share": 1.0}
     Settings: ClassVar[type[Table]] = ClusterSettings
 
     @classmethod

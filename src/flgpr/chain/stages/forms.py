@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from flgpr.chain.passes import Accumulator, Arrays, gathered
 from flgpr.chain.stages import FloatArray, MapStage, Positive, Table
+from flgpr.chain.too_few import Change, Tally, TooFewExamplesError, clear_change
 from flgpr.clutter import ClutterWhitener
 from flgpr.detect import (
     DeflectionDetector,
@@ -26,6 +27,7 @@ from flgpr.kernels.moments import ESTIMATORS
 from flgpr.model import ground_points, lane_to_scan
 
 _FORM = ("strength", "vectors", "linear", "offset")
+_SHRUNK = ("ledoit-wolf", "oas")  # moments of which fewer samples than values give a covariance with an inverse
 _PIXELS = (5, 8)  # down-track and cross-track between the clutter pixels of the whitening filter
 
 
@@ -125,11 +127,34 @@ class FormMap(MapStage):
         """Train the detector on the mines of all training lanes, whitened by their clutter."""
         samples = Samples(*(np.concatenate([lane[name] for lane in examples]) for name in Samples._fields))
         looks = len(samples.target)
-        if looks < 2:
-            raise ValueError(f"truth must hold mines that at least two scans see whole, got {looks} looks")
-        forms = cls.trained(settings, samples)
+        forms = cls._checked(settings, samples)
         clutter = samples.pixel if forms[0].linear.size == len(settings.polarizations) else samples.clutter
         return learnt_of(forms, clutter), {"looks_at_mines": looks, "clutter_samples": len(samples.clutter)}
+
+    @classmethod
+    def _checked(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:
+        """Make forms, or tell what too few looks at targets or samples of clutter lack."""
+        looks, cuts, pixels = map(len, samples)
+        counts = [
+            Tally(looks, "looks at targets whose whole cut lies in the image"),
+            Tally(cuts, "cuts of clutter"),
+            Tally(pixels, "pixels of clutter"),
+        ]
+        if looks < 2:
+            shorter = Change("length", max(settings.length // 2, 1), settings.length)
+            raise TooFewExamplesError(f"2 looks at targets or more, got {looks}", counts, [shorter])
+        nearer = clear_change(settings)
+        if min(cuts, pixels) < 2:
+            needed = f"2 cuts and 2 pixels of clutter or more, got {cuts} and {pixels}"
+            raise TooFewExamplesError(needed, counts, [nearer])
+        try:
+            return cls.trained(settings, samples)
+        except ValueError as error:
+            shrunk = Change("moments", _SHRUNK[0], settings.moments)
+            changes = [nearer if settings.moments in _SHRUNK else shrunk]
+            if looks <= settings.ddof:
+                changes = [Change("ddof", min(looks - 1, 1), settings.ddof)]
+            raise TooFewExamplesError(f"samples that moments can be taken of: {error}", counts, changes) from None
 
     @classmethod
     def trained(cls, settings: Any, samples: Samples) -> list[LinearQuadraticForm]:

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 
 from flgpr.chain.passes import Accumulator, Arrays, added
 from flgpr.chain.stages import ComplexArray, FloatArray, MapStage, Positive, Setup, Table
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, Sensor, lane_to_scan, load_sensor, scan_to_lane
 from flgpr.model.bounds import Spacing
@@ -204,7 +205,9 @@ class LikelihoodMap(MapStage):
         }  # fmt: skip
         size, metres = total.shape[-1], np.arange(len(count))
         if count.sum() < size:
-            raise ValueError(f"likelihood needs {size} places of target-free ground or more, got {count.sum():g}")
+            needed = f"{size} places of target-free ground or more, got {count.sum():g}"
+            free = Tally(int(count.sum()), "places in the lane away from all targets")
+            raise TooFewExamplesError(needed, [free], [clear_change(settings)])
         learnt: dict[str, list[Any]] = {"whitener": [], **{name: [] for names in sorts for name in names}}
         for metre in metres:
             reach = next(r for r in range(1, len(count) + 1) if count[np.abs(metres - metre) <= r].sum() >= size)
@@ -225,7 +228,7 @@ class LikelihoodMap(MapStage):
         return {name: one.astype(np.complex64) if np.iscomplexobj(one) else one for name, one in arrays.items()}, notes
 
     def _metre(self, y: NDArray[Any]) -> NDArray[np.int64]:
-        """Count whole metres from the image's near border."""
+        """Tally whole metres from the image's near border."""
         return np.clip((y - self.setup.images.y_min).astype(np.int64), 0, self._metres - 1)
 
     def _chips(self, image: ComplexArray) -> ComplexArray:

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from flgpr.chain.passes import BLOCK, Accumulator, Arrays, Pass, blocks_of, gathered, part_name
 from flgpr.chain.stages import ClutterStage, ComplexArray, FloatArray, Positive, Table
 from flgpr.chain.stages.standing import standing_pass
+from flgpr.chain.too_few import Change, Tally, TooFewExamplesError
 from flgpr.clutter import (
     ROADSIDE,
     Amplitude,
@@ -329,8 +330,29 @@ class MaskedSuppression(ClutterStage):
         learnt = cls.calibration(settings)
         for one in examples:
             learnt.merge(one)
-        limits = learnt.result()
+        cls._check(settings, learnt.targets)
+        try:
+            limits = learnt.result()
+        except ValueError:  # a sub-region without roadside, as all have shown a target
+            near, far = settings.roadside
+            nearer = Change("roadside", [near / 2, far], [near, far])
+            raise TooFewExamplesError("pixels beside the lane in every sub-region", changes=[nearer]) from None
         arrays = {"vv": limits.vv, "vh": limits.vh, "low_vh": limits.low_vh, "looks": learnt.targets}
         if limits.second is not None:
             arrays["second"] = limits.second
         return arrays, {"looks_at_targets": learnt.targets.tolist()}
+
+    @classmethod
+    def _check(cls, settings: Any, looks: NDArray[np.int64]) -> None:
+        """Refuse sub-regions in range that no look has shown a target in."""
+        if (looks > 0).all():
+            return
+        edges = settings.edges
+        counts = [
+            Tally(int(number), f"looks at targets from {near:g} to {far:g} m ahead")
+            for number, near, far in zip(looks, edges[:-1], edges[1:], strict=True)
+        ]
+        # A border goes if one of the two sub-regions that it parts has no look.
+        between = [edge for edge, near, far in zip(edges[1:-1], looks[:-1], looks[1:], strict=True) if near and far]
+        merged = [Change("edges", [edges[0], *between, edges[-1]], list(edges))] if looks.any() else []
+        raise TooFewExamplesError(f"a look at a target in each of {len(looks)} sub-regions", counts, merged)

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from flgpr.chain.passes import Arrays
 from flgpr.chain.stages import FeatureStage, FloatArray, Positive, Table, TrainingView
+from flgpr.chain.too_few import Tally, TooFewExamplesError, clear_change, kinds_change
 from flgpr.features import cut_regions
 from flgpr.screen import local_maxima
 from flgpr.screen.views import grid_of
@@ -82,7 +83,10 @@ class ChipNetwork(FeatureStage):
             np.concatenate(some) for some in zip(*(_examples(e, settings, rng) for e in examples), strict=True)
         )
         if not len(mines) or not len(clutter):
-            raise ValueError(f"network needs mines and clutter, got {len(mines)} and {len(clutter)} chips")
+            needed = f"mines and clutter, got {len(mines)} and {len(clutter)} chips"
+            changes = kinds_change(settings, examples) if len(clutter) else [clear_change(settings)]
+            counts = [Tally(len(mines), "chips of mines"), Tally(len(clutter), "chips of clutter")]
+            raise TooFewExamplesError(needed, counts, changes)
         both = np.concatenate([mines, clutter])
         mean = both.mean(axis=(0, 2, 3), keepdims=True, dtype=float)[0]
         deviation = np.maximum(both.std(axis=(0, 2, 3), keepdims=True, dtype=float)[0], 1e-6)
