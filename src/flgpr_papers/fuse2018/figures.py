@@ -71,7 +71,7 @@ def geometry_figure(recipe: FuseRecipe) -> Figure:
     )
     axes.plot(*np.array([tx, pixel, rx]).T, "C3-", lw=1.2, label="path L of Eq. 2")
     axes.plot(*pixel, "C3s", ms=5)
-    axes.set(xlabel="x, cross-range (m)", ylabel="y, range (m)", zlabel="z (m)", zlim=(0, 4))
+    axes.set(xlabel="x, cross-range (m)", ylabel="y, range (m)", zlabel="z (m)", zlim=(0, 4), zticks=(0, 2, 4))
     axes.view_init(24, -62)
     axes.set_box_aspect((20, 15, 5), zoom=1.15)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(-0.05, 1.02), ncols=2)

@@ -164,7 +164,7 @@ def paper_findings(lanes: Sequence[LaneResult], recipe: FuseRecipe) -> list[Find
 
 
 def _in_words(interval: Interval, unit: str = " dB", digits: int = 1) -> str:
-    value, low, high = (f"{number:.{digits}f}" for number in interval)
+    value, low, high = (f"{number:z.{digits}f}" for number in interval)
     return f"{value}{unit} ({low} to {high})"
 
 
@@ -379,13 +379,13 @@ def _own_findings(
 
 
 def _rival_finding(name: str, lanes: Sequence[LaneResult], recipe: FuseRecipe) -> Finding:
-    """Compare the ROC of a variant with that of the paper's iteration, lane by lane, every frame counting its area."""
+    """Compare the ROC of a variant with that of the iteration in each frame, lane by lane, by frames."""
     each = {lane.name: compared(lane, name, "iteration", recipe, "frames") for lane in lanes}
     gaps = {lane: (one.difference, one.low, one.high) for lane, one in each.items()}
     ours = "; ".join(f"lane {lane} {in_words(*clip(gap, SHARE_DIFFERENCE))}" for lane, gap in gaps.items())
     means = "; ".join(f"lane {lane} {one.pd_mean_a:.2f} against {one.pd_mean_b:.2f}" for lane, one in each.items())
     least = min(gaps.values(), key=lambda gap: gap[1])
-    claim = f"ROC better with {name} than with the paper's iteration (frames)"
+    claim = f"ROC better with {name} than with the iteration in each frame (frames)"
     return Finding(claim, "not tried", ours, OPEN, f"PD_mean {means}", interval=least, bounds=SHARE_DIFFERENCE)
 
 
@@ -396,7 +396,7 @@ def _fall_back_finding(lanes: Sequence[LaneResult], boxes: pd.DataFrame, recipe:
     counts = {name: int((courses[name] > 0).sum()) for name in ("rises", "diverged", "fallen")}
     note = (
         f"of {len(courses)} apertures the residual rose for an iteration in {counts['rises']}, by up to "
-        f"{100 * courses['rise'].max():.1f} %; the last was worse than another in {counts['diverged']}, and their "
+        f"{100 * courses['rise'].max():.2g} %; the last was worse than another in {counts['diverged']}, and their "
         f"average, too, in {counts['fallen']}"
     )
     claim = "falling back to the best iteration where a course diverged removes more"

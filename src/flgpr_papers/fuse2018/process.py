@@ -113,7 +113,7 @@ class Cleaned:
     forms: dict[str, MaskedSuppression]  #: the stage by variant, as far as it knows them
     aperture: Aperture
     masks: dict[str, BoolArray]  #: mixed masks: "pixel", "region", "L" and "calibrated"
-    courses: list[Iterated]  #: the paper's iteration, frame by frame
+    courses: list[Iterated]  #: of the iteration in each frame under one mask
     data: dict[str, ComplexArray]  #: (frame, 1, pair, frequency) by variant
     images: dict[str, ComplexArray]  #: by variant, in the scan frame of the latest frame
     rows: list[dict[str, Any]]  #: one per variant, for ``LaneRecords.courses``
@@ -178,7 +178,7 @@ def _suppressed(
     masks: dict[str, BoolArray],
     main: list[Iterated],
 ) -> tuple[ComplexArray, list[Iterated]]:
-    """Clean an aperture by a variant, whose courses of iterations it tells; ``main`` are those of the paper."""
+    """Clean an aperture by a variant, whose courses of iterations it tells; ``main`` are those of "iteration"."""
     stage = forms.get(variant, forms["iteration"])
     b, mask = aperture.data[:, stage.setup.imaged], masks[MASKS.get(variant, "pixel")]
     if variant == "original":
