@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import warnings
 from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.fitting import check_channels
+from flgpr.chain.fitting import alias_faults, check_channels
 from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, check_confidence, look_sums
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
@@ -157,6 +158,7 @@ class LiveDetector:
         pose = scan.pose
         if self.first_pose is None:
             self.first_pose = pose
+            self._tell_aliases(pose)
         ahead = self._reach(pose)
         if ahead[1] < self.closed:
             return LiveUpdate("late", [])
@@ -222,6 +224,12 @@ class LiveDetector:
         ahead = ahead[ahead <= self.recipe.run_view.y_max]
         weights = look_weight(np.hypot(x, ahead), self.recipe.run_view.falloff)
         return list(zip((y - ahead).tolist(), weights.tolist(), strict=True))
+
+    def _tell_aliases(self, pose: FloatArray) -> None:
+        """Warn once, when the antennas' height is known, of echoes that the steps of the tones repeat in the image."""
+        antennas = (vehicle_to_scan(end, pose) for end in (self.description.tx_position, self.description.rx_position))
+        for doubt in filter(None, alias_faults(self.recipe, self.description.frequency, *antennas)):
+            warnings.warn(doubt, stacklevel=3)
 
     def view_grid(self) -> dict[str, float] | None:
         """Lattice of the run-view: ``x``, ``y`` of its first pixel, ``nx``, ``dx``, ``dy``; None before a pose came."""
