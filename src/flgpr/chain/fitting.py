@@ -16,7 +16,6 @@ from flgpr.chain.recipe import HALF_LANE, Recipe, as_imaged, lane_of, parse_reci
 from flgpr.io import MAX_MEMORY, open_run, write_whole
 from flgpr.model import (
     SPEED_OF_LIGHT,
-    ImagePaths,
     Lane,
     aperture_pose,
     aperture_run,
@@ -159,25 +158,20 @@ def alias_faults(
     image = recipe.image
     ground = image.x, (image.y[0], image.y[1] + behind)
     paths = tightest_paths(frequency, image.subbands, tx, rx, *ground)
-    if paths.repeats:
-        return _repeats(paths, image.y[1]), ""
-    if not paths.aliased:
+    if not (paths.repeats or paths.aliased):
         return "", ""
+    seen = f"got {image.y[1]:g} m with one of {paths.farthest:.4g} m: for the steps of the tones echoes repeat after"
     end = clear_end(paths, tx, rx, *ground) - behind
     mend = f"end it at {math.floor(100 * end) / 100:g} m, or " if end > image.y[0] else ""
+    mend += f"record with steps of at most {paths.widest_step / 1e6:.3g} MHz"
+    if paths.repeats:
+        return (
+            f"image.y must end where paths are shorter than {paths.nearest + paths.unambiguous:.4g} m, {seen} "
+            f"{paths.unambiguous:.4g} m of path, so the image shows what is near in it again where it is far; {mend}"
+        ), ""
     return "", (
-        f"image.y should end where paths are shorter than {paths.farthest - paths.needed + paths.unambiguous:.4g} m, "
-        f"got {image.y[1]:g} m with one of {paths.farthest:.4g} m: for the steps of the tones echoes repeat after "
-        f"{paths.unambiguous:.4g} m of path, so the direct coupling and what lies under the vehicle appear in the "
-        f"image again; {mend}record with steps of at most {paths.widest_step / 1e6:.3g} MHz"
-    )
-
-
-def _repeats(paths: ImagePaths, end: float) -> str:
-    return (
-        f"image.y must end where paths are shorter than {paths.nearest + paths.unambiguous:.4g} m, got {end:g} m with "
-        f"one of {paths.farthest:.4g} m: for the steps of the tones echoes repeat after {paths.unambiguous:.4g} m of "
-        "path, so the image shows what is near in it again where it is far"
+        f"image.y should end where paths are shorter than {paths.longest_clear:.4g} m, {seen} {paths.unambiguous:.4g} "
+        f"m of path, so the direct coupling and what lies under the vehicle appear in the image again; {mend}"
     )
 
 
@@ -312,13 +306,13 @@ def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
 def _clear(setup: _Setup, bands: Sequence[Band], half: float, least: float, wanted: float) -> float:
     """Give the distance wanted ahead of the antennas, or the farthest whose paths the steps of the tones tell apart."""
     inside = [setup.tones[(setup.tones >= low) & (setup.tones <= high)] for low, high in bands]
-    apart_from = [unambiguous_path(tones) - SPEED_OF_LIGHT / float(np.ptp(tones)) for tones in inside]
+    cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
+    longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
     ends = np.concatenate([setup.tx, setup.rx])
     back, side, up = setup.ahead - ends[:, 1].min(), half + np.abs(ends[:, 0]).max(), ends[:, 2].max()
-    longest = min(apart_from) / 2
     far = math.sqrt(max(longest**2 - side**2 - up**2, 0.0)) - back - 0.1  # borders are rounded
     if far < least:
-        apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up))
+        apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up) + cell)
         raise ValueError(
             f"run.frequency must have tones at most {apart / 1e6:.3g} MHz apart for antennas {setup.height:.3g} m "
             f"high, got {setup.step / 1e6:.4g} MHz"

@@ -227,8 +227,9 @@ class LiveDetector:
 
     def _tell_aliases(self, pose: FloatArray) -> None:
         """Warn once, when the antennas' height is known, of echoes that the steps of the tones repeat in the image."""
-        antennas = (vehicle_to_scan(end, pose) for end in (self.description.tx_position, self.description.rx_position))
-        for doubt in filter(None, alias_faults(self.recipe, self.description.frequency, *antennas)):
+        radar = self.description
+        tx, rx = vehicle_to_scan(radar.tx_position, pose), vehicle_to_scan(radar.rx_position, pose)
+        for doubt in filter(None, alias_faults(self.recipe, radar.frequency, tx, rx)):
             warnings.warn(doubt, stacklevel=3)
 
     def view_grid(self) -> dict[str, float] | None:

@@ -57,6 +57,11 @@ class ImagePaths:
         return self.needed > self.unambiguous
 
     @property
+    def longest_clear(self) -> float:
+        """Longest path by way of an image that these tones keep free of echoes from before it."""
+        return self.unambiguous + self.direct - self.cell
+
+    @property
     def widest_step(self) -> float:
         """Widest step of even tones for the image, Hz."""
         return SPEED_OF_LIGHT / self.needed
@@ -117,7 +122,7 @@ def alias_paths(path: float, unambiguous: float, nearest: float, farthest: float
 
 
 def longest_path(tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
-    """Give the longest path of any pair (pair, 3) by way of a rectangle of ground: to a corner, for paths are convex."""
+    """Give the longest path of any pair (pair, 3) by way of a rectangle of ground, to a corner: paths are convex."""
     corners = np.array([(a, b, 0.0) for a, b in itertools.product(x, y)])[:, None]
     return float(sum(np.linalg.norm(corners - np.asarray(end), axis=-1) for end in (tx, rx)).max())
 
@@ -165,7 +170,7 @@ def tightest_paths(
 
 def clear_end(paths: ImagePaths, tx: ArrayLike, rx: ArrayLike, x: Span, y: Span) -> float:
     """Give how far ahead an image may end, m, for echoes from before it to stay out; NaN if it may not even begin."""
-    most = paths.unambiguous + paths.direct - paths.cell
+    most = paths.longest_clear
     near, far = y
     if longest_path(tx, rx, x, (near, near)) > most:
         return math.nan

@@ -341,8 +341,8 @@ def warn_of_aliases(sensor: Sensor) -> None:
         warnings.warn(
             f"tones.step should be below {step / 1e6:.3g} MHz for the footprint of sensor {sensor.name!r}, got "
             f"{sensor.tones.step / 1e6:g} MHz: echoes repeat after {paths.unambiguous:.4g} m of path, and paths by way "
-            f"of the footprint are {paths.nearest:.4g} to {paths.farthest:.4g} m long, so that its far ground lies over "
-            "its near ground in the data; take finer steps, or a footprint that ends nearer",
+            f"of the footprint are {paths.nearest:.4g} to {paths.farthest:.4g} m long, so that its far ground lies "
+            "over its near ground in the data; take finer steps, or a footprint that ends nearer",
             stacklevel=2,
         )
 
