@@ -139,7 +139,15 @@ FULL = bare_run(5.0, ("HH", "VV", "HV"), 0.75e9 + 2.5e6 * np.arange(841))
             FULL.isel(frequency=slice(0, 600)),
             ["image.subbands.F4 must lie in the run's band, 0.75 to 2.248 GHz, got 2.25"],
         ),
-        (FULL.isel(frequency=slice(0, None, 5)), ["image.y must end where paths are shorter than 23.98 m", "got 26 m"]),
+        (
+            FULL.isel(frequency=slice(0, None, 5)),
+            [
+                "image.y must end where paths are shorter than 41.19 m",
+                "got 26 m",
+                "repeat after 23.98 m",
+                "end it at 7.99 m",
+            ],
+        ),
     ],
     ids=["no HH", "no cross-polarized", "band too narrow", "tones too far apart"],
 )

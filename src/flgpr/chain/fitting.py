@@ -19,9 +19,12 @@ from flgpr.model import (
     Lane,
     aperture_pose,
     aperture_run,
+    clear_end,
     complete_scans,
     lane_to_scan,
     scan_to_lane,
+    tightest_paths,
+    unambiguous_path,
     vehicle_to_scan,
 )
 from flgpr.model.motion import plausible_run
@@ -88,10 +91,10 @@ class _Setup:
         slant = _RADIUS / self.cross(sum(band) / 2, 0.0) * self.height
         return math.sqrt(max(slant**2 - self.height**2, 0.0))
 
-    def longest_path(self, x: Band, y: Band) -> float:
-        """Longest path by way of an image: to one of its corners, for paths are convex."""
-        corners = np.array([(a, b, 0.0) for a in x for b in y])[:, None]
-        return float(sum(np.linalg.norm(corners - ends, axis=-1) for ends in (self.tx, self.rx)).max())
+    def behind(self, frames: int) -> float:
+        """How far the vehicle drives while an image gathers its last scans: the earliest is so far behind, m."""
+        earlier, later = self.poses[: 1 - frames or None, :2], self.poses[frames - 1 :, :2]
+        return float(np.hypot(*(later - earlier).T).max()) if len(later) else 0.0
 
 
 def _setup_of(run: xr.Dataset, aperture: bool = False) -> _Setup:
@@ -118,9 +121,10 @@ def _goes_across(run: xr.Dataset) -> bool:
 def check_fit(run: xr.Dataset, recipe: Recipe) -> None:
     """Refuse a recipe that does not fit a run; warn where its image was meant for an array of another height.
 
-    It must have the polarizations, no more than a tenth of a sub-band outside the run's band, and an image within
-    the unambiguous path of the tones' steps. The ValueError names every entry at fault and what to do. An image
-    that begins less than 0.5 or more than 3.5 antenna heights ahead is a UserWarning.
+    It must have the polarizations, no more than a tenth of a sub-band outside the run's band, and an image that does
+    not show an echo twice for the steps of the tones. The ValueError names every entry at fault and what to do. An
+    image that begins less than 0.5 or more than 3.5 antenna heights ahead is a UserWarning, and so is one in which
+    echoes from before it appear again: the recording is what it is, and much of the image may still be good.
     """
     faults, doubts = fit_faults(run, recipe)
     _raise(faults)
@@ -132,12 +136,9 @@ def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
     """Tell what of a recipe does not fit a run, entry by entry, and what is doubtful; see :func:`check_fit`."""
     setup, image = _setup_of(as_imaged(run, recipe)), recipe.image
     faults, doubts = _channel_faults(recipe, setup.polarizations, setup.tones), []
-    longest = setup.longest_path(image.x, image.y)
-    if longest * setup.step >= SPEED_OF_LIGHT:
-        faults.append(
-            f"image.y must end where paths are shorter than {SPEED_OF_LIGHT / setup.step:.4g} m, which tones "
-            f"{setup.step / 1e6:.4g} MHz apart tell from nearer ones, got {image.y[1]:g} m with one of {longest:.4g} m"
-        )
+    fault, doubt = alias_faults(recipe, setup.tones, setup.tx, setup.rx, setup.behind(image.summed))
+    faults += [fault] if fault else []
+    doubts += [doubt] if doubt else []
     heights = (image.y[0] - setup.ahead) / setup.height if setup.height > 0 else math.inf
     if not _HEIGHTS[0] <= heights <= _HEIGHTS[1]:
         doubts.append(
@@ -145,6 +146,34 @@ def fit_faults(run: xr.Dataset, recipe: Recipe) -> tuple[list[str], list[str]]:
             f"{image.y[0]:g} m for antennas {setup.height:.3g} m high"
         )
     return faults, doubts
+
+
+def alias_faults(
+    recipe: Recipe, frequency: FloatArray, tx: FloatArray, rx: FloatArray, behind: float = 0.0
+) -> tuple[str, str]:
+    """Tell of a recipe's image whether it shows an echo twice, a fault, or echoes from before it, a doubt; "" if not.
+
+    Antennas (pair, 3) are in the scan frame, m; the earliest scan that an image sums lies so far ``behind`` its own.
+    Every sub-band counts by the tones (Hz) that it takes.
+    """
+    image = recipe.image
+    ground = image.x, (image.y[0], image.y[1] + behind)
+    paths = tightest_paths(frequency, image.subbands, tx, rx, *ground)
+    if not (paths.repeats or paths.aliased):
+        return "", ""
+    seen = f"got {image.y[1]:g} m with one of {paths.farthest:.4g} m: for the steps of the tones echoes repeat after"
+    end = clear_end(paths, tx, rx, *ground) - behind
+    mend = f"end it at {math.floor(100 * end) / 100:g} m, or " if end > image.y[0] else ""
+    mend += f"record with steps of at most {paths.widest_step / 1e6:.3g} MHz"
+    if paths.repeats:
+        return (
+            f"image.y must end where paths are shorter than {paths.nearest + paths.unambiguous:.4g} m, {seen} "
+            f"{paths.unambiguous:.4g} m of path, so the image shows what is near in it again where it is far; {mend}"
+        ), ""
+    return "", (
+        f"image.y should end where paths are shorter than {paths.longest_clear:.4g} m, {seen} {paths.unambiguous:.4g} "
+        f"m of path, so the direct coupling and what lies under the vehicle appear in the image again; {mend}"
+    )
 
 
 def area_of(run: xr.Dataset, recipe: Recipe, lane: Lane | None = None) -> Lane:
@@ -249,7 +278,7 @@ def _choose(setup: _Setup) -> _Choice:
     if setup.aperture:
         half = float(np.ptp(setup.tx[:, 0])) / 2 + max(near, _VIEW) + _PATCH / 2
     reach = min((_FAR_APERTURE if setup.aperture else _FAR) * height, max(setup.reach(bands[subband]), middle))
-    far = _clear(setup, half, middle, reach + (_PATCH + _MEAN) / 2)
+    far = _clear(setup, list(bands.values()), half, middle, reach + (_PATCH + _MEAN) / 2)
     reach = min(reach, max(far - _PATCH / 2, middle))
     own, widest = bands[subband], max(high - low for low, high in bands.values())
     fine = min(blur * SPEED_OF_LIGHT / (2 * widest), setup.cross(float(setup.tones[-1]), near))
@@ -276,14 +305,16 @@ def _divide(tones: FloatArray, least: float) -> dict[str, Band]:
     return whole | {f"F{number}": part for number, part in enumerate(parts, 1)}
 
 
-def _clear(setup: _Setup, half: float, least: float, wanted: float) -> float:
+def _clear(setup: _Setup, bands: Sequence[Band], half: float, least: float, wanted: float) -> float:
     """Give the distance wanted ahead of the antennas, or the farthest whose paths the steps of the tones tell apart."""
+    inside = [setup.tones[(setup.tones >= low) & (setup.tones <= high)] for low, high in bands]
+    cell = SPEED_OF_LIGHT / min(float(np.ptp(tones)) for tones in inside)
+    longest = (min(unambiguous_path(tones) for tones in inside) - cell) / 2
     ends = np.concatenate([setup.tx, setup.rx])
     back, side, up = setup.ahead - ends[:, 1].min(), half + np.abs(ends[:, 0]).max(), ends[:, 2].max()
-    longest = SPEED_OF_LIGHT / (2 * setup.step)
     far = math.sqrt(max(longest**2 - side**2 - up**2, 0.0)) - back - 0.1  # borders are rounded
     if far < least:
-        apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up))
+        apart = SPEED_OF_LIGHT / (2 * math.hypot(least + back + 0.1, side, up) + cell)
         raise ValueError(
             f"run.frequency must have tones at most {apart / 1e6:.3g} MHz apart for antennas {setup.height:.3g} m "
             f"high, got {setup.step / 1e6:.4g} MHz"

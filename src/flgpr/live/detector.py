@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import warnings
 from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from flgpr.chain.fitting import check_channels
+from flgpr.chain.fitting import alias_faults, check_channels
 from flgpr.chain.gathering import AlarmFeatures, AlarmSums, CleanedScan, check_confidence, look_sums
 from flgpr.chain.images import imager_of
 from flgpr.chain.model import Detector, Model, as_model, unlearnt
@@ -150,6 +151,7 @@ class LiveDetector:
         settings = self.settings
         self.background = CausalBackground(*self.recipe.smoothing, settings.span, settings.warm_up, self._rows)
         self.first_pose: FloatArray | None = None
+        self._aliases_told = False
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
         self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
@@ -237,6 +239,7 @@ class LiveDetector:
         gain, background = self.background.add(image)  # refuses an image that cannot be used
         if self.first_pose is None:
             self.first_pose = pose
+            self._tell_aliases(pose)
         if self.newest is None or scan.number > self.newest[0]:
             self.before, self.newest = self.where, (scan.number, pose)
         where = self.newest[1]
@@ -295,6 +298,16 @@ class LiveDetector:
         ahead = ahead[ahead <= self.recipe.run_view.y_max]
         weights = look_weight(np.hypot(x, ahead), self.recipe.run_view.falloff)
         return list(zip((y - ahead).tolist(), weights.tolist(), strict=True))
+
+    def _tell_aliases(self, pose: FloatArray) -> None:
+        """Warn once, when the antennas' height is known, of echoes that the steps of the tones repeat in the image."""
+        if self._aliases_told:
+            return
+        self._aliases_told = True
+        radar = self.description
+        tx, rx = vehicle_to_scan(radar.tx_position, pose), vehicle_to_scan(radar.rx_position, pose)
+        for doubt in filter(None, alias_faults(self.recipe, radar.frequency, tx, rx)):
+            warnings.warn(doubt, stacklevel=3)
 
     def view_grid(self) -> dict[str, float] | None:
         """Lattice of the run-view: ``x``, ``y`` of its first pixel, ``nx``, ``dx``, ``dy``; None before a pose came."""

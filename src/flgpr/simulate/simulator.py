@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.kernels.threads import blas_on_one_thread
-from flgpr.model import SPEED_OF_LIGHT, Sensor, Tones, make_run, pose_matrix, vehicle_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Sensor, Tones, image_paths, make_run, pose_matrix, vehicle_to_lane
 from flgpr.model.arrays import FloatArray
 from flgpr.simulate.echoes import Echoes, Ground, add_object, incidence, sum_echoes
 from flgpr.simulate.field import TILES_KEPT, SurfaceField
@@ -324,6 +325,25 @@ def check_effort(scene: Scene, sensor: Sensor | None = None, force: bool = False
             f"scene {scene.name!r} must take at most {MOST_MEMORY / 1e9:g} GB and {MOST_HOURS:g} hours, got "
             f"{effort.memory / 1e9:.3g} GB and {hours:.3g} hours ({what}{effort.things:.3g} targets and objects); "
             "--force goes beyond"
+        )
+
+
+def warn_of_aliases(sensor: Sensor) -> None:
+    """Warn of tones whose steps let far ground of a sensor's footprint lie over its near ground in the data.
+
+    Real radars are built so, and a simulated one shows what their data look like: no error.
+    """
+    tx, rx = (side + [0.0, 0.0, sensor.height] for side in sensor.pairs())
+    x_min, x_max, y_min, y_max = sensor.footprint
+    paths = image_paths(sensor.tones.axis(), tx, rx, (x_min, x_max), (y_min, y_max))
+    if paths.repeats:
+        step = SPEED_OF_LIGHT / (paths.farthest - paths.nearest)
+        warnings.warn(
+            f"tones.step should be below {step / 1e6:.3g} MHz for the footprint of sensor {sensor.name!r}, got "
+            f"{sensor.tones.step / 1e6:g} MHz: echoes repeat after {paths.unambiguous:.4g} m of path, and paths by way "
+            f"of the footprint are {paths.nearest:.4g} to {paths.farthest:.4g} m long, so that its far ground lies "
+            "over its near ground in the data; take finer steps, or a footprint that ends nearer",
+            stacklevel=2,
         )
 
 

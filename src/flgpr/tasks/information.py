@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
-from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
+from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane, unambiguous_path
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
 
@@ -42,6 +43,7 @@ def run_info(
     dataset = plausible_run(dataset, None if table is None else table.motion)
     pose, frequency = plausible_poses(description), dataset["frequency"].values
     steps = np.diff(frequency)
+    unambiguous = unambiguous_path(frequency)
     spacing = np.hypot(*np.diff(pose[:, :2], axis=0).T)
     complete = complete_scans(dataset)
     if not complete.any():
@@ -66,7 +68,7 @@ def run_info(
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
         figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})
     return description | {
-        "unambiguous_path_m": SPEED_OF_LIGHT / float(np.median(steps)) if steps.size else None,
+        "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
         "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
         "largest_step_hz": float(steps.max(initial=0.0)),
         "range_resolution_m": SPEED_OF_LIGHT / (2 * float(np.ptp(frequency))) if steps.size else None,

@@ -34,7 +34,7 @@ from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
 from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
-from flgpr.simulate.simulator import check_effort
+from flgpr.simulate.simulator import check_effort, warn_of_aliases
 
 PathLike = str | Path
 _BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson", "lane.toml")
@@ -58,9 +58,11 @@ def simulate_to_store(
     Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
     ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same arguments, to the
     same bits; without ``resume`` it begins again. What another lane's call left is a RunStoreError. What would take too
-    much memory or time is a ValueError before anything is made, unless ``force`` is given.
+    much memory or time is a ValueError before anything is made, unless ``force`` is given; a footprint that reaches
+    beyond what the steps of the tones keep apart is a UserWarning.
     """
     check_effort(scene, sensor, force)
+    warn_of_aliases(sensor)
     store = Path(output)
     simulator = Simulator(scene, sensor, seed, errors)
     tx, rx = sensor.pairs()

@@ -13,7 +13,7 @@ from flgpr.clutter import scan_gain, self_signature
 from flgpr.design.array import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.kernels.windows import ramp
-from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, make_run
+from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, check_tones, lane_to_scan, load_sensor, make_run
 from flgpr.scoring import refraction_shift
 from flgpr.simulate import ALONE, BARE, Scene, Simulator
 from flgpr.simulate.simulator import system_response
@@ -41,18 +41,23 @@ class Look:
 
 
 def study_sensor(recipe: StudyRecipe) -> Sensor:
-    """Make the radar of the study: the preset on the study's tones, over the ground that is imaged."""
+    """Make the radar of the study: the preset on the study's tones, over the ground that is imaged.
+
+    Tones that let echoes from before the image appear in it are a ValueError.
+    """
     preset = load_sensor(recipe.radar.sensor)
     low, high = recipe.image.band
     count = round((high - low) / recipe.radar.tone_step) + 1
     margin, (x0, x1), (y0, y1) = recipe.radar.margin, recipe.image.x, recipe.image.y
-    return preset.model_copy(
+    sensor = preset.model_copy(
         update={
             "tones": Tones(start=low, step=recipe.radar.tone_step, count=count),
             "footprint": (x0 - margin, x1 + margin, y0 - margin, y1 + margin),
             "polarization": recipe.cut.polarizations,
         }
     )
+    check_tones(sensor, recipe.image.x, recipe.image.y)
+    return sensor
 
 
 def tone_weight(recipe: StudyRecipe, sensor: Sensor) -> FloatArray:
@@ -268,6 +273,7 @@ def wide_image(recipe: StudyRecipe, seed: int) -> xr.DataArray:
 def _image(recipe: StudyRecipe, sensor: Sensor, scene: Scene, seed: int, grid: Grid, errors: bool) -> xr.DataArray:
     quiet = sensor.errors.model_copy(update={"self_signature_db": None})
     simulator = Simulator(scene, sensor.model_copy(update={"errors": quiet}), seed, errors)
+    check_tones(sensor, (grid.x[0], grid.x[-1]), (grid.y[0], grid.y[-1]))
     tx, rx = sensor.pairs()
     signal = simulator.scan(0)[None]
     run = make_run(signal, simulator.frequency, list(sensor.polarization), tx, rx, simulator.reported_pose())

@@ -16,7 +16,7 @@ from flgpr.clutter import self_signature
 from flgpr.clutter.background import scan_gain
 from flgpr.imaging import ImagingOperator
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, lane_to_scan, load_sensor, vehicle_to_scan
+from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, check_tones, lane_to_scan, load_sensor, vehicle_to_scan
 from flgpr.simulate import Scene
 from flgpr.simulate.scene import Surface, TargetDraw, Thing
 from flgpr.simulate.scene import Track as Drive
@@ -26,6 +26,7 @@ from flgpr_papers.kit.settings import Table, packaged
 from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
+_SIDE, _BEYOND = 0.2, 0.75  # m of a stop's image beyond the lane's, across, and beyond half a step, along
 FINER = 2  # image pixels of a stop per pixel of the lane, down-track: the lane's pixels are interpolated between them
 
 
@@ -121,11 +122,7 @@ class Pass:
 
 def drive(settings: Settings, site: str, folder: Path, track: Track = silent) -> list[Pass]:
     """Drive a site's lane in both directions, or read the images of the same drive from a folder."""
-    sensor = load_sensor(settings.sensor)
-    start, step, count = settings.tones
-    sensor = sensor.model_copy(
-        update={"tones": Tones(start=start, step=step, count=int(count)), "footprint": settings.footprint}
-    )
+    sensor = study_sensor(settings)
     seed = settings.seed + 10 * settings.sites.index(site)
     scene = _scene(settings, site)
     out = Simulator(scene, sensor, seed)
@@ -142,6 +139,18 @@ def drive(settings: Settings, site: str, folder: Path, track: Track = silent) ->
         path = folder / f"{site}-{name}-{key_of(content)}.bundle"
         passes.append(_one_pass(settings, site, name, simulator, sensor, path, track))
     return passes
+
+
+def study_sensor(settings: Settings) -> Sensor:
+    """Make the radar of the study: the preset on the study's tones, which must keep its images free of aliases."""
+    start, step, count = settings.tones
+    sensor = load_sensor(settings.sensor).model_copy(
+        update={"tones": Tones(start=start, step=step, count=int(count)), "footprint": settings.footprint}
+    )
+    side = settings.lane[0] - settings.margin - _SIDE, settings.lane[1] + settings.margin + _SIDE
+    half = settings.step / 2 + _BEYOND
+    check_tones(sensor, side, (settings.ranges[0] - half, settings.ranges[-1] + half))
+    return sensor
 
 
 def _scene(settings: Settings, site: str) -> Scene:
@@ -193,10 +202,10 @@ def lane_images(
     A pixel of the image of range d comes from the stop that sees it within half a step of d. The phase of the middle
     of the band is taken out, so that neighbouring pixels differ little and signatures at any distance are alike.
     """
-    half = settings.step / 2 + 0.75
-    nx = round((grid.x[-1] - grid.x[0] + 0.4) / grid.dx) + 1
+    half = settings.step / 2 + _BEYOND
+    nx = round((grid.x[-1] - grid.x[0] + 2 * _SIDE) / grid.dx) + 1
     ny = round((settings.ranges[-1] - settings.ranges[0] + 2 * half) * FINER / grid.dy) + 1
-    view = Grid(float(grid.x[0]) - 0.2, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)
+    view = Grid(float(grid.x[0]) - _SIDE, settings.ranges[0] - half, nx, ny, grid.dx, grid.dy / FINER)
     pose = simulator.reported_pose()
     tx, rx = (vehicle_to_scan(positions, pose[0]) for positions in sensor.pairs())
     operator = ImagingOperator(simulator.frequency, tx, rx, view.points(), window=settings.window)

@@ -31,7 +31,7 @@ from flgpr.clutter import (
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, read_table, sample_lane
 from flgpr.kernels.windows import hann
-from flgpr.model import Grid, Lane, Sensor, vehicle_to_lane
+from flgpr.model import Grid, Lane, Sensor, check_tones, vehicle_to_lane
 from flgpr.screen import prescreen
 from flgpr.simulate import Scene, Simulator
 
@@ -163,7 +163,7 @@ def _calibrate(run: xr.Dataset, worlds: int) -> dict[str, Thresholds]:
 
 def _sensor(run: xr.Dataset) -> Sensor:
     f = run["frequency"].values
-    return Sensor.model_validate(
+    sensor = Sensor.model_validate(
         {
             "name": "full-wave array",
             "source": "packaged full-wave lane",
@@ -176,6 +176,8 @@ def _sensor(run: xr.Dataset) -> Sensor:
             "footprint": (-2.0, 2.0, 0.8, 6.5),
         }
     )
+    check_tones(sensor, (-HALF_WIDTH, HALF_WIDTH), (float(_GRID.y[0]), float(_GRID.y[-1])))
+    return sensor
 
 
 def _scene(run: xr.Dataset, seed: int) -> Scene:

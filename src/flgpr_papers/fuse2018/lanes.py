@@ -21,7 +21,7 @@ from flgpr.chain.progress import Track
 from flgpr.chain.recipe import Recipe, recipe_text
 from flgpr.chain.stages.masks import MaskedSuppression
 from flgpr.io import open_run
-from flgpr.model import Grid, Lane, Sensor, ground_points, lane_to_scan, load_sensor
+from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_scan, load_sensor
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
@@ -158,10 +158,18 @@ def fuse_recipe(quick: bool = False) -> FuseRecipe:
 
 
 def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:
-    """Load a band's preset with the study's navigation and footprint."""
+    """Load a band's preset with the study's navigation and footprint.
+
+    Tones that let echoes from before the images appear in them are a ValueError; the earliest frame of a coherent sum
+    sees the ground from farther back.
+    """
     preset = load_sensor(f"dual-band-{band}")
     errors = preset.errors.model_copy(update={"position": recipe.radar.position, "heading": recipe.radar.heading})
-    return preset.model_copy(update={"errors": errors, "footprint": recipe.radar.footprint})
+    sensor = preset.model_copy(update={"errors": errors, "footprint": recipe.radar.footprint})
+    near, far = recipe.image.y
+    behind = (recipe.image.frames - 1) * recipe.lanes.step[1]
+    check_tones(sensor, recipe.image.x, (near, far + behind))
+    return sensor
 
 
 def lane_scene(recipe: FuseRecipe, name: str, band: str) -> Scene:

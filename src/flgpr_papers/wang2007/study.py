@@ -18,7 +18,7 @@ from flgpr.clutter import Background
 from flgpr.imaging import ScanImager
 from flgpr.io import open_run, read_manifest, sha256, write_whole
 from flgpr.kernels.sampling import bilinear
-from flgpr.model import Lane, lane_to_scan
+from flgpr.model import Lane, check_tones, lane_to_scan
 from flgpr.results.description import describe_run
 from flgpr.results.errors import ResultError
 from flgpr.results.result import read_result, write_result
@@ -85,6 +85,7 @@ def lane_result(
 ) -> LaneResult:
     """Simulate a lane and run the chain on it, with all that the figures need if wanted, or take what is there."""
     home, recipe = folder / "results" / scene.name, parse_recipe(text)
+    check_tones(radar, recipe.image.x, recipe.image.y)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
     pictures = folder / "results" / "examples.bundle"
