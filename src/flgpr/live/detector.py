@@ -144,6 +144,7 @@ class LiveDetector:
         self.gate = PoseGate(recipe.motion)
         self.held: dict[int, Scan] = {}  # scans held back until others agree with their poses, by number
         self.left_out = 0  # scans whose pose was not plausible in the end
+        self._aliases_told = False
         self._begin()
 
     def _begin(self) -> None:
@@ -151,7 +152,6 @@ class LiveDetector:
         settings = self.settings
         self.background = CausalBackground(*self.recipe.smoothing, settings.span, settings.warm_up, self._rows)
         self.first_pose: FloatArray | None = None
-        self._aliases_told = False
         self.history: list[CleanedScan] = []  # of scans that still see ground ahead
         self._sums: AlarmSums | None = None  # features of the latest alarms, from all of these scans
         self.view: Arrays = {}  # what the run-view has gathered, "row" counted from the lane's first
