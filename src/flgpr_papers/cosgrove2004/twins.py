@@ -114,18 +114,18 @@ def ratio_rows(lanes: Sequence[Case]) -> Rows:
 
 
 def _pd_rows(recipe: StudyRecipe, table: pd.DataFrame) -> Rows:
-    """Tabulate Pd at the study's P_FA, mean over the seeds, by soil and detector."""
-    said = {"sand": f"best; {PAPER_PD:g} in the best soil", "clay": "worst of the three"}
-    curves = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
+    """Tabulate Pd at the study's P_FA, mean over the seeds, by soil."""
+    paper = {
+        "sand": f"best, {PAPER_PD:g} by deflection in the best soil; PWF and HH below",
+        "gravel": "PWF and HH below deflection",
+        "clay": "worst; PWF and HH below deflection",
+    }
+    names = {f"rank {recipe.detector.rank}": "deflection", "PWF": "PWF", "HH": "HH"}
     rows = []
     for soil in (soil for soil in SOILS if soil in recipe.sites):
-        for detector, name in curves.items():
-            chosen = table[(table["site"] == soil) & (table["detector"] == detector)]
-            paper = said.get(soil, "between them") if name == "deflection" else "below deflection"
-            mean = chosen["pd"].mean()
-            rows.append(
-                (f"{recipe.sites[soil].title}, {name}, Pd at {recipe.score.pfa:g} per m²", paper, f"{mean:.2f}")
-            )
+        means = table[table["site"] == soil].groupby("detector")["pd"].mean()
+        ours = ", ".join(f"{name} {means[detector]:.2f}" for detector, name in names.items())
+        rows.append((f"{recipe.sites[soil].title}, Pd at {recipe.score.pfa:g} per m²", paper[soil], ours))
     return rows
 
 
