@@ -32,7 +32,7 @@ HEAVY = (
     "test_cosgrove2004_study", "test_simulator", "test_live_detector", "test_page", "test_simulation", "test_demo",
     "test_bench", "test_cuda", "test_kernel_cache", "test_docs_theory", "test_raw_data", "test_skeleton_and_sweep",
     "test_kills", "test_rail", "test_cli", "test_plugin", "test_server", "test_verdicts", "test_notebook",
-    "test_operator_page", "test_score_pages",
+    "test_operator_page", "test_score_pages", "test_few_mines",
 )  # fmt: skip
 """Files that take longest: they are begun first, so that the processes end together."""
 hypothesis.settings.register_profile("any machine", deadline=None)  # no test asserts a time
@@ -136,3 +136,13 @@ def demo(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         _draw_nothing(patch)
         return tasks.demo(tmp_path_factory.mktemp("demo") / "result")
+
+
+@pytest.fixture(scope="session")
+def three_mines(tmp_path_factory):
+    """Folder of a simulated lane of 30 m with three mines, see few_mines."""
+    from few_mines import make_lane  # only where it is asked for
+
+    folder = tmp_path_factory.mktemp("three-mines")
+    make_lane(folder)
+    return folder

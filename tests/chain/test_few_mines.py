@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from few_mines import counts_of, follow, make_lane, resized
+from few_mines import counts_of, follow, resized
 from flgpr import tasks
 from flgpr.chain.alarm_steps import count_alarm_steps
 from flgpr.chain.classifier import TrainingSet, make_training_set, train
@@ -26,12 +26,10 @@ AREA = Lane(-1.5, 1.5, 0.0, 10.0)
 
 
 @pytest.fixture(scope="module")
-def lane(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("three-mines")
-    make_lane(folder)
-    (folder / "none.csv").write_text(NO_MINES)
-    (folder / "away.csv").write_text(OUT_OF_SIGHT)
-    return folder
+def lane(three_mines):
+    (three_mines / "none.csv").write_text(NO_MINES)
+    (three_mines / "away.csv").write_text(OUT_OF_SIGHT)
+    return three_mines
 
 
 def run_training(lane, text, output, truth="truth.csv"):
@@ -287,6 +285,7 @@ def test_the_steps_are_those_that_the_training_set_takes():
         "taken by screen.clusters": 1,
         "targets left for the detector": 2,
         "alarms raised by screen.clusters": 9,
+        "of these without a confidence, left out": 2,
         "hits, within 1 m of a target": 3,
         "false alarms": 3,
         "outside the lane, neither": 1,

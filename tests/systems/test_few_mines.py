@@ -3,29 +3,22 @@
 import pandas as pd
 import pytest
 
-from few_mines import MINES, counts_of, follow, make_lane, resized
+from few_mines import MINES, counts_of, follow, resized
 from flgpr import tasks
 from flgpr.chain.recipe import parse_recipe, recipe_names
 
 
-@pytest.fixture(scope="module")
-def lane(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("three-mines")
-    make_lane(folder)
-    return folder
-
-
-def train(lane, name, text, folder):
+def train(three_mines, name, text, folder):
     recipe = folder / f"{name}.toml"
     recipe.write_text(text)
-    truth, borders = [lane / "truth.csv"], [lane / "lane.toml"]
-    return tasks.train_runs([lane / "run.zarr"], truth, recipe, folder / "model", lanes=borders)
+    truth, borders = [three_mines / "truth.csv"], [three_mines / "lane.toml"]
+    return tasks.train_runs([three_mines / "run.zarr"], truth, recipe, folder / "model", lanes=borders)
 
 
-def trained_as_advised(lane, name, text, folder):
+def trained_as_advised(three_mines, name, text, folder):
     """Train; where three mines are too few, check what is said, and do what is advised."""
     try:
-        return text, train(lane, name, text, folder)
+        return text, train(three_mines, name, text, folder)
     except ValueError as error:
         message = str(error)
     assert name == "flsar2004", message  # its thresholds rest on two mines, and hold in all ranges of a polarization
@@ -38,20 +31,22 @@ def trained_as_advised(lane, name, text, folder):
     assert counts["hits on targets left for the detector"] == counts["hits with all features"] == 0
     advised = follow(text, message)
     assert parse_recipe(advised).screen.settings.rule == "or"
-    return advised, train(lane, name, advised, folder)
+    return advised, train(three_mines, name, advised, folder)
 
 
 @pytest.mark.parametrize("name", recipe_names())
-def test_every_packaged_recipe_trains_on_three_mines_and_detects(lane, name, tmp_path):
-    text, model = resized(name, lane), None
+def test_every_packaged_recipe_trains_on_three_mines_and_detects(three_mines, name, tmp_path):
+    text, model = resized(name, three_mines), None
     if name != "demo":
-        text, trained = trained_as_advised(lane, name, text, tmp_path)
+        text, trained = trained_as_advised(three_mines, name, text, tmp_path)
         model = tmp_path / "model"
         assert set(parse_recipe(text).learning()) <= set(trained.stages)
         assert trained.stages or trained.detector is not None
     recipe = tmp_path / f"{name}.toml"
     recipe.write_text(text)
-    tasks.detect_long(lane / "run.zarr", recipe, tmp_path / "result", lane / "lane.toml", model=model, report=False)
+    tasks.detect_long(
+        three_mines / "run.zarr", recipe, tmp_path / "result", three_mines / "lane.toml", model=model, report=False
+    )
     alarms = pd.read_csv(tmp_path / "result" / "alarms.csv")
     assert len(alarms) > 0
     assert alarms["confidence"].notna().all()

@@ -48,11 +48,13 @@ class AlarmSteps:
         """List what each step left, in their order."""
         taken = [Tally(number, f"taken by {name}") for name, number in self.spent.items()]
         lost = [Tally(number, f"alarms without the feature {name}") for name, number in self._lacking().items()]
+        unranked = self.raised - self.hits - self.false_alarms - self.neither
         return [
             self.targets,
             *taken,
             Tally(self.left, "targets left for the detector"),
             Tally(self.raised, f"alarms raised by {_screen_of(recipe)}"),
+            *([Tally(unranked, "of these without a confidence, left out")] if unranked else []),
             Tally(self.hits, f"hits, within {self.radius:g} m of a target"),
             Tally(self.false_alarms, "false alarms"),
             Tally(self.neither, "outside the lane, neither"),
@@ -69,7 +71,7 @@ class AlarmSteps:
         return cannot_be_trained("detector", why, self.counts(recipe), [*error.changes, *self.changes(recipe, shown)])
 
     def _lacking(self) -> dict[str, int]:
-        """Tally the hits and false alarms left without a feature, by feature."""
+        """Count the hits and false alarms left without a feature, by feature."""
         total = self.hits_left + self.false_alarms
         return {name: total - sum(both) for name, both in self.have.items() if sum(both) < total}
 
@@ -134,7 +136,7 @@ def count_alarm_steps(
     columns: Sequence[str],
     label_radius: float,
 ) -> AlarmSteps:
-    """Tally what each step of :func:`flgpr.chain.classifier.make_training_set` leaves.
+    """Count what each step of :func:`flgpr.chain.classifier.make_training_set` leaves.
 
     Parameters
     ----------

@@ -102,14 +102,14 @@ def looser_entries(settings: Any, values: Mapping[str, Any], table: str = "") ->
 
 
 def count_targets(truths: Sequence[pd.DataFrame]) -> Tally:
-    """Tally the targets of truth tables by kind."""
+    """Count the targets of truth tables by kind."""
     kinds = pd.concat([truth["kind"] for truth in truths]).value_counts().sort_index()
     each = ", ".join(f"{number} {kind}" for kind, number in kinds.items())
     return Tally(int(kinds.sum()), f"targets in the truth ({each})" if each else "targets in the truth")
 
 
 def count_in_views(views: Sequence[TrainingView], spent: Sequence[pd.DataFrame]) -> list[Tally]:
-    """Tally the targets that run-views hold, that scans saw in all channels, and that a stage learns from."""
+    """Count the targets that run-views hold, that scans saw in all channels, and that a stage learns from."""
     inside = seen = seen_of_spent = 0
     for number, lane in enumerate(views):
         shown = _seen(lane.view, lane.truth)
