@@ -11,6 +11,7 @@ from flgpr.chain.model import load_model
 from flgpr.clutter import ClutterWhitener
 from flgpr.scoring import pd_at
 from flgpr_papers.cosgrove2004 import findings as findings_module
+from flgpr_papers.cosgrove2004 import images as images_module
 from flgpr_papers.cosgrove2004 import study as cosgrove2004
 from flgpr_papers.cosgrove2004.detect import (
     box_values,
@@ -42,6 +43,14 @@ from flgpr_papers.cosgrove2004.signature import (
 from flgpr_papers.kit.findings import NO_VERDICT
 from flgpr_papers.kit.worlds import changed
 from reference.cosgrove2004 import equations_7_to_12
+
+
+@pytest.fixture(scope="module", autouse=True)
+def folded_ranges():
+    """Few tones make these tests quick; test_tones.py asks whether the study refuses them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(images_module, "check_tones", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="module")

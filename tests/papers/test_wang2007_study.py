@@ -307,7 +307,7 @@ def test_a_stored_lane_is_not_made_again_unless_it_changed(tmp_path, monkeypatch
     small = type(scene).model_validate(data)
     sensor = lanes.sensor()
     few = sensor.model_copy(
-        update={"tones": sensor.tones.model_copy(update={"start": 0.75e9, "step": 4e7, "count": 16})}
+        update={"tones": sensor.tones.model_copy(update={"start": 0.75e9, "step": 5e6, "count": 16})}
     )
     calls = []
     plain = Simulator.scan
