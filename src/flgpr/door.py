@@ -330,7 +330,10 @@ def _regular_state(at: int, last: str, root: Path, name: str) -> os.stat_result:
 
 def _open_folders(root: Path, name: str, parts: Sequence[str]) -> int:
     """Open a folder below another; a link on the way is a DoorError that names the file that was asked for."""
-    at = os.open(root, _FOLDER)
+    try:
+        at = os.open(root, _FOLDER)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise type(error)(error.errno, error.strerror, str(root / name)) from None
     for part in parts:
         try:
             below = os.open(part, _FOLDER | os.O_NOFOLLOW, dir_fd=at)

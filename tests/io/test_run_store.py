@@ -38,10 +38,10 @@ def test_a_chunk_of_the_same_length_differs_by_its_checksum(small_run, tmp_path)
     path = save_run(small_run, tmp_path / "a.zarr") / "signal" / "c" / "2" / "0" / "0" / "0"
     data = path.read_bytes()
     path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
-    with pytest.raises(RunStoreError, match=r"signal/c/2/.*differs.*its SHA-256 checksum is another"):
+    with pytest.raises(RunStoreError, match=r"signal/c/2/.*differs.*its SHA-256 is another"):
         read_all(tmp_path / "a.zarr")
     path.write_bytes(data[:-1])
-    with pytest.raises(RunStoreError, match=rf"{len(data) - 1} bytes, {len(data)} were committed"):
+    with pytest.raises(RunStoreError, match=rf"{len(data) - 1} bytes against {len(data)}"):
         read_all(tmp_path / "a.zarr")
 
 
