@@ -39,7 +39,9 @@ _ADVICE = re.compile(r"(\w+) = ([^()]+) in (\[\[?[\w.]+\]\]?)(?: of stage (\"[\w
 
 def make_lane(folder: Path) -> None:
     """Simulate the lane with all tones that the packaged sub-bands need."""
-    sensor = cut_down(SENSOR, [("start = 0.6e9", "start = 0.3e9"), ("count = 81", "count = 208")])
+    sensor = cut_down(
+        SENSOR, [("start = 0.6e9", "start = 0.3e9"), ("step = 14e6", "step = 13e6"), ("count = 81", "count = 224")]
+    )
     (folder / "sensor.toml").write_text(sensor)
     (folder / "scene.toml").write_text(SCENE)
     (folder / "lane.toml").write_text(LANE)
