@@ -57,7 +57,7 @@ def test_info_says_it_in_words_and_as_json(tmp_path):
 def test_info_tells_which_recipes_fit_and_why_others_do_not():
     told = json.loads(call("info", RUN, "--recipes", "--json").stdout)["recipes"]
     assert told["demo"] == told["miniature"] == []
-    assert any("image.y must end where paths are shorter than 39.97 m" in one for one in told["wang2007"])
+    assert any("echoes repeat after 39.97 m of path" in one for one in told["wang2007"])
     words = call("info", RUN, "--recipe", "wang2007").stdout
     assert "wang2007: image.subbands.F4 must lie in the run's band" in words
     assert "recipe for RUN" in words
