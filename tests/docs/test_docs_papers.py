@@ -9,19 +9,20 @@ from flgpr.model import sensor_presets
 from reading import PAGES, ROOT, identify, read
 
 STEPS = [page for page in PAGES if page.parent == ROOT / "docs" / "papers"]
-KINDS = ("exact", "a reading", "ours", "judged", "measured", "run beside it")
+HEAD = ["where", "the paper", "kind", "here"]
+KINDS = ("exact", "a reading", "ours", "judged", "measured", "run beside")
 
 
 def rows(page):
-    """Rows of the tables of a page whose third column is the kind, as lists of cells."""
-    table, found = False, []
+    """Rows of the tables of a page that say of every step of what kind it is, as lists of cells."""
+    inside, found = False, []
     for line in read(page).splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
-        if cells[:1] == ["where"]:
-            table = True
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
+        if cells == HEAD:
+            inside = True
         elif not cells:
-            table = False
-        elif table and set(cells[0]) != {"-"}:
+            inside = False
+        elif inside and set(cells[0]) != {"-"}:
             found.append(cells)
     return found
 
