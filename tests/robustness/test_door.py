@@ -23,7 +23,7 @@ from flgpr.io import gprmax, open_run, read_table, read_verdicts, save_run, seal
 from flgpr.io.scan_file import RUN_FILE, RunDescription, read_description, write_description
 from flgpr.io.tables import parse_columns
 from flgpr.io.verdicts import verdict_bytes
-from flgpr.live.state import SNAPSHOT_FILE, read_snapshot
+from flgpr.live.state import FORMAT, SNAPSHOT_FILE, VERSION, read_snapshot
 from flgpr.results.result import add_files, read_result
 from flgpr.results.score import read_scored_truth
 from flgpr.results.sections import read_sections, write_sections
@@ -70,7 +70,7 @@ def lane_in_sections(home):
 
 def live_folder(home):
     (home / "live").mkdir()
-    write_bundle(home / "live" / SNAPSHOT_FILE, {"a": np.arange(3.0)}, {"format": "flgpr-live-snapshot", "version": 5})
+    write_bundle(home / "live" / SNAPSHOT_FILE, {"a": np.arange(3.0)}, {"format": FORMAT, "version": VERSION})
     return home / "live"
 
 

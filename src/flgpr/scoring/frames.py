@@ -106,7 +106,7 @@ def score_frames(
     >>> truth = pd.DataFrame({"target_id": ["a"], "x": [1.0], "y": [8.0], "kind": "metal", "depth": 0.05})
     >>> scored = score_frames(alarms, poses, truth, Lane(-7.0, 7.0, 5.0, 10.0), Rules(halo=0.5, draws=100))
     >>> scored.curve[["n_detected", "n_targets", "n_false", "area"]].iloc[-1].tolist()
-    [1, 2, 1, 140.0]
+    [1.0, 2.0, 1.0, 140.0]
     """
     rules = rules or Rules()
     radius = rules.halo / 2 if rules.halo_as == "diameter" else rules.halo

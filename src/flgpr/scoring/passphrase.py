@@ -30,7 +30,7 @@ def check_passphrase(passphrase: str) -> None:
     --------
     >>> from flgpr.scoring import check_passphrase
     >>> check_passphrase("gravel otter seven lamps")
-    >>> check_passphrase("12345678")
+    >>> check_passphrase("12345678")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     ...
     ValueError: passphrase must be hard to guess: a program finds it in about 10^1 guesses ...
