@@ -80,9 +80,9 @@ class Journal:
                 break
             lines.append(json.loads(content))
         if lines and lines[0].get("format") == _FORMAT:
-            difference = _difference(lines[0]["about"], json.loads(canonical_json(about)))
-            if difference:
-                raise OtherRunError(f"{self.path.parent} holds another unfinished run: {difference}")
+            different = difference(lines[0]["about"], json.loads(canonical_json(about)))
+            if different:
+                raise OtherRunError(f"{self.path.parent} holds another unfinished run: {different}")
             for line in lines[1:]:
                 try:
                     self.scans.append(_scan(line))
@@ -133,13 +133,13 @@ def _scan(line: dict[str, Any]) -> WrittenScan:
     return WrittenScan(line["sha256"], np.array(line["pose"], dtype=np.float64), time, np.array(line["valid"], bool))
 
 
-def _difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
+def difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
     """Tell the first entry in which two descriptions differ; empty if none does."""
     for key in sorted({*old, *new}):
         before, now = old.get(key), new.get(key)
         if before != now:
             if isinstance(before, dict) and isinstance(now, dict):
-                return _difference(before, now, f"{where}{key}.")
+                return difference(before, now, f"{where}{key}.")
             return f"its {where}{key} is {_short(before)}, this one's {_short(now)}"
     return ""
 
