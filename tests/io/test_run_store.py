@@ -184,9 +184,9 @@ def leave_as_a_kill_after_naming(monkeypatch, run, path):
     """Write a store as a process does that is killed when the store has its name and the journal still lies in it."""
     unlink = Path.unlink
 
-    def killed_at_the_journal(file, **options):
+    def killed_at_the_journal(file, *arguments, **options):
         if file != path / JOURNAL:
-            unlink(file, **options)
+            unlink(file, *arguments, **options)
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "unlink", killed_at_the_journal)
