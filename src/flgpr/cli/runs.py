@@ -77,7 +77,7 @@ def demo(
     as_json: Json = False,
 ) -> None:
     """Process the packaged lane: image, detect, score, report."""
-    with plain_errors(), tasks.compiled_beside(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
         result, scored = tasks.demo(output, track)
     if as_json:
         typer.echo(json.dumps(score_summary(result.folder, scored)))
@@ -113,7 +113,7 @@ def detect(
     """
     if recipe is None and not (quiet or as_json):
         typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
-    with plain_errors(), tasks.compiled_beside(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
         how, others = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track), _others(beside, len(runs))
         if len(runs) > 1:
             options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how}
@@ -155,7 +155,7 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """Train a recipe on runs with truth. A training that was stopped is gone on with."""
-    with plain_errors(), tasks.compiled_beside(), progress(quiet) as track:
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet) as track:
         how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
         others = _others(beside, len(runs))
         tasks.train_runs(runs, truth, recipe, output, feature or (), lane, others=others, how=how)
@@ -211,7 +211,7 @@ def replay(
     as_json: Json = False,
 ) -> None:
     """Run a result's recipe again and compare; exit status 1 if it does not agree."""
-    with plain_errors(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), progress(quiet or as_json) as track:
         outcome = tasks.replay(result, run, track)
     if as_json:
         typer.echo(json.dumps(outcome))
