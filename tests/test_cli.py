@@ -215,12 +215,12 @@ def test_an_alarm_list_of_any_detector_is_scored_open_or_sealed(tmp_path):
     assert done.exit_code == 0, done.output
     assert (tmp_path / "score" / "report.html").exists()
     sealing = ["score", str(truth), "--seal", "--lane", str(lane), "-o", str(tmp_path / "sealed")]
-    made = CliRunner().invoke(app, sealing, input="long enough\nlong enough\n")
+    made = CliRunner().invoke(app, sealing, input="gravel otter seven lamps\ngravel otter seven lamps\n")
     assert made.exit_code == 0, made.output
     assert b"plastic" not in (tmp_path / "sealed").read_bytes()
     assert "at least 8 characters" in made.output.split("\n")[0]
     blind = ["score", str(alarms), "--sealed", str(tmp_path / "sealed"), "-o", str(tmp_path / "blind")]
-    told = CliRunner().invoke(app, blind, input="long enough\n")
+    told = CliRunner().invoke(app, blind, input="gravel otter seven lamps\n")
     assert told.exit_code == 0, told.output
     assert "n_targets 2" in told.stdout
     assert "look 1" in told.stdout

@@ -1,6 +1,7 @@
 """Several writers of one run: one wins, the others are told, and the store is whole."""
 
 import fcntl
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,7 +36,7 @@ def at_the_next(monkeypatch, owner, name, act):
     monkeypatch.setattr(owner, name, late)
 
 
-@pytest.mark.parametrize("step", [(Path, "mkdir"), (Path, "open"), (fcntl, "flock")], ids=lambda step: step[1])
+@pytest.mark.parametrize("step", [(Path, "mkdir"), (os, "open"), (fcntl, "flock")], ids=lambda step: step[1])
 def test_a_writer_that_begins_while_another_commits_is_refused(tmp_path, monkeypatch, step):
     first = begin(tmp_path / "a.zarr", resume=True)
     at_the_next(monkeypatch, *step, lambda: write(first))

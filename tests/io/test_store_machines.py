@@ -86,8 +86,8 @@ class JournalMachine(RuleBasedStateMachine):
     @rule(keep=st.integers(0, 300))
     def append_on_a_full_disk(self, keep):
         """It is refused or it is whole; what is appended later is not lost with it."""
-        file = self.journal._file
-        self.journal._file = ShortFile(file, keep)
+        file = self.journal._log._file
+        self.journal._log._file = ShortFile(file, keep)
         before, scan = self.path.stat().st_size, self.make()
         try:
             self.journal.append(scan)
@@ -95,7 +95,7 @@ class JournalMachine(RuleBasedStateMachine):
             assert len(self.journal.scans) == len(self.lines)
         else:
             self.lines.append((scan, self.path.read_bytes()[before:]))
-        self.journal._file = file
+        self.journal._log._file = file
 
     @precondition(lambda self: self.journal)
     @rule()

@@ -295,7 +295,7 @@ def test_a_damaged_journal(data, tmp_path):
         journal.close()
     (tmp_path / "damaged").mkdir(exist_ok=True)
     (tmp_path / "damaged" / JOURNAL).write_bytes(damaged((tmp_path / "whole" / JOURNAL).read_bytes(), data.draw))
-    with mock.patch("flgpr.io.journal.os.fsync"):
+    with mock.patch("flgpr.append_log.os.fsync"):
         journal = Journal(tmp_path / "damaged", ABOUT, True)
     journal.close()
     for read, written in zip(journal.scans, scans, strict=False):

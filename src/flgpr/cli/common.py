@@ -74,6 +74,17 @@ def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # 
     typer.echo(f"warning: {message}", err=True)
 
 
+def with_witness(book: Path | None, witness: Path | None) -> Any:
+    """Put a register and the witness of it together; a witness alone is a ValueError."""
+    if witness is None:
+        return book
+    if book is None:
+        raise ValueError(f"--witness goes with --book, got --witness {witness} alone")
+    from flgpr import tasks
+
+    return tasks.WitnessedRegister(book, witness)
+
+
 def tell_written(quiet: bool, *paths: Path | None) -> None:
     """Name what was written and was not there already, unless nothing is to be printed."""
     for path in paths:

@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Json, Quiet, plain_errors, progress
+from flgpr.cli.common import Json, Quiet, plain_errors, progress, with_witness
 from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
 
 
@@ -52,6 +52,9 @@ def score(
     book: Annotated[
         Path | None, Option(help="Register of recipes and openings; a planned truth names its own.")
     ] = None,
+    witness: Annotated[
+        Path | None, Option(help="With --book: a file elsewhere that must know the register's lines; told of new ones.")
+    ] = None,
     agreement: Annotated[
         bool, Option("--agreement", help="Compare verdicts of analysts (JSON of flgpr view) with one another.")
     ] = False,
@@ -61,7 +64,12 @@ def score(
     """Score a result or an alarm list against truth, open or sealed, or set several side by side."""
     given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
+<<<<<<< HEAD
     with plain_errors(quiet):
+=======
+    with plain_errors():
+        watched = with_witness(book, witness)
+>>>>>>> main
         if agreement:
             more = {"output": output, "book": book, "seal": seal or None}
             _refuse(given | more, (), "--agreement compares verdicts with one another and prints the table")
@@ -69,7 +77,7 @@ def score(
             return
         if seal:
             _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
-            path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": book})
+            path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": watched})
             if not quiet:
                 typer.echo(f"wrote {path}")
             return
@@ -78,7 +86,7 @@ def score(
         if not several and len(recipes) > 1:
             raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for 1 list")
         how: dict[str, Any] = {"recipes": recipes} if several else {"recipe": recipes[0] if recipes else None}
-        how["book"] = book
+        how["book"] = watched
         if sealed is not None:
             _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
             tasks.require_seal()
@@ -149,12 +157,20 @@ def _seal(truths: list[Path], lane: Path | None, output: Path | None, rules: dic
         raise ValueError("--seal needs one truth, --lane and --output, got none or several of one of them")
     tasks.require_seal()
     chosen = {name: value for name, value in rules.items() if value is not None}
-    words = f"passphrase ({tasks.PASSPHRASE_RULE})"
-    return tasks.seal(truths[0], lane, output, lambda: _passphrase(words, confirm=True), **chosen)
+    return tasks.seal(truths[0], lane, output, _new_passphrase, **chosen)
 
 
-def _passphrase(words: str = "passphrase", confirm: bool = False) -> str:
-    return str(typer.prompt(words, hide_input=True, confirmation_prompt=confirm, err=True))
+def _passphrase() -> str:
+    return str(typer.prompt("passphrase", hide_input=True, err=True))
+
+
+def _new_passphrase() -> str:
+    """Ask for a passphrase twice; one that is easy to guess is refused before it is typed again."""
+    phrase = str(typer.prompt(f"passphrase ({tasks.PASSPHRASE_RULE})", hide_input=True, err=True))
+    tasks.check_passphrase(phrase)
+    if phrase != typer.prompt("Repeat for confirmation", hide_input=True, err=True):
+        raise ValueError("passphrase must be typed twice alike, got two different ones: nothing was sealed")
+    return phrase
 
 
 def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
@@ -171,6 +187,8 @@ def _say_blind(told: Any, home: Path, quiet: bool, as_json: bool) -> None:
         f"look {told.looks} at this truth, different alarm lists so far: {told.lists}; "
         "the seal guards against accidents, not against the holder of the passphrase"
     )
+    for name, head in told.heads.items():
+        typer.echo(f"{name}: {head['lines']} lines, the last is {head['head']}")
     typer.echo(f"report: {(home / 'report.html').resolve()}")
 
 

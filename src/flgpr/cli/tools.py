@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +12,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Output, Quiet, Scheduler, plain_errors, progress, tell_written
+from flgpr.cli.common import Json, Output, Quiet, Scheduler, plain_errors, progress, tell_written, with_witness
 
 PAPERS = ("cosgrove2004", "flsar2004", "fuse2018", "wang2007")
 
@@ -116,13 +117,46 @@ def plan_register_command(
     recipe: Annotated[str, Argument(help="Packaged recipe, or any file that fixes a detector.")],
     book: Annotated[Path, Option(help="Register of the plan.")],
     model: Annotated[Path | None, Option(help="Model that the recipe is run with, of `flgpr train`.")] = None,
+    witness: Annotated[
+        Path | None, Option(help="A file elsewhere that must know the register's lines; told of new ones.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Register a recipe before the truth is opened; scores then ask for it."""
+<<<<<<< HEAD
     with plain_errors(quiet):
         line = tasks.register_recipe(recipe, book, model)
+=======
+    with plain_errors():
+        line = tasks.register_recipe(recipe, with_witness(book, witness), model)
+>>>>>>> main
     if not quiet:
         typer.echo(f"{recipe} is line {line['number']} of {book}, {line['recipe'][:12]}..., {line['time']}")
+
+
+@plan_app.command("check")
+def plan_check_command(
+    book: Annotated[Path, Argument(help="Register.")],
+    report: Annotated[
+        list[Path] | None, Option(help="Report of a score with this register (roc.json or its folder); several may be.")
+    ] = None,
+    witness: Annotated[Path | None, Option(help="A file elsewhere that must know the register's lines.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Check a register line by line, and that nothing of it is missing that a witness or a report knows."""
+    with plain_errors():
+        lines, heads = tasks.check_register(with_witness(book, witness), report or [])
+    told = {"lines": len(lines), "head": lines[-1]["hash"] if lines else ""}
+    if as_json:
+        typer.echo(json.dumps(told | {"reports": {str(name): head for name, head in heads.items()}}))
+        return
+    for line in lines:
+        typer.echo(f"  {line['number']:4d}  {line['time']}  {json.dumps(line.get('event', ''))}")
+    typer.echo(f"{book}: {told['lines']} lines, each fits the one before; the last is {told['head']}")
+    for name, head in heads.items():
+        typer.echo(f"{name} knows {head['lines']} of them")
+    if not heads and witness is None:
+        typer.echo("whether lines are missing at the end shows only beside --report or --witness")
 
 
 @plan_app.command("survey")

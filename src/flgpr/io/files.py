@@ -11,7 +11,9 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
+
+from flgpr.append_log import sync_directory
 
 _MOST_EXPANSION, _SMALL = 200, 64 * 2**20
 """What is above the second number of bytes may take this many times its room in the file, not more."""
@@ -51,26 +53,10 @@ def faults_of(path: str | Path) -> Iterator[None]:
         raise ValueError(f"{path}: its entries are nested too deeply to be read") from None
 
 
-def sync_directory(path: Path) -> None:
-    """Flush a directory's entries to disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def sync_file(path: Path) -> None:
     """Flush a file's content to disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
-
-
-def write_all(file: BinaryIO, data: bytes) -> None:
-    """Write to a file without a buffer, which may take a part at a time when the disk is nearly full."""
-    left = memoryview(data)
-    while left:
-        left = left[file.write(left) :]
 
 
 def write_whole(path: Path, data: bytes | str) -> None:

@@ -6,18 +6,16 @@ process left half-written is seen and dropped.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import math
-import os
-from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io.files import canonical_json, sha256, sync_directory, write_all
+from flgpr.append_log import AppendLog, LogHeldError
+from flgpr.io.files import canonical_json, sha256
 
 JOURNAL = "journal.jsonl"
 _FORMAT = "flgpr-journal-1"
@@ -45,7 +43,12 @@ class Journal:
 
     def __init__(self, folder: Path, about: dict[str, Any], resume: bool) -> None:
         self.path = folder / JOURNAL
-        self._file = _hold(self.path)
+        try:
+            self._log = AppendLog(self.path)
+        except LogHeldError:
+            raise JournalError(
+                f"{folder}: another process is writing this run: wait until it is done, or choose another output"
+            ) from None
         self.scans: list[WrittenScan] = []
         try:
             self._take_up(about, resume)
@@ -56,76 +59,47 @@ class Journal:
     def append(self, scan: WrittenScan) -> None:
         """Add a scan whose chunk is on disk."""
         time = None if math.isnan(scan.time) else scan.time
-        line = {"sha256": scan.sha256, "pose": scan.pose.tolist(), "time": time, "valid": scan.valid.tolist()}
-        self._write(line)
+        self._write({"sha256": scan.sha256, "pose": scan.pose.tolist(), "time": time, "valid": scan.valid.tolist()})
         self.scans.append(scan)
 
     def keep(self, count: int) -> None:
         """Forget all scans but the first ``count``."""
-        self._file.truncate(self._ends[count])
-        os.fsync(self._file.fileno())
-        del self.scans[count:], self._ends[count + 1 :]
+        self._log.keep(count + 1)  # the first line is the description
+        del self.scans[count:]
 
     def close(self) -> None:
         """Let go of the journal."""
-        self._file.close()
+        self._log.close()
 
     def _take_up(self, about: dict[str, Any], resume: bool) -> None:
-        self._file.seek(0)
-        texts = self._file.read().split(b"\n")[:-1] if resume else []
-        lines = []
-        for text in texts:
-            digest, _, content = text.partition(b" ")
-            if sha256(content).encode() != digest:
-                break
-            lines.append(json.loads(content))
-        if lines and lines[0].get("format") == _FORMAT:
-            different = difference(lines[0]["about"], json.loads(canonical_json(about)))
-            if different:
-                raise OtherRunError(f"{self.path.parent} holds another unfinished run: {different}")
-            for line in lines[1:]:
-                try:
-                    self.scans.append(_scan(line))
-                except (KeyError, TypeError, ValueError):  # whole, but not what a journal goes on with
-                    break
-            self._ends = np.cumsum([len(text) + 1 for text in texts[: len(lines)]]).tolist()
-            self.keep(len(self.scans))
+        contents = self._contents() if resume else []
+        if not contents or contents[0].get("format") != _FORMAT:
+            self._log.keep(0)
+            self._write({"format": _FORMAT, "about": about})
             return
-        self._file.truncate(0)
-        self._ends = []
-        self._write({"format": _FORMAT, "about": about})
-        sync_directory(self.path.parent)
+        different = difference(contents[0]["about"], json.loads(canonical_json(about)))
+        if different:
+            raise OtherRunError(f"{self.path.parent} holds another unfinished run: {different}")
+        for content in contents[1:]:
+            try:
+                self.scans.append(_scan(content))
+            except (KeyError, TypeError, ValueError):  # whole, but not what a journal goes on with
+                break
+        self.keep(len(self.scans))
+
+    def _contents(self) -> list[dict[str, Any]]:
+        """Read what the lines hold, up to the first whose digest is not that of its text."""
+        contents = []
+        for line in self._log.lines:
+            digest, _, text = line.partition(b" ")
+            if sha256(text).encode() != digest:
+                break
+            contents.append(json.loads(text))
+        return contents
 
     def _write(self, value: dict[str, Any]) -> None:
-        content = canonical_json(value)
-        try:
-            write_all(self._file, sha256(content).encode() + b" " + content + b"\n")
-            os.fsync(self._file.fileno())
-        except BaseException:  # half a line, as of a full disk, would spoil the next one
-            self._file.truncate(self._ends[-1] if self._ends else 0)
-            raise
-        self._ends.append(self._file.seek(0, os.SEEK_END))
-
-
-def _hold(path: Path) -> BinaryIO:
-    """Open and lock the journal of this name; begin again where a writer that commits takes its folder away."""
-    while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            file = path.open("ab+", buffering=0)
-        except FileNotFoundError:
-            continue
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            file.close()
-            raise JournalError(
-                f"{path.parent}: another process is writing this run: wait until it is done, or choose another output"
-            ) from None
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                return file
-        file.close()
+        text = canonical_json(value)
+        self._log.append(sha256(text).encode() + b" " + text)
 
 
 def _scan(line: dict[str, Any]) -> WrittenScan:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flgpr.append_log import write_all
 from flgpr.chain.evidence import decibels
-from flgpr.io.files import write_all
 from flgpr.live.detector import LiveAlarm
 from flgpr.live.event_rate import BURST, Event, EventRate
 from flgpr.live.vehicle import Vehicle

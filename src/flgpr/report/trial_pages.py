@@ -115,8 +115,15 @@ def blind_html(told: BlindScore, notes: Mapping[str, Any]) -> str:
         head=[">allowed FAR (per m²)", *POINT_HEAD],
         picture=points_figure({str(name): one for name, one in told.points.groupby("group", sort=False)}),
         targets=targets,
-        notes=notes,
+        notes={name: _head_in_words(value) for name, value in notes.items()},
     )
+
+
+def _head_in_words(note: Any) -> Any:
+    """Say of a log or register how many lines it has and what the last one's hash is; leave other notes as they are."""
+    if isinstance(note, dict) and set(note) == {"lines", "head"}:
+        return f"{note['lines']} lines, the last is {note['head']}"
+    return note
 
 
 def comparison_html(

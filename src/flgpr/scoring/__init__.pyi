@@ -1,5 +1,4 @@
 from flgpr.scoring.area import union_area as union_area
-from flgpr.scoring.blind import PASSPHRASE_RULE as PASSPHRASE_RULE
 from flgpr.scoring.blind import BlindScore as BlindScore
 from flgpr.scoring.blind import Registration as Registration
 from flgpr.scoring.blind import open_truth as open_truth
@@ -50,8 +49,12 @@ from flgpr.scoring.lane_score import Score as Score
 from flgpr.scoring.lane_score import score as score
 from flgpr.scoring.lane_splits import Split as Split
 from flgpr.scoring.lane_splits import splits as splits
+from flgpr.scoring.ledger import WitnessedRegister as WitnessedRegister
 from flgpr.scoring.ledger import alarm_hash as alarm_hash
+from flgpr.scoring.ledger import check_head as check_head
+from flgpr.scoring.ledger import check_witness as check_witness
 from flgpr.scoring.ledger import content_hash as content_hash
+from flgpr.scoring.ledger import head_of as head_of
 from flgpr.scoring.ledger import read_register as read_register
 from flgpr.scoring.ledger import register as register
 from flgpr.scoring.ledger import require_registered as require_registered
@@ -60,6 +63,8 @@ from flgpr.scoring.matching import Match as Match
 from flgpr.scoring.matching import as_lanes as as_lanes
 from flgpr.scoring.matching import match as match
 from flgpr.scoring.matching import select_targets as select_targets
+from flgpr.scoring.passphrase import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.scoring.passphrase import check_passphrase as check_passphrase
 from flgpr.scoring.places import Refraction as Refraction
 from flgpr.scoring.places import SurveyShare as SurveyShare
 from flgpr.scoring.places import jitter as jitter

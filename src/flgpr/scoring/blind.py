@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,21 +24,25 @@ from flgpr.scoring.curve import operating_row
 from flgpr.scoring.lane_roc import assign, roc_of
 from flgpr.scoring.ledger import (
     OPENED,
+    Book,
     alarm_hash,
-    content_hash,
+    enter,
+    head_of,
+    parts_of,
+    read_book,
     read_register,
-    register,
     require_registered,
     require_truth,
 )
 from flgpr.scoring.matching import LaneLike, Match, as_lanes, match, one_of
+from flgpr.scoring.passphrase import check_passphrase
 
-FORMAT = "flgpr-sealed-truth-1"
+FORMAT = "flgpr-sealed-truth-2"
 FAR_GRID = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
-_COST = 2**15
+_COST = 2**17  # N of scrypt: half a second and 128 MiB for every guess; less is not opened either
 _MOST_COST = 2**20  # a sealed file may not make its reader take gigabytes
-_SHORTEST = 8
-PASSPHRASE_RULE = f"at least {_SHORTEST} characters; whoever loses it cannot open the truth again"
+_MOST_BYTES = 2**28  # of a sealed file
+_NOTE = "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase"
 SHOWS = ("curve", "targets")
 """What a blind score may tell: operating points and counts, or also which targets are found, without places."""
 Phrase = str | Callable[[], str]
@@ -48,7 +53,7 @@ Phrase = str | Callable[[], str]
 class Registration:
     """What must stand in a register before a sealed truth is looked at."""
 
-    book: Path  #: the register
+    book: Book  #: the register
     #: recipe, model: hash of the recipe whose alarms are scored, and of its model if it is known to have one
     recipe: str
     model: str | None = None
@@ -69,6 +74,8 @@ class BlindScore:
     #: least allowed FAR of the points at which it is found (NaN: at none); never a place
     targets: pd.DataFrame | None = None
     registered: dict[str, Any] | None = None  #: the register's line of the recipe, if that had to be there
+    #: of the ``log`` and the ``register``, ``lines`` and the ``head``, the last one's hash: a copy of before lacks it
+    heads: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
 def seal_truth(
@@ -85,9 +92,11 @@ def seal_truth(
 ) -> Path:
     """Write an encrypted truth together with the lane and the rules it is to be scored by.
 
-    The key comes from the passphrase by scrypt, the content is encrypted and authenticated with Fernet (AES-128-CBC
-    and HMAC-SHA-256); both from the library ``cryptography``, the extra ``seal``, without which it is a
-    ModuleNotFoundError.
+    The key comes from the passphrase by scrypt. The content is encrypted with AES-256-GCM, and the whole file is
+    authenticated with it: its format, note, cost and salt enter as associated data, and no other way of writing them is
+    read. An identity within the ciphertext, drawn at random, is what looks are counted by, so that a copy, or a file
+    sealed again, has a count of its own and an altered one none. Both come from the library ``cryptography``, the
+    passphrase is judged by ``zxcvbn``; without them, the extra ``seal``, it is a ModuleNotFoundError.
 
     Parameters
     ----------
@@ -96,7 +105,8 @@ def seal_truth(
     path : str or Path
         File to write, and returned; an existing one is refused.
     passphrase : str or callable
-        At least 8 characters; or what asks for it, when everything else is found right.
+        One that is hard to guess (:func:`flgpr.scoring.check_passphrase`); or what asks for it, when everything else is
+        found right.
     by : str, optional
         Column of truth whose groups get curves of their own beside that of all targets.
     show : {"curve", "targets"}
@@ -121,20 +131,17 @@ def seal_truth(
         "rules": {"halo": float(halo), "area": area, "by": by, "show": show},
         "book": None if book is None else dict(book),
     }
+    content["identity"] = secrets.token_hex(16)
     passphrase = passphrase() if callable(passphrase) else passphrase
-    if len(passphrase) < _SHORTEST:
-        raise ValueError(f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}")
-    salt = secrets.token_bytes(16)
-    token = _fernet(passphrase, salt, _COST).encrypt(json.dumps(content, default=_plain).encode())
-    sealed = {
-        "format": FORMAT,
-        "note": "encrypted truth of a blind test; guards against accidents, not against the holder of the passphrase",
-        "scrypt": {"n": _COST, "r": 8, "p": 1, "salt": base64.b64encode(salt).decode()},
-        "token": token.decode(),
-    }
+    check_passphrase(passphrase)
+    header = _header(secrets.token_bytes(16), secrets.token_bytes(12))
+    secret = json.dumps(content, default=_plain).encode()
+    sealed = _cipher(passphrase, header).encrypt(*_nonce_and(header, secret))
     file = Path(path)
-    with file.open("x", encoding="utf-8") as stream:
-        json.dump(sealed, stream, indent=1)
+    with file.open("xb") as stream:
+        stream.write(_written(header, sealed))
+        stream.flush()
+        os.fsync(stream.fileno())
     return file
 
 
@@ -146,21 +153,30 @@ def open_truth(
     The log of :func:`score_blind` counts it as a look. A file that is no sealed truth or was altered, or a wrong
     passphrase, is a ValueError.
     """
-    content = _decrypted(path, passphrase)[0]
-    _enter(path, log, event="open")
-    return content
+    opened = _decrypted(path, passphrase)
+    _enter(opened.identity, _log_of(path, log), event="open")
+    return opened.truth, opened.lanes, opened.rules
 
 
-def _enter(sealed: str | Path, log: str | Path | None, **entry: Any) -> list[dict[str, Any]]:
-    """Enter a look into a sealed truth's log and give all its looks so far."""
-    register(_log_of(sealed, log), sealed=content_hash(Path(sealed)), **entry)
-    return _looks(sealed, log)
+@dataclass(frozen=True)
+class _Opened:
+    """What a sealed file holds."""
+
+    identity: str  #: by which its looks are counted
+    truth: pd.DataFrame
+    lanes: dict[str, Any]
+    rules: dict[str, Any]
+    book: dict[str, str] | None  #: the register that it is bound to
 
 
-def _looks(sealed: str | Path, log: str | Path | None) -> list[dict[str, Any]]:
-    key = content_hash(Path(sealed))
-    lines = read_register(_log_of(sealed, log))
-    return [line for line in lines if line.get("sealed") == key and line.get("event") in ("score", "open")]
+def _enter(identity: str, log: Path, **entry: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Enter a look into a sealed truth's log; give all its looks so far, this one last, and all lines of the log."""
+    lines = enter(log, lambda _: {"sealed": identity, **entry})
+    return _looks(identity, lines), lines
+
+
+def _looks(identity: str, lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [line for line in lines if line.get("sealed") == identity and line.get("event") in ("score", "open")]
 
 
 def _log_of(sealed: str | Path, log: str | Path | None) -> Path:
@@ -168,30 +184,70 @@ def _log_of(sealed: str | Path, log: str | Path | None) -> Path:
     return Path(f"{Path(sealed).resolve()}.log.jsonl") if log is None else Path(log)
 
 
-def _decrypted(
-    path: str | Path, passphrase: Phrase
-) -> tuple[tuple[pd.DataFrame, dict[str, Any], dict[str, Any]], dict[str, str] | None]:
-    """Decrypt truth, lanes and rules, and tell the register that it is bound to."""
-    from cryptography.fernet import InvalidToken
+def _decrypted(path: str | Path, passphrase: Phrase) -> _Opened:
+    """Decrypt a sealed file, all of which must be as it was written."""
+    header, sealed = _read_sealed(Path(path))
+    cost = header["scrypt"]["n"]
+    if not (_COST <= cost <= _MOST_COST and cost & (cost - 1) == 0):
+        raise ValueError(
+            f"sealed must have a scrypt cost that is a power of two from {_COST} to {_MOST_COST}, got {cost}"
+        )
+    passphrase = passphrase() if callable(passphrase) else passphrase
+    cipher = _cipher(passphrase, header)
+    from cryptography.exceptions import InvalidTag  # there, since the cipher was made
 
     try:
-        sealed = json.loads(Path(path).read_text(encoding="utf-8"))
-        known = sealed["format"] == FORMAT
-        cost, salt = int(sealed["scrypt"]["n"]), base64.b64decode(sealed["scrypt"]["salt"])
-        token = sealed["token"].encode()
-    except (ValueError, KeyError, TypeError, AttributeError):
-        known = False
-    if not known:
-        raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
-    if not (2 <= cost <= _MOST_COST and cost & (cost - 1) == 0):
-        raise ValueError(f"sealed must have a scrypt cost that is a power of two up to {_MOST_COST}, got {cost}")
-    passphrase = passphrase() if callable(passphrase) else passphrase
-    try:
-        content = json.loads(_fernet(passphrase, salt, cost).decrypt(token))
-    except InvalidToken:
+        content = json.loads(cipher.decrypt(*_nonce_and(header, sealed)))
+    except InvalidTag:
         raise ValueError("passphrase must be the one of the sealed truth, or the file was altered") from None
+    rules = {"show": SHOWS[0], **content["rules"]}
     truth = pd.DataFrame(content["truth"])
-    return (truth, content["lanes"], {"show": SHOWS[0], **content["rules"]}), content.get("book")
+    return _Opened(content["identity"], truth, content["lanes"], rules, content.get("book"))
+
+
+def _header(salt: bytes, nonce: bytes) -> dict[str, Any]:
+    """Make what stands openly in a sealed file, all of it authenticated."""
+    return {
+        "format": FORMAT,
+        "note": _NOTE,
+        "nonce": base64.b64encode(nonce).decode(),
+        "scrypt": {"n": _COST, "r": 8, "p": 1, "salt": base64.b64encode(salt).decode()},
+    }
+
+
+def _written(header: Mapping[str, Any], sealed: bytes) -> bytes:
+    """Write a sealed file in its one form."""
+    return json.dumps({**header, "sealed": base64.b64encode(sealed).decode()}, indent=1).encode() + b"\n"
+
+
+def _read_sealed(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Read header and ciphertext of a sealed file; one not written as :func:`seal_truth` does is a ValueError."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        told = json.loads(data)
+        format_, salt = told["format"], base64.b64decode(told["scrypt"]["salt"])
+        nonce, sealed = base64.b64decode(told["nonce"]), base64.b64decode(told["sealed"])
+        header = _header(salt, nonce)
+        header["scrypt"]["n"] = int(told["scrypt"]["n"])
+        as_written = _written(header, sealed) == data
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        if b"flgpr-sealed-truth-1" in data[:200]:
+            raise ValueError(
+                f"sealed must be a file of the format {FORMAT}, got {path} of an earlier version, which did not "
+                "authenticate all of it: seal the truth again"
+            ) from None
+        format_, as_written = None, False
+    if format_ != FORMAT or len(data) > _MOST_BYTES:
+        raise ValueError(f"sealed must be a file of the format {FORMAT}, got {path}")
+    if not as_written or len(nonce) != 12:
+        raise ValueError(f"sealed must be as it was written, got {path}, which was altered")
+    return header, sealed
+
+
+def _nonce_and(header: Mapping[str, Any], data: bytes) -> tuple[bytes, bytes, bytes]:
+    """Give nonce, data and what is authenticated with them, as ciphers take them."""
+    return base64.b64decode(header["nonce"]), data, json.dumps(header, sort_keys=True).encode()
 
 
 def score_blind(
@@ -208,19 +264,36 @@ def score_blind(
     from before the first look, where the look is entered, too; a truth that was sealed with a register demands it.
     Alarms, a file, a passphrase, a log or a register that are not valid are a ValueError.
     """
-    matched, truth, rules, mine, line = match_blind(alarms, sealed, passphrase, log, registered=registered)
+    look = match_blind(alarms, sealed, passphrase, log, registered=registered)
+    matched, rules = look.matched, look.rules
     groups: list[tuple[str, Any]] = [("all", None)]
     if rules["by"] is not None:
-        groups += [(str(value), {rules["by"]: value}) for value in sorted(truth[rules["by"]].dropna().unique())]
+        values = sorted(look.truth[rules["by"]].dropna().unique())
+        groups += [(str(value), {rules["by"]: value}) for value in values]
     level = chance(matched)
     tables = [_points(matched, level, name, subset, rules["area"]) for name, subset in groups]
-    points = pd.concat(tables, ignore_index=True)
     curve = roc_of(matched, area=rules["area"])
-    counts = {name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")}
-    targets = _found_from(matched, rules["area"]) if rules["show"] == "targets" else None
     return BlindScore(
-        points, counts, len(mine), len({line["alarms"] for line in mine if "alarms" in line}), targets, line
+        points=pd.concat(tables, ignore_index=True),
+        counts={name: curve.attrs[name] for name in ("n_alarms", "n_targets", "area", "halo_radius", "area_rule")},
+        looks=len(look.looks),
+        lists=len({line["alarms"] for line in look.looks if "alarms" in line}),
+        targets=_found_from(matched, rules["area"]) if rules["show"] == "targets" else None,
+        registered=look.line,
+        heads=look.heads,
     )
+
+
+@dataclass(frozen=True)
+class BlindLook:
+    """A look at a sealed truth, entered in its log. It shows positions, for those who sum it up."""
+
+    matched: Match
+    truth: pd.DataFrame
+    rules: dict[str, Any]
+    looks: list[dict[str, Any]]  #: all looks so far, this one last
+    line: dict[str, Any] | None  #: the register's line of the recipe
+    heads: dict[str, dict[str, Any]]  #: of the ``log`` and the ``register``: how many lines, and the last one's hash
 
 
 def match_blind(
@@ -230,47 +303,51 @@ def match_blind(
     log: str | Path | None = None,
     some: Sequence[str] = (),
     registered: Registration | None = None,
-) -> tuple[Match, pd.DataFrame, dict[str, Any], list[dict[str, Any]], dict[str, Any] | None]:
-    """Match an alarm list to a sealed truth, once the look is entered; with the truth, its rules and all looks so far.
+) -> BlindLook:
+    """Match an alarm list to a sealed truth, once the look is entered.
 
-    The last that it gives is the register's line of the recipe. What it gives shows positions, and is for those who sum
-    it up as :func:`score_blind` does. With ``some`` lanes the others and their targets are left out.
+    What it gives shows positions, and is for those who sum it up as :func:`score_blind` does. With ``some`` lanes the
+    others and their targets are left out.
     """
-    (truth, lanes, rules), bound = _decrypted(sealed, passphrase)
-    line = _admitted(sealed, log, lanes, rules, bound, registered)
+    opened = _decrypted(sealed, passphrase)
+    place = _log_of(sealed, log)
+    line = _admitted(sealed, place, opened, registered)
+    truth, lanes = opened.truth, opened.lanes
     if some:
         lanes = {name: lanes[name] for name in some}
         truth = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
-    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], rules["halo"])
+    matched = match(alarms, truth, lanes if list(lanes) != [""] else lanes[""], opened.rules["halo"])
     entry = {"alarms": alarm_hash(matched.alarms), "n_alarms": len(matched.alarms)}
-    mine = _enter(sealed, log, event="score", **entry)
+    looks, lines = _enter(opened.identity, place, event="score", **entry)
+    heads = {"log": head_of(lines)}
     if registered is not None:
-        looked = {"sealed": content_hash(Path(sealed)), "look": mine[-1]["hash"]}
-        register(registered.book, event=OPENED, recipe=registered.recipe, alarms=entry["alarms"], **looked)
-    return matched, truth, rules, mine, line
+        opening = {
+            "event": OPENED,
+            "recipe": registered.recipe,
+            "alarms": entry["alarms"],
+            "sealed": opened.identity,
+            "look": looks[-1]["hash"],
+        }
+        heads["register"] = head_of(enter(registered.book, lambda _: opening))
+    return BlindLook(matched, truth, opened.rules, looks, line, heads)
 
 
-def _admitted(
-    sealed: str | Path,
-    log: str | Path | None,
-    lanes: Mapping[str, Any],
-    rules: Mapping[str, Any],
-    bound: Mapping[str, str] | None,
-    registered: Registration | None,
-) -> dict[str, Any] | None:
+def _admitted(sealed: str | Path, log: Path, opened: _Opened, registered: Registration | None) -> dict[str, Any] | None:
     """Find the line of the recipe in the register, or refuse the look; None where no register is asked for."""
+    bound = opened.book
     if registered is None:
         if bound is not None:
             raise ValueError(f"{sealed} was sealed with a register: it is scored with --recipe and --book only")
         return None
-    book = registered.book
+    book = parts_of(registered.book)[0]
+    lines = read_book(registered.book)
     if bound is not None:
-        if bound["line"] not in {line["hash"] for line in read_register(book)}:
+        if bound["line"] not in {line["hash"] for line in lines}:
             raise ValueError(f"book must be the register that {sealed} was sealed with, unaltered, got {book}")
-        require_truth(book, bound["truth"], lanes, {"halo": rules["halo"]}, planned=True)
+        require_truth(book, bound["truth"], opened.lanes, {"halo": opened.rules["halo"]}, planned=True)
     line = require_registered(book, registered.recipe, registered.model)
-    looks, key = _looks(sealed, log), content_hash(Path(sealed))
-    entered = {one["look"] for one in read_register(book) if one.get("sealed") == key and "look" in one}
+    looks = _looks(opened.identity, read_register(log))
+    entered = {one["look"] for one in lines if one.get("sealed") == opened.identity and "look" in one}
     if not entered <= {look["hash"] for look in looks}:
         raise ValueError(f"log of {sealed} must have every look that {book} has, got one without them")
     if looks and datetime.fromisoformat(line["time"]) >= datetime.fromisoformat(looks[0]["time"]):
@@ -300,11 +377,14 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else str(value)
 
 
-def _fernet(passphrase: str, salt: bytes, cost: int) -> Any:
+def _cipher(passphrase: str, header: Mapping[str, Any]) -> Any:
+    """Make the cipher of a sealed file's header and its passphrase."""
     try:
-        from cryptography.fernet import Fernet
+        from cryptography.hazmat.primitives.ciphers.aead import AESGCM
         from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError('sealed truth needs the library cryptography: pip install "flgpr[seal]"') from error
-    key = Scrypt(salt=salt, length=32, n=cost, r=8, p=1).derive(passphrase.encode())
-    return Fernet(base64.urlsafe_b64encode(key))
+    scrypt = header["scrypt"]
+    salt = base64.b64decode(scrypt["salt"])
+    key = Scrypt(salt=salt, length=32, n=scrypt["n"], r=8, p=1).derive(passphrase.encode())
+    return AESGCM(key)

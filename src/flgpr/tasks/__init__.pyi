@@ -20,6 +20,8 @@ from flgpr.results.result import SECTIONS as SECTIONS
 from flgpr.results.result import Result as Result
 from flgpr.results.result import read_result as read_result
 from flgpr.scoring import PASSPHRASE_RULE as PASSPHRASE_RULE
+from flgpr.scoring import WitnessedRegister as WitnessedRegister
+from flgpr.scoring import check_passphrase as check_passphrase
 from flgpr.tasks.anchoring import anchor_from_points as anchor_from_points
 from flgpr.tasks.anchoring import check_request as check_request
 from flgpr.tasks.anchoring import tie_lane as tie_lane
@@ -57,6 +59,7 @@ from flgpr.tasks.preparing import check_steps as check_steps
 from flgpr.tasks.preparing import prepare_run as prepare_run
 from flgpr.tasks.preparing import read_steps as read_steps
 from flgpr.tasks.raw import RawRun as RawRun
+from flgpr.tasks.registering import check_register as check_register
 from flgpr.tasks.registering import register_recipe as register_recipe
 from flgpr.tasks.results import demo as demo
 from flgpr.tasks.results import replay as replay

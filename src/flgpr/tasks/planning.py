@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,9 @@ from flgpr.scoring import (
     content_hash,
     emplacement_plan,
     read_register,
-    register,
     sample_size,
 )
-from flgpr.scoring.ledger import before_opening
+from flgpr.scoring.ledger import before_opening, enter
 from flgpr.tasks.exchange import export_table
 from flgpr.tasks.registering import BOOK, own_book, recipe_hash
 from flgpr.tasks.scoring import borders, read_lanes
@@ -101,9 +101,7 @@ def plan_lane(
         raise FileExistsError(f"{files['plan']} exists: a plan is drawn once")
     for path in files.values():
         check_new(path)
-    lines = read_register(book)
-    if len(before_opening(lines)) < len(lines):
-        raise ValueError(f"book must be one under which no truth was opened yet, got {book}")
+    require_unopened(read_register(book), f"book must be one under which no truth was opened yet, got {book}")
     path, where = existing(targets, "targets file"), read_lanes(lane)
     with faults_of(path):
         plan = emplacement_plan(
@@ -128,7 +126,12 @@ def plan_lane(
     if anchor is not None:
         for kind in ("gpkg", "gpx"):
             export_table(files["plan"], files[kind], kind, anchor)
-    return plan, register(book, **entry)
+
+    def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
+        require_unopened(lines, f"book must be one under which no truth was opened yet, got {book}")
+        return entry
+
+    return plan, enter(book, unless_opened)[-1]
 
 
 def _sheet(plan: pd.DataFrame, tie: Anchor | None) -> pd.DataFrame:
@@ -163,8 +166,8 @@ def survey_plan(
     entered = [line for line in lines if line.get("event") == "plan" and line.get("plan") == digest]
     if not entered:
         raise ValueError(f"plan must be one that stands in {own}, unaltered, got {plan}")
-    if len(before_opening(lines)) < len(lines):
-        raise ValueError(f"what was emplaced must be entered before the truth is opened; {own} tells of an opening")
+    too_late = f"what was emplaced must be entered before the truth is opened; {own} tells of an opening"
+    require_unopened(lines, too_late)
     path = existing(sheet, "sheet")
     with faults_of(path):
         truth = _emplaced(planned, read_columns(path, "target_id", "lane", "emplaced", "remark"), within)
@@ -173,7 +176,18 @@ def survey_plan(
     told: dict[str, Any] = {"moved": int((offset > 0).sum()), "largest_offset": round(float(offset.max()), 3)}
     told |= {"left_out": len(planned) - len(truth), "truth": content_hash(Path(output))}
     same = {name: entered[-1][name] for name in ("plan", "lanes", "rules") if name in entered[-1]}
-    return truth, register(own, event="survey", **same, **told)
+
+    def unless_opened(now: list[dict[str, Any]]) -> dict[str, Any]:
+        require_unopened(now, too_late)
+        return {"event": "survey"} | same | told
+
+    return truth, enter(own, unless_opened)[-1]
+
+
+def require_unopened(lines: Sequence[dict[str, Any]], too_late: str) -> None:
+    """Refuse, in these words, what comes after a truth was opened under a register."""
+    if len(before_opening(lines)) < len(lines):
+        raise ValueError(too_late)
 
 
 def _emplaced(plan: pd.DataFrame, sheet: pd.DataFrame, within: float) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +13,11 @@ import pandas as pd
 from flgpr.chain.model import MODEL_FILE
 from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.execution.lane_run import results_at
-from flgpr.io import read_table
+from flgpr.io import read_limited, read_table
 from flgpr.io.files import existing
 from flgpr.results.result import MODEL, SECTIONS, read_result_manifest
-from flgpr.scoring import Registration, content_hash, read_register, register, require_registered, require_truth
-from flgpr.scoring.ledger import OPENED, before_opening
+from flgpr.scoring import Registration, check_head, content_hash, head_of, require_registered, require_truth
+from flgpr.scoring.ledger import OPENED, Book, before_opening, enter, parts_of, read_book
 
 PathLike = str | Path
 BOOK = "book"
@@ -81,21 +82,77 @@ def recipe_hash(recipe: PathLike) -> tuple[str, str]:
     return content_hash(path), content_hash(text)
 
 
-def register_recipe(recipe: PathLike, book: PathLike, model: PathLike | None = None) -> dict[str, Any]:
+def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None) -> dict[str, Any]:
     """Enter a recipe, and the model that it is run with, into a register; give the line.
 
     ``recipe`` is a packaged recipe or any file that fixes a detector, ``model`` a folder that ``flgpr train`` wrote. If
     the register is missing, or a truth was opened under it, so that it is too late, that is a ValueError or a
     FileNotFoundError.
     """
-    lines = read_register(existing(book, "register"))
-    early = before_opening(lines)
-    if len(early) < len(lines):
-        raise ValueError(f"recipe must be registered before the truth is opened, which line {len(early) + 1} tells")
+    existing(parts_of(book)[0], "register")
     entry = {"event": "recipe", "recipe": recipe_hash(recipe)[0]}
     if model is not None:
         entry["model"] = content_hash(existing(Path(model) / MODEL_FILE, "model"))
-    return register(book, **entry)
+
+    def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
+        early = before_opening(lines)
+        if len(early) < len(lines):
+            raise ValueError(f"recipe must be registered before the truth is opened, which line {len(early) + 1} tells")
+        return entry
+
+    return enter(book, unless_opened)[-1]
+
+
+def check_register(
+    book: Book, reports: Sequence[PathLike] = ()
+) -> tuple[list[dict[str, Any]], dict[PathLike, dict[str, Any]]]:
+    """Check a register line by line, against its witness, and against what reports of blind scores say of it.
+
+    Parameters
+    ----------
+    book : path or WitnessedRegister
+        The register.
+    reports : sequence of path
+        ``roc.json`` or ``comparison.json`` of scores with this register, or their folders.
+
+    Returns
+    -------
+    lines, heads
+        The register's lines; and for each report how many lines it tells, and the last one's hash.
+
+    Raises
+    ------
+    ValueError
+        If a line was altered, or one that the witness or a report knows is missing; it names the line.
+    """
+    path, _ = parts_of(book)
+    existing(path, "register")
+    lines = read_book(book)
+    heads = {}
+    for report in reports:
+        for head in _heads_in(report):
+            check_head(lines, head, path, str(report))
+            heads[report] = head
+    return lines, heads
+
+
+def _heads_in(report: PathLike) -> list[dict[str, Any]]:
+    """List what a report tells of a register, once for every alarm list of it; a ValueError where it tells nothing."""
+    place = Path(report)
+    if place.is_dir():
+        place = next((place / name for name in ("roc.json", "comparison.json") if (place / name).is_file()), place)
+    try:
+        notes = json.loads(read_limited(place))["notes"]
+        told = [notes, *(one for one in notes.values() if isinstance(one, dict))]
+        heads = [one["register"] for one in told if isinstance(one.get("register"), dict)]
+        known = bool(heads) and all(
+            type(one["lines"]) is int and one["lines"] >= 0 and isinstance(one["head"], str) for one in heads
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        known = False
+    if not known:
+        raise ValueError(f"report must be the roc.json of a score that was made with a register, got {report}")
+    return heads
 
 
 def own_book(truth: PathLike, table: pd.DataFrame) -> Path | None:
@@ -115,7 +172,7 @@ def open_truth(
     entrants: Sequence[Entrant],
     lanes: Mapping[str, Mapping[str, float]],
     rules: Mapping[str, float],
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Give a truth, once its register holds the recipes of all that enter, with notes on each of them.
 
@@ -130,23 +187,27 @@ def open_truth(
             raise ValueError(f"recipe and book must be given together, got no book, and {truth} names none")
         return targets, [one.notes(None) | {"truth_sha256": content_hash(Path(truth))} for one in entrants]
     asked = [registration(one, book) for one in entrants]
-    lines = [require_registered(one.book, one.recipe, one.model) for one in asked if one is not None]
+    path, _ = parts_of(book)
+    read_book(book)
+    lines = [require_registered(path, one.recipe, one.model) for one in asked if one is not None]
     digest = content_hash(Path(truth))
-    require_truth(book, digest, lanes, rules, planned=own is not None)
+    require_truth(path, digest, lanes, rules, planned=own is not None)
     notes = [one.notes(line) | {"truth_sha256": digest} for one, line in zip(entrants, lines, strict=True)]
-    for one, told in zip(entrants, notes, strict=True):
-        register(book, event=OPENED, recipe=one.recipe, alarms=told["alarms_sha256"], truth=digest)
+    for one, note in zip(entrants, notes, strict=True):
+        opening = {"event": OPENED, "recipe": one.recipe, "alarms": note["alarms_sha256"], "truth": digest}
+        note["register"] = head_of(enter(book, lambda _, opening=opening: opening))  # type: ignore[misc]
     return targets, notes
 
 
-def check_registered(entrants: Sequence[Entrant], book: PathLike | None) -> None:
+def check_registered(entrants: Sequence[Entrant], book: Book | None) -> None:
     """Refuse what a register does not hold before anybody types a passphrase."""
     for one in entrants:
         if (asked := registration(one, book)) is not None:
-            require_registered(asked.book, asked.recipe, asked.model)
+            read_book(asked.book)
+            require_registered(parts_of(asked.book)[0], asked.recipe, asked.model)
 
 
-def registration(one: Entrant, book: PathLike | None) -> Registration | None:
+def registration(one: Entrant, book: Book | None) -> Registration | None:
     """Say what must stand in the register for an alarm list; None where neither register nor recipe is named."""
     if book is None:
         if one.named:
@@ -154,4 +215,5 @@ def registration(one: Entrant, book: PathLike | None) -> Registration | None:
         return None
     if one.recipe is None:
         raise ValueError(f"recipe and book must be given together, got no recipe for {one.path}")
-    return Registration(existing(book, "register"), one.recipe, one.model)
+    existing(parts_of(book)[0], "register")
+    return Registration(book, one.recipe, one.model)

@@ -31,13 +31,13 @@ from flgpr.scoring import (
     agreement,
     as_lanes,
     content_hash,
-    read_register,
     register,
     require_truth,
     score,
     side_by_side,
 )
 from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth
+from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
 from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
 
@@ -70,7 +70,7 @@ def score_result(
     track: Track = silent,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
     far: float = Rules.far,
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
@@ -114,7 +114,7 @@ def score_alarms(
     output: PathLike,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
     title: str = "Detection report",
     **rules: Any,
 ) -> list[Score]:
@@ -149,7 +149,7 @@ def compare_alarms(
     lane: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    book: PathLike | None = None,
+    book: Book | None = None,
     halo: float | None = None,
     far: float = Rules.far,
 ) -> SideBySide:
@@ -190,7 +190,7 @@ def compare_sealed(
     log: PathLike | None = None,
     *,
     recipes: Sequence[PathLike] = (),
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> SideBySide:
     """Set alarm lists side by side against a sealed truth, each a look; tells points and counts of all targets only.
 
@@ -203,10 +203,10 @@ def compare_sealed(
     phrase = passphrase() if callable(passphrase) else passphrase
     matches, notes = {}, {}
     for name, one, table in zip(names, entrants, tables, strict=True):
-        matches[name], _, rules, looks, line = match_blind(
-            table, place, phrase, log, registered=registration(one, book)
-        )
-        notes[name] = one.notes(line) | {"looks": len(looks)}
+        look = match_blind(table, place, phrase, log, registered=registration(one, book))
+        matches[name] = look.matched
+        notes[name] = one.notes(look.line) | {"looks": len(look.looks), **look.heads}
+        rules = look.rules
     how = Rules(halo=rules["halo"], area=rules["area"])
     told = side_by_side(matches, FAR_GRID, how, means=False)
     told = dataclasses.replace(told, points=told.points.round({"chance": 2}))  # as a blind score tells it
@@ -279,9 +279,10 @@ def _write_comparison(
 
 
 def require_seal() -> None:
-    """Refuse before anybody types a passphrase if the library that sealing needs is not installed."""
-    if importlib.util.find_spec("cryptography") is None:
-        raise ModuleNotFoundError("sealed truth needs the library cryptography: pip install 'flgpr[seal]'")
+    """Refuse before anybody types a passphrase if a library that sealing needs is not installed."""
+    for library in ("cryptography", "zxcvbn"):
+        if importlib.util.find_spec(library) is None:
+            raise ModuleNotFoundError(f"sealed truth needs the library {library}: pip install 'flgpr[seal]'")
 
 
 def seal(
@@ -294,7 +295,7 @@ def seal(
     area: Literal["union", "paper"] = "union",
     by: str | None = "kind",
     show: Literal["curve", "targets"] = "curve",
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> Path:
     """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring; a file that exists is refused.
 
@@ -303,12 +304,13 @@ def seal(
     """
     table, where = read_table(truth, "truth"), read_lanes(lane)
     own = own_book(truth, table)
-    held, bound = own if book is None else Path(book), None
+    held, bound = own if book is None else book, None
     if held is not None:
-        lines, digest = read_register(existing(held, "register")), content_hash(Path(truth))
-        require_truth(held, digest, borders(where), {"halo": halo}, planned=own is not None)
+        place = existing(parts_of(held)[0], "register")
+        lines, digest = read_book(held), content_hash(Path(truth))
+        require_truth(place, digest, borders(where), {"halo": halo}, planned=own is not None)
         if not lines:
-            raise ValueError(f"book must hold a plan or a recipe, got the empty {held}")
+            raise ValueError(f"book must hold a plan or a recipe, got the empty {place}")
         bound = {"truth": digest, "line": lines[-1]["hash"]}
     rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
     path = seal_truth(table, where, output, passphrase, **rules, book=bound)
@@ -325,7 +327,7 @@ def score_sealed(
     log: PathLike | None = None,
     *,
     recipe: PathLike | None = None,
-    book: PathLike | None = None,
+    book: Book | None = None,
 ) -> BlindScore:
     """Score an alarm list (CSV), or that of a result, against a sealed truth; tells nothing that shows a position.
 
@@ -338,7 +340,7 @@ def score_sealed(
     place, table = existing(sealed, "sealed truth"), read_table(one.path, "alarms")
     told = score_blind(table, place, passphrase, log, registration(one, book))
     if output is not None:
-        notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place)}
+        notes = one.notes(told.registered) | {"sealed_sha256": content_hash(place), **told.heads}
         _write(Path(output), {"report.html": blind_html(told, notes), "roc.json": blind_roc_json(told, notes)})
     return told
 

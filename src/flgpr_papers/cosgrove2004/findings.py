@@ -265,7 +265,7 @@ def premise_findings(recipe: StudyRecipe, cases: Mapping[str, Sequence[Case]]) -
                 double,
             )
         )
-    visible = [np.mean(case["visible"]) for case in sand if case["visible"]]
+    visible = [float(np.mean(case["visible"])) for case in sand if case["visible"]]
     if visible:
         statements.append(
             measured(

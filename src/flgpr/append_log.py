@@ -1,0 +1,198 @@
+"""Files that only grow, line by line: what journals of writers and registers of trials are kept in.
+
+One process at a time holds a log. A line is on the disk, with its folder's entry, before it counts. What a kill or a
+full disk leaves of a line, text without its end, is dropped when the log is held next, so that it cannot spoil the line
+after.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+MOST_BYTES = 2**30
+"""Most bytes that a log may have."""
+_PAUSE = 0.02  # s between two tries to hold a log
+
+
+class LogHeldError(ValueError):
+    """Another process holds the log."""
+
+
+class AppendLog:
+    """A log held by this process alone, until :meth:`close` or the end of a ``with`` block.
+
+    Parameters
+    ----------
+    path : Path
+        The file, made if it is missing, with its folder.
+    wait : float
+        How long to wait for another process that holds it, s.
+
+    Attributes
+    ----------
+    lines : list of bytes
+        Whole lines without their ends.
+    torn : bytes
+        What stood behind the last of them when the log was opened, and was dropped.
+
+    Raises
+    ------
+    LogHeldError
+        If another process still holds it.
+    ValueError
+        If the path is no regular file, or one of more than ``MOST_BYTES``.
+    """
+
+    def __init__(self, path: Path, wait: float = 0.0) -> None:
+        self.path = path
+        self._file = _hold(path, wait)
+        try:
+            self._begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def append(self, line: bytes) -> None:
+        """Add a line so that it is on the disk; if that fails the log is as it was, and the error goes on."""
+        if b"\n" in line:
+            raise ValueError("line must not hold the end of a line")
+        try:
+            write_all(self._file, line + b"\n")
+            os.fsync(self._file.fileno())
+        except BaseException:
+            self._file.truncate(self._ends[-1] if self._ends else 0)
+            raise
+        self.lines.append(line)
+        self._ends.append(self._file.seek(0, os.SEEK_END))
+
+    def keep(self, count: int) -> None:
+        """Forget all lines but the first ``count``."""
+        self._file.truncate(self._ends[count - 1] if count else 0)
+        os.fsync(self._file.fileno())
+        del self.lines[count:]
+        del self._ends[count:]
+
+    def close(self) -> None:
+        """Let go of the log."""
+        self._file.close()
+
+    def _begin(self) -> None:
+        """Read the whole lines, and drop what follows them."""
+        text = _read(self._file, self.path)
+        *self.lines, self.torn = text.split(b"\n")
+        self._ends: list[int] = []
+        end = 0
+        for line in self.lines:
+            end += len(line) + 1
+            self._ends.append(end)
+        if self.torn:
+            self.keep(len(self.lines))
+
+
+def read_log(path: Path, wait: float = 0.0) -> tuple[list[bytes], bytes]:
+    """Read the whole lines of a log, and what stands behind the last one, changing nothing.
+
+    It waits up to ``wait`` seconds for a process that is adding to it. A log that is missing has no lines.
+    """
+    try:
+        file = _open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return [], b""
+    with file:
+        _lock(file, path, fcntl.LOCK_SH, wait)
+        *lines, torn = _read(file, path).split(b"\n")
+    return lines, torn
+
+
+def _hold(path: Path, wait: float) -> BinaryIO:
+    """Open and lock a log; begin again where its folder was taken away or another file took its name meanwhile."""
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = not os.path.lexists(path)
+        try:
+            file = _open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        except FileNotFoundError:
+            continue
+        try:
+            _lock(file, path, fcntl.LOCK_EX, wait)
+        except BaseException:
+            file.close()
+            raise
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                if new:
+                    sync_directory(path.parent)
+                return file
+        file.close()
+
+
+def _open(path: Path, flags: int) -> BinaryIO:
+    """Open a regular file without waiting for anything else that may stand there."""
+    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    try:
+        state = os.fstat(handle)
+        if not stat.S_ISREG(state.st_mode):
+            raise ValueError(f"{path}: must be a regular file, got something else")
+    except BaseException:
+        os.close(handle)
+        raise
+    return os.fdopen(handle, "rb" if flags == os.O_RDONLY else "ab+", buffering=0)
+
+
+def _lock(file: BinaryIO, path: Path, kind: int, wait: float) -> None:
+    end = time.monotonic() + wait
+    while True:
+        try:
+            fcntl.flock(file, kind | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() >= end:
+                raise LogHeldError(f"{path}: another process holds it: try again when that is done") from None
+        time.sleep(_PAUSE)
+
+
+def _read(file: BinaryIO, path: Path) -> bytes:
+    size = os.fstat(file.fileno()).st_size
+    if size > MOST_BYTES:
+        raise ValueError(f"{path}: must have at most {MOST_BYTES / 2**20:g} MiB, got {size / 2**20:.0f}")
+    file.seek(0)
+    parts = []
+    left = size
+    while left > 0:
+        part = file.read(left)
+        if not part:
+            break
+        parts.append(part)
+        left -= len(part)
+    return b"".join(parts)
+
+
+def write_all(file: BinaryIO, data: bytes) -> None:
+    """Write to a file without a buffer, which may take a part at a time when the disk is nearly full."""
+    left = memoryview(data)
+    while left:
+        left = left[file.write(left) :]
+
+
+def sync_directory(path: Path) -> None:
+    """Flush a directory's entries to disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

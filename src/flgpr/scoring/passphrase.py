@@ -1,0 +1,49 @@
+"""How hard a passphrase must be to guess."""
+
+from __future__ import annotations
+
+import math
+
+_SHORTEST = 8  # characters
+_LEAST_GUESSES = 10**8  # at half a second each, some years of one processor
+_JUDGED = 72  # characters that are judged: more can only be harder to guess
+PASSPHRASE_RULE = (
+    f"at least {_SHORTEST} characters and hard to guess, such as four words that do not belong together; whoever loses "
+    "it cannot open the truth again"
+)
+
+
+def check_passphrase(passphrase: str) -> None:
+    """Refuse a passphrase that a program guesses soon, in words that do not tell it.
+
+    The number of guesses is that of zxcvbn (Wheeler 2016), which knows common passwords, names, dates, keyboard rows
+    and repetitions.
+
+    Raises
+    ------
+    ValueError
+        If it is shorter than 8 characters, or is found in fewer than 10⁸ guesses.
+    ModuleNotFoundError
+        Without the library zxcvbn, the extra ``seal``.
+
+    Examples
+    --------
+    >>> from flgpr.scoring import check_passphrase
+    >>> check_passphrase("gravel otter seven lamps")
+    >>> check_passphrase("12345678")
+    Traceback (most recent call last):
+    ...
+    ValueError: passphrase must be hard to guess: a program finds it in about 10^1 guesses ...
+    """
+    if len(passphrase) < _SHORTEST:
+        raise ValueError(f"passphrase must have at least {_SHORTEST} characters, got {len(passphrase)}")
+    try:
+        from zxcvbn import zxcvbn  # type: ignore[import-untyped]
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError('a passphrase is judged by the library zxcvbn: pip install "flgpr[seal]"') from error
+    guesses = float(zxcvbn(passphrase[:_JUDGED])["guesses"])
+    if guesses < _LEAST_GUESSES:
+        raise ValueError(
+            f"passphrase must be hard to guess: a program finds it in about 10^{max(round(math.log10(guesses)), 0)} "
+            "guesses, 10^8 at least are asked for; take four words or more that do not belong together"
+        )
