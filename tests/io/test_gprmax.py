@@ -68,12 +68,8 @@ def write_output(path, deck, point=None):
             group[wanted] = np.fft.irfft(spectrum, count)[:steps].astype(np.float32)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Decks of an empty scene, their results, and where the scattering point is.
-
-    The antennas lie on nodes of the 19 mm grid, which keeps the results small.
-    """
+def lane_and_sensor():
+    """An empty scene and a sensor whose antennas lie on nodes of the 19 mm grid, which keeps the results small."""
     sensor = Sensor(
         name="two dipoles", source="test", polarization=("HH", "VV", "HV"), height=0.475, tilt=0.3,
         tx=((0.0, 0.0, 0.0),), rx=((0.38, 0.0, 0.0), (-0.342, 0.095, 0.0)),
@@ -83,6 +79,13 @@ def folder(tmp_path_factory):
         length=0.8, x_min=-0.3, x_max=0.3, surface={"rms_height": 0.0}, track={"positions": (0.03,)},
         soil={"model": "fixed", "permittivity": 1.0}, targets=[{"kind": "metal", "x": 0.0, "y": 0.5, "radius": 0.05}],
     )  # fmt: skip
+    return scene, sensor
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Decks of a lane, their results, and where the scattering point is."""
+    scene, sensor = lane_and_sensor()
     folder = tmp_path_factory.mktemp("gprmax") / "decks"
     decks = write_gprmax_decks(scene, sensor, 1, folder, cells_per_wavelength=12)
     place = np.array([0.1, 0.7, 0.1])
@@ -112,6 +115,17 @@ def test_results_become_a_run_with_the_echo_of_the_point(folder, tmp_path):
     assert read_lane(tmp_path / "run-lane.toml").y_max == 0.8
     assert (tmp_path / "run-truth.csv").read_text().count("metal") == 1
     assert run.attrs["fullwave"]["omissions"]
+
+
+def test_decks_that_are_there_with_their_results_stay(folder, tmp_path, caplog):
+    copy = shutil.copytree(folder[0], tmp_path / "decks")
+    want = digests(copy)
+    with caplog.at_level("INFO", "flgpr.outputs"):
+        write_gprmax_decks(*lane_and_sensor(), 1, copy, cells_per_wavelength=12)
+    assert "decks is there already" in caplog.text
+    with pytest.raises(FileExistsError, match="something else"):
+        write_gprmax_decks(*lane_and_sensor(), 2, copy, cells_per_wavelength=12)
+    assert digests(copy) == want
 
 
 def test_the_direct_wave_can_be_kept(folder):
@@ -166,8 +180,9 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
     refused("must hold the manifest.json")
     with pytest.raises(FileNotFoundError, match="nothing"):
         import_gprmax_results(tmp_path / "nothing", tmp_path / "run.zarr")
+    scene, sensor = lane_and_sensor()
     with pytest.raises(FileExistsError):
-        write_gprmax_decks(Scene(), None, 1, copy)
+        write_gprmax_decks(scene, sensor, 1, copy, cells_per_wavelength=12)  # its manifest is gone
 
 
 def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, monkeypatch):

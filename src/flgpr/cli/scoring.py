@@ -64,12 +64,8 @@ def score(
     """Score a result or an alarm list against truth, open or sealed, or set several side by side."""
     given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
-<<<<<<< HEAD
     with plain_errors(quiet):
-=======
-    with plain_errors():
         watched = with_witness(book, witness)
->>>>>>> main
         if agreement:
             more = {"output": output, "book": book, "seal": seal or None}
             _refuse(given | more, (), "--agreement compares verdicts with one another and prints the table")

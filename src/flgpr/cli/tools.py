@@ -123,13 +123,8 @@ def plan_register_command(
     quiet: Quiet = False,
 ) -> None:
     """Register a recipe before the truth is opened; scores then ask for it."""
-<<<<<<< HEAD
     with plain_errors(quiet):
-        line = tasks.register_recipe(recipe, book, model)
-=======
-    with plain_errors():
         line = tasks.register_recipe(recipe, with_witness(book, witness), model)
->>>>>>> main
     if not quiet:
         typer.echo(f"{recipe} is line {line['number']} of {book}, {line['recipe'][:12]}..., {line['time']}")
 

@@ -6,7 +6,8 @@ from. They are never drawn as areas, and an empty place between them says nothin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
-from flgpr.io.files import partial_of, write_whole
+from flgpr.io.files import write_whole
+from flgpr.io.outputs import whole_output
 from flgpr.io.tables import json_value, write_features
 from flgpr.model.lane import Lane
 
@@ -141,8 +143,7 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
         geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
         crs="EPSG:4326",
     )
-    with partial_of(Path(path)) as partial:
-        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+    _write_layer(frame, Path(path), layer)
 
 
 def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
@@ -152,8 +153,26 @@ def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
     polygon = optional("shapely.geometry", "gis").Polygon(anchor.to_geodetic(corners(lane))[:, :2])
     told = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
     frame = geopandas.GeoDataFrame(told, geometry=[polygon], crs="EPSG:4326")
-    with partial_of(Path(path)) as partial:
-        frame.to_file(partial, layer="lane", driver="GPKG", engine="pyogrio")
+    _write_layer(frame, Path(path), "lane")
+
+
+def _write_layer(frame: Any, path: Path, layer: str) -> None:
+    """Write a layer as a GeoPackage that tells no time of writing: the same points give the same bytes."""
+    pyogrio = optional("pyogrio", "gis")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
+    with whole_output(path, replace=True) as partial, _disk_errors(path):
+        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+
+
+@contextmanager
+def _disk_errors(path: Path) -> Iterator[None]:
+    """Name the file that a library of maps could not write, and what it said."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise OSError(f"{path}: it could not be written, is there room on the disk? ({error})") from None
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
@@ -190,7 +209,8 @@ def write_geotiff(
         "flgpr_statement": STATEMENT,
     }
     with (
-        partial_of(Path(path)) as partial,
+        whole_output(Path(path), replace=True) as partial,
+        _disk_errors(Path(path)),
         rasterio.open(
             partial, "w", driver="GTiff", width=x.size, height=y.size, count=len(bands), dtype="float32", crs=crs,
             transform=transform, nodata=float("nan"), compress="deflate",

@@ -27,7 +27,8 @@ class BusyError(ValueError):
 
 def tell_finished(output: str | Path, anew: str = DELETE) -> None:
     """Log that an output is there already as this call would make it, and how to make it ``anew``."""
-    _LOG.info("%s is there already, made of the same: nothing was written; %s", output, anew, extra={"output": output})
+    words = "%s is there already, made from the same: nothing was written; %s"
+    _LOG.info(words, output, anew, extra={"output": output})
 
 
 def other_output(output: str | Path, anew: str = "move it away or choose another output") -> FileExistsError:
@@ -36,16 +37,19 @@ def other_output(output: str | Path, anew: str = "move it away or choose another
 
 
 @contextmanager
-def held_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder, made if need be, so that no other process writes there; if one does that is a BusyError."""
-    handle = _hold(folder)
+def held_folder(folder: Path, wait: bool = False) -> Iterator[None]:
+    """Hold a folder, made if need be, so that no other process writes there; wait for one that does.
+
+    Without ``wait`` that is a BusyError.
+    """
+    handle = _hold(folder, wait)
     try:
         yield
     finally:
         os.close(handle)
 
 
-def _hold(folder: Path) -> int:
+def _hold(folder: Path, wait: bool) -> int:
     """Open and lock a folder; begin again where another process has just taken it away."""
     while True:
         folder.mkdir(exist_ok=True)
@@ -54,7 +58,7 @@ def _hold(folder: Path) -> int:
         except FileNotFoundError:
             continue
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             os.close(handle)
             raise BusyError(
@@ -69,65 +73,58 @@ def _hold(folder: Path) -> int:
 
 
 @contextmanager
-def partial_folder(folder: Path, replace: bool = False) -> Iterator[Path]:
-    """Give an empty folder to write to, which gets its name if nothing fails.
+def whole_output(path: Path, replace: bool = False, more: bool = False) -> Iterator[Path]:
+    """Give a place, with its name, to write a file or a folder to, which gets its own if nothing fails.
 
-    A folder of that name stays if it holds the same, is replaced if that is wanted, or is a FileExistsError.
-    """
-    partial = folder.with_name(f"{folder.name}.partial")
-    with held_folder(partial):
-        _empty(partial)
-        try:
-            yield partial
-            if replace:
-                replace_folder(partial, folder)
-            else:
-                _put(partial, folder)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
-
-
-@contextmanager
-def new_file(path: Path) -> Iterator[Path]:
-    """Give a place to write a file to, with its name, which it gets in its folder if nothing fails.
-
-    A file that is there already stays if it has the same bytes; else it is a FileExistsError.
+    What is there already stays if it has the same bytes, is replaced if that is wanted, or is a FileExistsError. With
+    ``more`` a folder that stays may hold other files as well.
     """
     partial = path.with_name(f".partial-{path.name}")
     with held_folder(partial):
         _empty(partial)
+        made = partial / path.name
         try:
-            yield partial / path.name
-            sync_file(partial / path.name)
-            _put(partial / path.name, path)
+            yield made
+            if made.is_file():
+                sync_file(made)
+            if not replace:
+                _put(made, path, more)
+            elif made.is_dir():
+                replace_folder(made, path)
+            else:
+                made.replace(path)
+            sync_directory(path.parent)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
 
 def write_new(path: Path, data: bytes | str) -> None:
-    """Write a new file, text as UTF-8, by the rules of :func:`new_file`."""
-    with new_file(path) as made:
+    """Write a new file, text as UTF-8; one that is there must have the same bytes, else it is a FileExistsError."""
+    with whole_output(path) as made:
         made.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
-def same_content(first: Path, second: Path) -> bool:
-    """Tell whether two files, or all files of two folders, have the same bytes; links are never the same."""
+def same_content(first: Path, second: Path, more: bool = False) -> bool:
+    """Tell whether two files, or all files of two folders, have the same bytes; links are never the same.
+
+    With ``more`` the second folder may hold other files as well.
+    """
     if first.is_symlink() or second.is_symlink():
         return False
     if first.is_dir() and second.is_dir():
         names, others = ({path.name for path in folder.iterdir()} for folder in (first, second))
-        return names == others and all(same_content(first / name, second / name) for name in sorted(names))
+        listed = names <= others if more else names == others
+        return listed and all(same_content(first / name, second / name, more) for name in sorted(names))
     return first.is_file() and second.is_file() and filecmp.cmp(first, second, shallow=False)
 
 
-def _put(made: Path, output: Path) -> None:
+def _put(made: Path, output: Path, more: bool) -> None:
     """Give what was made its name, unless the same lies there."""
     if _named(made, output):
-        sync_directory(output.parent)
-    elif same_content(made, output):
-        tell_finished(output)
-    else:
+        return
+    if not same_content(made, output, more):
         raise other_output(output)
+    tell_finished(output)
 
 
 def _named(made: Path, output: Path) -> bool:

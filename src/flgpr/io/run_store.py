@@ -60,7 +60,11 @@ class RunExistsError(FileExistsError):
         if self.same:
             holds = "which is whole and holds this very run"
         else:
-            holds = f"which holds another run ({different})" if different else "which holds something else or a damaged store"
+            holds = (
+                f"which holds another run ({different})"
+                if different
+                else "which holds something else or a damaged store"
+            )
         super().__init__(f"path must not exist yet, got {path}, {holds}: move it away or choose another output")
 
 
@@ -174,14 +178,7 @@ class RunWriter:
         make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
         self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
-        self._about = {
-            "frequency": sha256(self._frequency.tobytes()),
-            "polarization": self._polarization,
-            "tx_position": sha256(self._tx.tobytes()),
-            "rx_position": sha256(self._rx.tobytes()),
-            "attrs": self._attrs,
-            "inputs": inputs or {},
-        }
+        self._about = _describe(self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs)
         self._check_free(overwrite)
         try:
             self._journal = Journal(self._partial, self._about, resume)
@@ -346,6 +343,21 @@ class RunWriter:
         )
 
 
+def is_stored(run: xr.Dataset, path: str | Path) -> bool:
+    """Tell whether a place holds a whole store of exactly this run; anything else there is a RunExistsError."""
+    root = Path(path)
+    if not os.path.lexists(root):
+        return False
+    frequency, tx_position, rx_position = (run[name].values for name in ("frequency", "tx_position", "rx_position"))
+    polarization = [str(label) for label in run["polarization"].values]
+    attrs = {str(key): value for key, value in run.attrs.items()}
+    about = _describe(frequency, polarization, tx_position, rx_position, attrs, _digests(run))
+    different = _difference_from_stored(root, about)
+    if different != "":
+        raise RunExistsError(root, different)
+    return True
+
+
 def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False) -> Path:
     """Write a run as a Zarr v3 store; one that exists is a FileExistsError unless ``overwrite`` is true.
 
@@ -463,6 +475,25 @@ def _check_size(root: Path, key: str, entry: dict[str, Any]) -> None:
         raise RunStoreError(str(error)) from None
     if size != entry["bytes"]:
         raise RunStoreError(f"{root}: {key} has {size} bytes, {entry['bytes']} were committed: the store is truncated")
+
+
+def _describe(
+    frequency: NDArray[np.float64],
+    polarization: list[str],
+    tx_position: NDArray[np.float64],
+    rx_position: NDArray[np.float64],
+    attrs: dict[str, Any],
+    inputs: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """Describe all that the scans of a store depend on."""
+    return {
+        "frequency": sha256(frequency.tobytes()),
+        "polarization": polarization,
+        "tx_position": sha256(tx_position.tobytes()),
+        "rx_position": sha256(rx_position.tobytes()),
+        "attrs": attrs,
+        "inputs": inputs or {},
+    }
 
 
 def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:

@@ -14,6 +14,7 @@ from flgpr.chain.fitting import fit_faults
 from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
+from flgpr.io.outputs import whole_output
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane
 from flgpr.results.description import describe_run
 
@@ -60,7 +61,8 @@ def run_info(
         from flgpr.report import geometry_figure  # loads what draws, which words can do without
 
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
-        figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})
+        with whole_output(Path(plot)) as made:
+            figure.savefig(made, dpi=110, format="png", metadata={"Software": None})
     return description | {
         "unambiguous_path_m": SPEED_OF_LIGHT / float(np.median(steps)) if steps.size else None,
         "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
