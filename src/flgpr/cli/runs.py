@@ -73,12 +73,13 @@ def view(
 def demo(
     output: Output = Path("demo-result"),
     view: Annotated[bool, Option("--view", help="Open the result in the browser.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Process the packaged lane: image, detect, score, report."""
     with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
-        result, scored = tasks.demo(output, track)
+        result, scored = tasks.demo(output, track, overwrite)
     if as_json:
         typer.echo(json.dumps(score_summary(result.folder, scored)))
     elif not quiet:

@@ -160,6 +160,11 @@ def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
     write_whole(folder / "manifest.json", _manifest(content, added | {n: [sha256(b)] for n, b in data.items()}))
 
 
+def are_settled(folder: str | Path) -> bool:
+    """Tell whether all that was added to a result was written to the end."""
+    return all(len(digests) == 1 for digests in read_result_manifest(folder)["added"].values())
+
+
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:
     """Read the manifest of a result folder and no other file; ``identity`` stays when files are added."""
     folder = Path(folder)
