@@ -110,7 +110,9 @@ def detect_survey(
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
     folders = [Path(job.output) for job in jobs]
-    write_whole(survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
+    path, text = survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n"
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_whole(path, text)
     return folders
 
 

@@ -26,6 +26,7 @@ from flgpr.io import (
     canonical_json,
     parse_description,
     read_anchor,
+    read_description,
     read_lane,
     sha256,
 )
@@ -147,6 +148,8 @@ class LiveRun:
         if options.fresh:
             path.unlink(missing_ok=True)
         snapshot = read_snapshot(path)
+        if snapshot is not None and options.incoming is not None:
+            _check_same_run(snapshot, Path(options.incoming))
         sources: list[threading.Thread] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
@@ -372,6 +375,13 @@ def _percentiles(latency: list[float]) -> dict[str, float]:
         return {"scans": 0}
     found = {"median": np.median(latency), "p95": np.percentile(latency, 95), "largest": np.max(latency)}
     return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {"scans": len(latency)}
+
+
+def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
+    """Refuse a folder of another run than that of the snapshot before anything is written."""
+    coming = read_description(incoming)
+    if coming is not None and coming.run_id != parse_description(snapshot[0]["run"]).run_id:
+        raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
 
 
 def _check_output(folder: Path) -> None:
