@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from flgpr.chain.stages import Positive, Table
 from flgpr.io import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
+from flgpr.io.files import existing, faults_of
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
@@ -195,8 +196,10 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         text = source
     else:
         packaged = resources.files("flgpr.benchmark") / f"{name}.toml"
-        text = (packaged if name in GROUNDS else Path(name)).read_text("utf-8")
-    data = tomllib.loads(text)
+        with faults_of(name):
+            text = (packaged if name in GROUNDS else existing(name, "proving ground")).read_text("utf-8")
+    with faults_of(name if isinstance(source, Path) else "ground"):
+        data = tomllib.loads(text)
     over = data.pop("quick", {})
     if quick and not over:
         raise ValueError(f"quick must be asked of a ground that has such a form, got {data.get('name')}")

@@ -31,6 +31,7 @@ _PYTHON = (
     (re.compile(r"\[Errno -?\d+\] "), ""),
     (re.compile(r"\b(?:Pure)?(?:Posix|Windows)?Path\((['\"])(.*?)\1\)"), r"\2"),
     (re.compile(r"\bnp\.\w+\(([^()]*)\)"), r"\1"),
+    (re.compile(r"\bgot None\b"), "got none"),
 )
 
 

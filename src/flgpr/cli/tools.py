@@ -90,7 +90,8 @@ def plan_lane_command(
     targets: Annotated[Path, Argument(help="CSV with kind, depth (m) and count.")],
     output: Output,
     seed: Annotated[
-        int | None, Option(help="Seed to draw a plan again; who can guess it knows the plan. None: drawn, and told.")
+        int | None,
+        Option(help="Seed to draw a plan again; who can guess it knows the plan. By default drawn, and told."),
     ] = None,
     spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
     edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
-from flgpr.io.files import existing
+from flgpr.io.files import existing, faults_of
 from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
 
@@ -148,8 +148,10 @@ def read_anchor(path: str | Path) -> Anchor:
     that is wrong.
     """
     path = existing(path, "anchor file")
+    with faults_of(path):
+        entries = tomllib.loads(path.read_text(encoding="utf-8"))
     try:
-        told = _AnchorFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        told = _AnchorFile.model_validate(entries)
         lane = [(*p.lane, 0.0)[:3] for p in told.point]
         plane = told.point[0].easting is not None
         names = ("easting", "northing") if plane else ("longitude", "latitude")

@@ -6,6 +6,7 @@ from. They are never drawn as areas, and an empty place between them says nothin
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
@@ -29,6 +30,7 @@ STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
     "not thereby free of hazards."
 )
+_UNWRITTEN = "it could not be written, is there room on the disk?"
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
 _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
@@ -172,7 +174,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        raise OSError(f"{path}: it could not be written, is there room on the disk? ({error})") from None
+        raise OSError(f"{path}: {_UNWRITTEN} ({error})") from None
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
@@ -208,19 +210,27 @@ def write_geotiff(
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
     }
-    with (
-        whole_output(Path(path), replace=True) as partial,
-        _disk_errors(Path(path)),
-        rasterio.open(
-            partial, "w", driver="GTiff", width=x.size, height=y.size, count=len(bands), dtype="float32", crs=crs,
-            transform=transform, nodata=float("nan"), compress="deflate",
-        ) as file,
-    ):  # fmt: skip
-        file.write(bands)
-        file.update_tags(**tags)
-        for number, name in enumerate(names):
-            file.set_band_description(number + 1, name)
+    profile = {"driver": "GTiff", "dtype": "float32", "nodata": float("nan"), "compress": "deflate"}
+    profile |= {"width": x.size, "height": y.size, "count": len(bands), "crs": crs, "transform": transform}
+    with whole_output(Path(path), replace=True) as partial, _disk_errors(Path(path)):
+        with rasterio.open(partial, "w", **profile) as file:
+            file.write(bands)
+            file.update_tags(**tags)
+            for number, name in enumerate(names):
+                file.set_band_description(number + 1, name)
+        _check_written(partial, bands, Path(path), rasterio)
     return misfit
+
+
+def _check_written(path: Path, bands: NDArray[np.float32], output: Path, rasterio: Any) -> None:
+    """Read a raster again: the library that writes it tells of no full disk."""
+    try:
+        with rasterio.open(path) as file:
+            same = np.array_equal(file.read(), bands, equal_nan=True)
+    except (OSError, RuntimeError):
+        same = False
+    if not same:
+        raise OSError(errno.ENOSPC, f"{_UNWRITTEN}, for what was written does not read the same", str(output))
 
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from flgpr.io import open_run, read_lane, save_run, write_whole
 from flgpr.io.anchor import Anchor, read_anchor
-from flgpr.io.files import existing
+from flgpr.io.files import existing, faults_of
 from flgpr.io.outputs import whole_output, write_new
 from flgpr.io.tables import read_text_table
 from flgpr.model import Lane
@@ -28,7 +28,8 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     deviation of one surveyed coordinate, m.
     """
     path = existing(points, "file of surveyed points")
-    columns = read_text_table(path)
+    with faults_of(path):
+        columns = read_text_table(path)
     kinds = [kind for kind in (_PLANE, _GLOBE) if set(kind) <= set(columns)]
     missing = [name for name in ("lane_x_m", "lane_y_m") if name not in columns]
     if missing or len(kinds) != 1:
