@@ -43,6 +43,17 @@ def check_expansion(name: str, size: int, room: int) -> None:
 
 
 @contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Let an error of the system name the file that is written, and not what it is called until it is whole."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and (error.filename is None or ".partial" in str(error.filename)):
+            error.filename, error.filename2 = str(path), None
+        raise
+
+
+@contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
     """Name the file whose content breaks a rule, in a ValueError."""
     try:
@@ -65,7 +76,7 @@ def write_whole(path: Path, data: bytes | str) -> None:
     Of two processes that write the same file at once the second waits for the first.
     """
     temporary = path.with_name(path.name + ".partial")
-    with _open_alone(temporary) as file:
+    with writing(path), _open_alone(temporary) as file:
         try:
             file.write(data.encode() if isinstance(data, str) else data)
             file.flush()

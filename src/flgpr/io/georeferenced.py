@@ -162,19 +162,19 @@ def _write_layer(frame: Any, path: Path, layer: str) -> None:
     """Write a layer as a GeoPackage that tells no time of writing: the same points give the same bytes."""
     pyogrio = optional("pyogrio", "gis")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
-    with whole_output(path, replace=True) as partial, _disk_errors(path):
+    with whole_output(path, replace=True) as partial, _disk_errors():
         frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
 
 
 @contextmanager
-def _disk_errors(path: Path) -> Iterator[None]:
-    """Name the file that a library of maps could not write, and what it said."""
+def _disk_errors() -> Iterator[None]:
+    """Take what a library of maps says when it cannot write for what it mostly means."""
     try:
         yield
     except (OSError, RuntimeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        raise OSError(f"{path}: {_UNWRITTEN} ({error})") from None
+        raise OSError(errno.ENOSPC, f"{_UNWRITTEN} ({error})") from None
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
@@ -212,17 +212,17 @@ def write_geotiff(
     }
     profile = {"driver": "GTiff", "dtype": "float32", "nodata": float("nan"), "compress": "deflate"}
     profile |= {"width": x.size, "height": y.size, "count": len(bands), "crs": crs, "transform": transform}
-    with whole_output(Path(path), replace=True) as partial, _disk_errors(Path(path)):
+    with whole_output(Path(path), replace=True) as partial, _disk_errors():
         with rasterio.open(partial, "w", **profile) as file:
             file.write(bands)
             file.update_tags(**tags)
             for number, name in enumerate(names):
                 file.set_band_description(number + 1, name)
-        _check_written(partial, bands, Path(path), rasterio)
+        _check_written(partial, bands, rasterio)
     return misfit
 
 
-def _check_written(path: Path, bands: NDArray[np.float32], output: Path, rasterio: Any) -> None:
+def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> None:
     """Read a raster again: the library that writes it tells of no full disk."""
     try:
         with rasterio.open(path) as file:
@@ -230,7 +230,7 @@ def _check_written(path: Path, bands: NDArray[np.float32], output: Path, rasteri
     except (OSError, RuntimeError):
         same = False
     if not same:
-        raise OSError(errno.ENOSPC, f"{_UNWRITTEN}, for what was written does not read the same", str(output))
+        raise OSError(errno.ENOSPC, f"{_UNWRITTEN}, for what was written does not read the same")
 
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:

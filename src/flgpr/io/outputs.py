@@ -14,7 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from flgpr.io.files import replace_folder, sync_directory, sync_file
+from flgpr.append_log import sync_directory
+from flgpr.io.files import replace_folder, sync_file, writing
 
 _LOG = logging.getLogger("flgpr.outputs")
 DELETE = "delete it to make it anew"
@@ -80,7 +81,7 @@ def whole_output(path: Path, replace: bool = False, more: bool = False) -> Itera
     ``more`` a folder that stays may hold other files as well.
     """
     partial = path.with_name(f".partial-{path.name}")
-    with held_folder(partial):
+    with writing(path), held_folder(partial):
         _empty(partial)
         made = partial / path.name
         try:
