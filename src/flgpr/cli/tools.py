@@ -109,8 +109,8 @@ def plan_lane_command(
     files = tasks.plan_files(output, anchor is not None)
     tell_written(quiet, *files.values())
     if not quiet:
-        seed = "of a seed that was not kept" if plan.attrs["seed"] is None else f"seed {plan.attrs['seed']}"
-        typer.echo(f"{len(plan)} targets, {seed}; registered {line['time']}")
+        drawn_by = "of a seed that was not kept" if plan.attrs["seed"] is None else f"seed {plan.attrs['seed']}"
+        typer.echo(f"{len(plan)} targets, {drawn_by}; registered {line['time']}")
         typer.echo("keep these files and the seed from whoever runs a detector; the register is for all to read")
 
 
