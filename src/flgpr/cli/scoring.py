@@ -86,7 +86,7 @@ def score(
         if sealed is not None:
             _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
             tasks.require_seal()
-            if not overwrite and tasks.holds_sealed_score(alarms, sealed, home):
+            if not overwrite and tasks.holds_sealed_score(alarms, sealed, home, recipes, watched):
                 if as_json:
                     name = "comparison.json" if several else "roc.json"
                     typer.echo(json.dumps(json.loads((home / name).read_text(encoding="utf-8"))))

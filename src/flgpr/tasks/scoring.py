@@ -366,21 +366,27 @@ def score_sealed(
     return told
 
 
-def holds_sealed_score(alarms: Sequence[PathLike], sealed: PathLike, output: PathLike) -> bool:
+def holds_sealed_score(
+    alarms: Sequence[PathLike],
+    sealed: PathLike,
+    output: PathLike,
+    recipes: Sequence[PathLike] = (),
+    book: Book | None = None,
+) -> bool:
     """Tell, before anybody looks, whether a folder has the score of these alarm lists against this sealed truth.
 
-    A folder with another score, or one of another version, is a FileExistsError.
+    A folder with another score, one of other recipes in the register, or one of another version, is a FileExistsError.
     """
     home = Path(output)
     file = home / ("comparison.json" if len(alarms) > 1 else "roc.json")
     if not os.path.lexists(file):
         return False
-    entrants, digest = _entrants(alarms, ()), content_hash(existing(sealed, "sealed truth"))
-    wanted = sorted((content_hash(one.path), digest) for one in entrants)
+    entrants, digest = _entrants(alarms, recipes), content_hash(existing(sealed, "sealed truth"))
+    wanted = sorted((content_hash(one.path), digest, "" if book is None else str(one.recipe)) for one in entrants)
     try:
         told = json.loads(read_limited(file))
         notes = list(told["notes"].values()) if len(alarms) > 1 else [told["notes"]]
-        there = sorted((one["alarms_sha256"], one["sealed_sha256"]) for one in notes)
+        there = sorted((one["alarms_sha256"], one["sealed_sha256"], one.get("recipe_sha256", "")) for one in notes)
         same = there == wanted and told["flgpr"] == flgpr.__version__
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         same = False
