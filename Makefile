@@ -43,7 +43,7 @@ lint: $(VENV)/.test
 # Many more random kills and damaged files than `make test` tries.
 robustness: $(VENV)/.test
 	FLGPR_KILLS=$(KILLS) FLGPR_CASES=$(CASES) $(PYTEST) \
-	    tests/robustness tests/io/test_fuzz_exchange.py tests/io/test_store_machines.py \
+	    tests/robustness tests/io/test_fuzz_exchange.py tests/io/test_outputs.py tests/io/test_store_machines.py \
 	    tests/live/test_live_fuzz.py tests/live/test_live_machines.py
 
 docs: $(VENV)/.docs

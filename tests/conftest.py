@@ -3,6 +3,7 @@
 import functools
 import gc
 import os
+import time
 
 # Small products of matrices on several threads cost several times the work itself, above all beside other processes,
 # and threads that wait should sleep, not spin. OpenMP and OpenBLAS read this when loaded; child processes inherit it.
@@ -96,7 +97,8 @@ def _draw_nothing(patch):
 
 
 def _blank(_figure, target, **options):
-    Image.new("L", (1, 1)).save(target, options.get("format", "png"))
+    moment = time.gmtime(0)  # the same bytes each time
+    Image.new("L", (1, 1)).save(target, options.get("format", "png"), creationDate=moment, modDate=moment)
 
 
 class _BlankCanvas:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Here, Processes
 from flgpr.io import write_whole
+from flgpr.io.outputs import tell_finished
 from flgpr_papers.kit.findings import OPEN, read_findings
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
@@ -70,9 +72,28 @@ def reproduce(paper: str, output: str | Path, quick: bool = False, track: Track 
 
 
 def run_study(paper: str, folder: Path, quick: bool, track: Track = silent) -> Path:
-    """Run the study of one paper, which is loaded for it; returns its page."""
+    """Run the study of one paper, which is loaded for it; returns its page.
+
+    A folder that has the page of the other form, quick or not, is a FileExistsError.
+    """
+    _refuse_other_form(folder, quick)
+    before = _bytes_of_page(folder)
     page: Path = study_of(paper).reproduce(folder, quick, track)
+    if page.read_bytes() == before:
+        tell_finished(page)
     return page
+
+
+def _refuse_other_form(folder: Path, quick: bool) -> None:
+    path = folder / "findings.json"
+    if path.is_file() and json.loads(path.read_text("utf-8"))["quick"] != quick:
+        form = "full" if quick else "quick"
+        raise FileExistsError(f"output must not exist yet, got {folder} with the {form} form: choose another output")
+
+
+def _bytes_of_page(folder: Path) -> bytes | None:
+    page = folder / "index.html"
+    return page.read_bytes() if page.is_file() else None
 
 
 def study_of(paper: str) -> Any:

@@ -238,7 +238,7 @@ def write_map(folder: Path) -> Path:
         for one in several
         for region, (count, value, verdict) in [*one.regions.items(), ("smooth", one.smooth)]
     ]
-    pd.DataFrame(rows).round(4).to_csv(folder / "worlds.csv", index=False)
+    write_whole(folder / "worlds.csv", pd.DataFrame(rows).round(4).to_csv(index=False))
     shown = [paper for paper, several in judged.items() if any(one.found for one in several)]
     pictures = {paper: figure_png(heat_maps(several)) for paper, several in judged.items() if paper in shown}
     for paper, picture in pictures.items():

@@ -192,7 +192,12 @@ def test_the_command_line_writes_a_recipe_once_and_detects_with_it(stored, tmp_p
     assert call("recipe", "for", run, "-o", file).stdout == f"wrote {file}\n"
     assert file.read_text() == printed.stdout
     again = call("recipe", "for", run, "-o", file)
-    assert (again.exit_code, again.stderr) == (2, f"error: output must not exist yet, got {file}\n")
+    assert again.exit_code == 0
+    assert again.stderr.startswith(f"{file} is there already")
+    changed = file.read_text() + "# by hand\n"
+    file.write_text(changed)
+    assert call("recipe", "for", run, "-o", file).stderr.startswith(f"error: output must not exist yet, got {file}")
+    assert file.read_text() == changed
     assert "good" in call("recipe", "check", file).stdout
     found = call("detect", run, "-o", tmp_path / "result")
     assert found.exit_code == 0, found.output

@@ -326,7 +326,8 @@ def test_info_tells_and_the_command_it_names_imports(name, tmp_path, monkeypatch
     run = open_run("a.zarr")
     assert run.sizes["scan"] == 40
     assert run.attrs["source"].endswith(name)
-    assert CliRunner().invoke(app, command).exit_code == 2
+    assert "is there already" in CliRunner().invoke(app, command).output
+    assert CliRunner().invoke(app, [*command, "--height", "0.1"]).exit_code == 2
     assert "warning" not in CliRunner().invoke(app, ["info", "a.zarr"]).output
 
 

@@ -9,13 +9,10 @@ import pytest
 
 from damage import in_forks
 from flgpr.io import GprmaxRun, explain_file, open_run, read_gprmax, read_lane
-from flgpr.model import Sensor
-from flgpr.simulate import Scene
 from flgpr.tasks.simulation import import_gprmax_results, write_gprmax_decks
-from io_gprmax import dipole_field
+from io_gprmax import dipole_field, lane_and_sensor, write_output
 from robust import digests
 
-SPEED = 299_792_458.0
 TONES = 600e6 + 50e6 * np.arange(15)
 
 
@@ -25,64 +22,10 @@ def quick_children():
         yield
 
 
-def write_output(path, deck, point=None):
-    """Write what gprMax would: each receiver's component of the fields of all dipoles, and of a scattering point."""
-    lines = [line.split(": ", 1) for line in deck.splitlines()]
-    told = {name: value for name, value in lines}
-    cell = float(told["#dx_dy_dz"].split()[0])
-    step = cell / (SPEED * np.sqrt(3))
-    steps = round(float(told["#time_window"]) / step)
-    # The fields are made at the bins of a long record, so that echoes do not fold back.
-    count = 4 * steps
-    f = np.fft.rfftfreq(count, step)[1:]
-    words = [value.split() for name, value in lines if name == "#waveform"]
-    amplitude = [float(w[1]) for w in words]
-    centre = float(words[0][2])
-    time = (np.arange(count) + 0.5) * step - 1 / centre
-    width = 2 * np.pi**2 * centre**2
-    current = -np.sqrt(2 * width * np.e) * time * np.exp(-width * time**2)
-    moment = np.fft.rfft(current)[1:] * np.exp(-1j * np.pi * f * step) * cell
-    dipoles = [value.split() for name, value in lines if name == "#hertzian_dipole"]
-    with h5py.File(path, "w") as file:
-        file.attrs.update({"gprMax": "3.1.7", "Title": told["#title"], "Iterations": steps, "dt": step})
-        file.attrs["dx_dy_dz"] = (cell, cell, cell)
-        for n, (_, *place, _) in enumerate(dipoles):
-            group = file.create_group(f"srcs/src{n + 1}")
-            group.attrs.update({"Type": "HertzianDipole", "Position": np.array(place, float)})
-        receivers = [value.split() for name, value in lines if name == "#rx"]
-        for n, (*place, name, wanted) in enumerate(receivers):
-            component = "xyz".index(wanted[1])
-            at = np.array(place, float) + cell / 2 * (np.arange(3) == component)
-            total = np.zeros(f.size, complex)
-            for (axis, *source, _), size in zip(dipoles, amplitude, strict=True):
-                unit = np.eye(3)["xyz".index(axis)]
-                start = np.array(source, float) + cell / 2 * unit
-                total += size * dipole_field(unit, at - start, component, f)
-                if point is not None:
-                    there = np.array([dipole_field(unit, point - start, c, f) for c in range(3)])
-                    back = [dipole_field(np.eye(3)[c], at - point, component, f) for c in range(3)]
-                    total += size * 1e-3 * (there * back).sum(axis=0)
-            spectrum = np.concatenate([[0], -1j * total * moment])
-            group = file.create_group(f"rxs/rx{n + 1}")
-            group.attrs.update({"Name": name, "Position": np.array(place, float)})
-            group[wanted] = np.fft.irfft(spectrum, count)[:steps].astype(np.float32)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Decks of an empty scene, their results, and where the scattering point is.
-
-    The antennas lie on nodes of the 19 mm grid, which keeps the results small.
-    """
-    sensor = Sensor(
-        name="two dipoles", source="test", polarization=("HH", "VV", "HV"), height=0.475, tilt=0.3,
-        tx=((0.0, 0.0, 0.0),), rx=((0.38, 0.0, 0.0), (-0.342, 0.095, 0.0)),
-        tones={"start": 600e6, "step": 50e6, "count": 15}, antenna={"kind": "dipole"},
-    )  # fmt: skip
-    scene = Scene(
-        length=0.8, x_min=-0.3, x_max=0.3, surface={"rms_height": 0.0}, track={"positions": (0.03,)},
-        soil={"model": "fixed", "permittivity": 1.0}, targets=[{"kind": "metal", "x": 0.0, "y": 0.5, "radius": 0.05}],
-    )  # fmt: skip
+    """Decks of a lane, their results, and where the scattering point is."""
+    scene, sensor = lane_and_sensor()
     folder = tmp_path_factory.mktemp("gprmax") / "decks"
     decks = write_gprmax_decks(scene, sensor, 1, folder, cells_per_wavelength=12)
     place = np.array([0.1, 0.7, 0.1])
@@ -112,6 +55,17 @@ def test_results_become_a_run_with_the_echo_of_the_point(folder, tmp_path):
     assert read_lane(tmp_path / "run-lane.toml").y_max == 0.8
     assert (tmp_path / "run-truth.csv").read_text().count("metal") == 1
     assert run.attrs["fullwave"]["omissions"]
+
+
+def test_decks_that_are_there_with_their_results_stay(folder, tmp_path, caplog):
+    copy = shutil.copytree(folder[0], tmp_path / "decks")
+    want = digests(copy)
+    with caplog.at_level("INFO", "flgpr.outputs"):
+        write_gprmax_decks(*lane_and_sensor(), 1, copy, cells_per_wavelength=12)
+    assert "decks is there already" in caplog.text
+    with pytest.raises(FileExistsError, match="something else"):
+        write_gprmax_decks(*lane_and_sensor(), 2, copy, cells_per_wavelength=12)
+    assert digests(copy) == want
 
 
 def test_the_direct_wave_can_be_kept(folder):
@@ -166,8 +120,9 @@ def test_missing_and_damaged_results_are_one_clear_error_each(folder, tmp_path):
     refused("must hold the manifest.json")
     with pytest.raises(FileNotFoundError, match="nothing"):
         import_gprmax_results(tmp_path / "nothing", tmp_path / "run.zarr")
+    scene, sensor = lane_and_sensor()
     with pytest.raises(FileExistsError):
-        write_gprmax_decks(Scene(), None, 1, copy)
+        write_gprmax_decks(scene, sensor, 1, copy, cells_per_wavelength=12)  # its manifest is gone
 
 
 def test_a_stopped_import_goes_on_unless_a_result_has_changed(folder, tmp_path, monkeypatch):

@@ -1,11 +1,15 @@
 import shutil
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import zarr
 
 from flgpr.io import RunStoreError, RunWriter, import_fullwave, open_run, read_table, sample_lane, save_run
+from flgpr.io.files import replaced_by
+from flgpr.io.journal import JOURNAL
 
 
 def read_all(path):
@@ -132,7 +136,7 @@ def test_a_stopped_writer_goes_on_and_the_bytes_are_the_same(small_run, tmp_path
 
 @pytest.mark.parametrize("ahead", [1, 3, 4, 64])
 def test_bytes_do_not_hang_on_how_far_ahead_the_array_grows(ahead, small_run, tmp_path, monkeypatch):
-    want = bytes_of(save_run(small_run, tmp_path / "a.zarr"))
+    want = bytes_of(save_run(small_run, tmp_path / "a.zarr", resume=True))
     monkeypatch.setattr("flgpr.io.run_store._AHEAD", ahead)
     stop_after(small_run, tmp_path / "b.zarr", 2)
     assert bytes_of(save_run(small_run, tmp_path / "b.zarr", resume=True)) == want
@@ -169,11 +173,60 @@ def test_a_store_that_was_never_committed_says_so(small_run, tmp_path):
 
 def test_an_existing_run_is_kept_unless_told(small_run, tmp_path):
     save_run(small_run, tmp_path / "a.zarr")
-    with pytest.raises(FileExistsError, match="overwrite"):
+    with pytest.raises(FileExistsError, match="must not exist yet"):
         save_run(small_run, tmp_path / "a.zarr")
     save_run(small_run.isel(scan=slice(0, 2)), tmp_path / "a.zarr", overwrite=True)
     assert open_run(tmp_path / "a.zarr").sizes["scan"] == 2
     assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def leave_as_a_kill_after_naming(monkeypatch, run, path):
+    """Write a store as a process does that is killed when the store has its name and the journal still lies in it."""
+    unlink = Path.unlink
+
+    def killed_at_the_journal(file, *arguments, **options):
+        if file != path / JOURNAL:
+            unlink(file, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", killed_at_the_journal)
+        save_run(run, path, resume=True)
+    assert (path / JOURNAL).is_file()
+    discarded = path.with_name(f".discarded-{path.name}-abc")
+    for left in (discarded, replaced_by(path)):
+        left.mkdir()
+        (left / "zarr.json").write_text("{")
+
+
+def test_a_whole_store_with_the_journal_of_a_killed_writer_reads_well_and_the_next_writer_tidies(
+    small_run, tmp_path, monkeypatch
+):
+    want = bytes_of(save_run(small_run, tmp_path / "w.zarr", resume=True))
+    (tmp_path / "b.zarr.old").mkdir()  # somebody's copy
+    leave_as_a_kill_after_naming(monkeypatch, small_run, tmp_path / "b.zarr")
+    xr.testing.assert_identical(open_run(tmp_path / "b.zarr").load(), small_run)
+    save_run(small_run, tmp_path / "b.zarr", resume=True)
+    assert bytes_of(tmp_path / "b.zarr") == want
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.zarr", "b.zarr.old", "w.zarr"]
+
+
+def test_a_store_of_the_same_run_is_left_as_it_is_and_one_of_another_is_refused(small_run, tmp_path, caplog):
+    path = save_run(small_run, tmp_path / "a.zarr", resume=True)
+    times = {p: p.stat().st_mtime_ns for p in files_of(path)}
+    with caplog.at_level("INFO", "flgpr.outputs"):
+        assert save_run(small_run, path, resume=True) == path
+    assert "a.zarr is there already" in caplog.text
+    for other, difference in (
+        (small_run.assign(signal=2 * small_run["signal"]), r"inputs\.signal"),
+        (small_run.assign_attrs(site="field"), r'attrs\.site is "yard", this one\'s "field"'),
+        (small_run.isel(scan=slice(0, 2)), r"inputs"),
+    ):
+        with pytest.raises(FileExistsError, match=difference):
+            save_run(other, path, resume=True)
+    assert {p: p.stat().st_mtime_ns for p in files_of(path)} == times
+    (path / "signal/c/1/0/0/0").unlink()
+    with pytest.raises(FileExistsError, match="a damaged store"):
+        save_run(small_run, path, resume=True)
 
 
 def test_missing_sweeps_survive_the_store(small_run, tmp_path):
@@ -241,7 +294,7 @@ def test_damaged_archives_are_refused(fullwave_archive, tmp_path):
 
 
 def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_run, tmp_path, monkeypatch):
-    want = {p.relative_to(tmp_path / "w"): p.read_bytes() for p in files_of(save_run(small_run, tmp_path / "w"))}
+    want = bytes_of(save_run(small_run, tmp_path / "w", resume=True))
     append, seen = RunWriter.append, []
 
     def stopping(writer, *scan):
@@ -260,7 +313,7 @@ def test_a_stopped_save_goes_on_with_the_same_run_and_throws_away_another(small_
     seen[:] = [None] * 3
     save_run(small_run, tmp_path / "a", resume=True)
     assert seen == [None, None, None, 2, 3]
-    assert {p.relative_to(tmp_path / "a"): p.read_bytes() for p in files_of(tmp_path / "a")} == want
+    assert bytes_of(tmp_path / "a") == want
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "w"]
 
 

@@ -39,7 +39,7 @@ def test_run_has_the_documented_dimensions_and_types():
         ({"polarization": ["HH", "LR"]}, ["polarization", "'LR'"]),
         ({"polarization": ["HH", "HH"]}, ["polarization", "different"]),
         ({"polarization": ["HH"]}, ["polarization", "2"]),
-        ({"pose": None}, ["pose", "None"]),
+        ({"pose": None}, ["pose", "none"]),
         ({"pose": np.zeros((2, 6))}, ["pose", "(3, 6)"]),
         ({"pose": np.where(np.arange(18).reshape(3, 6) == 7, np.nan, 0)}, ["pose", "missing", "scan 1"]),
         ({"pose": np.full((3, 6), 90.0)}, ["pose", "degrees"]),

@@ -1,7 +1,8 @@
-"""Kill an import and a detection again and again: nothing breaks, and the end is the same to the byte.
+"""Kill commands again and again: nothing breaks, nothing is stuck, and the end is the same to the byte.
 
 Half of the kills come at a random one of the file operations, which is exact and repeatable; half at a random time.
-``FLGPR_KILLS`` tells how many kills of each there are; of a detection in sections half as many.
+``FLGPR_KILLS`` tells how many kills there are of an import, of a detection, and of all commands that write together; of
+a detection in sections half as many. Without it all commands together are killed a few times.
 """
 
 import multiprocessing
@@ -16,18 +17,25 @@ import pytest
 
 import bag
 import io_gpr
+from every_command import make_inputs, make_signatures_cheap
 from flgpr import tasks
 from flgpr.execution import checkpoint, lane_work
 from flgpr.execution.lane_run import results_at
 from flgpr.io import open_run
 from flgpr.io.journal import JOURNAL
 from flgpr.results.result import ResultError, read_result
+from flgpr.scoring import blind
 from robust import content, digests
 
 DATA = Path(__file__).parents[1] / "data"
 KILLS = int(os.environ.get("FLGPR_KILLS", "4"))
 MOST_IN_A_ROW = 4
-OPERATIONS = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir"}
+LATE = ("zarr", "pyogrio", "geopandas", "rasterio", "flgpr.report.score_page", "matplotlib.backends.backend_agg")
+"""What commands load when they need it: loaded once, for all processes."""
+LONGEST = 300.0  # s that a command may take which is not killed
+OPERATIONS = {
+    "open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "os.scandir", "os.listdir", "os.link",
+}  # fmt: skip
 
 
 def counted(home, last, pipe, work, arguments):
@@ -52,7 +60,7 @@ class Killer:
     def __init__(self, seed, home, work):
         self.rng, self.home, self.work = np.random.default_rng(seed), home, work
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["flgpr.execution.ready", "robust"])
+        self.context.set_forkserver_preload(["flgpr.execution.ready", "every_command", *LATE])
         self.kills = 0
         ours, theirs = self.context.Pipe()
         child = self.start(None, theirs, home / "probe")
@@ -81,14 +89,27 @@ class Killer:
         self.kills += not through
         return through
 
-    def siege(self, output, check):
-        """Kill up to a few times, checking in between, then let it end."""
+    def siege(self, output, check, apart=False):
+        """Kill up to a few times, checking in between, then let it end, perhaps in a process of its own, too."""
         for _ in range(int(self.rng.integers(1, MOST_IN_A_ROW + 1))):
             through = self.attack(output)
             check()
             if through or self.kills >= KILLS:
                 break
-        self.work(output)
+        if apart:
+            self.finish(output)
+        else:
+            self.work(output)
+
+    def finish(self, output):
+        """Start once more and let it end."""
+        _, theirs = self.context.Pipe()
+        child = self.start(None, theirs, output)
+        child.join(LONGEST)
+        stuck = child.exitcode is None
+        child.kill()
+        assert not stuck, "it did not end"
+        assert child.exitcode == 0
 
 
 def test_kills_of_a_detection(lane, tmp_path):
@@ -143,16 +164,14 @@ class Detection:
 
 
 class Import:
-    """An import that may have been done already."""
+    """An import that may have been done already, and then takes away what was left."""
 
     def __init__(self, work, *arguments):
         self.work, self.arguments = work, arguments
 
     def __call__(self, output):
         output.mkdir(exist_ok=True)
-        store = output / "run.zarr"
-        if not store.exists():
-            getattr(tasks, self.work)(*self.arguments, store)
+        getattr(tasks, self.work)(*self.arguments, output / "run.zarr")
 
 
 def a_fullwave_lane(home):
@@ -241,3 +260,46 @@ def written(folder):
         return {}
     whole = (partial / JOURNAL).read_bytes().count(b"\n") - 1
     return {k: (partial / f"signal/c/{k}/0/0/0").stat().st_ino for k in range(whole)}
+
+
+class Given:
+    """A command of the command line, in a process of its own."""
+
+    def __init__(self, command):
+        self.command = command
+
+    def __call__(self, output):
+        if self.command.name == "simulate signature":
+            make_signatures_cheap()
+        blind._COST = 2**8  # as in the process that made the inputs
+        self.command(output)
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    return make_inputs(tmp_path_factory.mktemp("inputs"))
+
+
+FEW = ("import mapped", "export qgis", "plan lane")
+"""Commands that ``make test`` kills, each a few times."""
+
+
+def test_kills_of_every_command(commands, tmp_path):
+    every = "FLGPR_KILLS" in os.environ
+    order = np.random.default_rng(11).permutation(list(commands) if every else FEW)
+    wanted, kills, rounds = KILLS if every else 1, 0, 0
+    while kills < wanted or rounds < len(order):
+        name = str(order[rounds % len(order)])
+        home = tmp_path / str(rounds)
+        home.mkdir()
+        for folder in ("probe", "out"):
+            commands[name].start(home / folder)
+        killer = Killer(rounds, home, Given(commands[name]))
+        want = commands[name].content(home / "probe")
+        killer.siege(home / "out", lambda: None, apart=True)
+        assert commands[name].content(home / "out") == want, name
+        assert sorted(path.name for path in home.iterdir()) == ["out", "probe"], name
+        kills += killer.kills
+        rounds += 1
+        shutil.rmtree(home)
+    print(f"{kills} kills of {min(rounds, len(order))} commands")

@@ -209,7 +209,13 @@ def test_the_command_line_takes_and_scores_sections(lane, tmp_path):
     shutil.copytree(lane.result.folder, output)  # one piece, whose place the sections take
     words = ["detect", str(lane.run), "--recipe", str(lane.recipe), "--lane", str(lane.area), "-o", str(output)]
     told = CliRunner().invoke(app, [*words, "--section", "4", "--quiet"])
-    assert told.exit_code == 0, told.output
+    assert told.exit_code == 2
+    assert "--overwrite makes it anew" in told.stderr
+    assert content(output) == lane.content
+    for again in (["--overwrite", "--quiet"], []):
+        told = CliRunner().invoke(app, [*words, "--section", "4", *again])
+        assert told.exit_code == 0, told.output
+    assert told.stderr.startswith(f"{output} is there already")
     assert len(results_at(output)) == 2
     assert not (output / "manifest.json").exists()
     told = CliRunner().invoke(app, ["score", str(output), "--truth", str(truth), "--json"])

@@ -48,6 +48,10 @@ def test_the_command_line_tells_what_is_found_at_the_operating_point(files):
     assert (
         "main: 2 of 2 targets found at 0.05 false alarms per m²: Pd 1.00, 95 % interval 0.16 to 1.00, chance 0." in told
     )
+    refused = CliRunner().invoke(app, [*given, "--far", "0.001"])
+    assert refused.exit_code == 2
+    assert "--overwrite makes it anew" in refused.stderr
+    given.append("--overwrite")
     told = CliRunner().invoke(app, [*given, "--far", "0.001"]).stdout
     assert re.search(r"b: plastic, 5.0 cm +│ found", told)
     assert "at one false alarm (0.0043 per m²; 233.72 m² are too small for 0.001)" in told

@@ -154,8 +154,13 @@ def test_import_with_a_track_or_a_survey(tmp_path):
     with pytest.raises(ValueError, match="pose"):
         exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "q.zarr", survey=tmp_path / "s.csv")
     assert not (tmp_path / "q.zarr").exists()
+    (tmp_path / "s.csv").write_text("x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n" + "0,1,2,0,0,0\n" * 3)
+    track = (tmp_path / "r-track.csv").read_bytes()
     with pytest.raises(FileExistsError):
         exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", survey=tmp_path / "s.csv")
+    with pytest.raises(FileExistsError):
+        exchange.import_with_mapping(tmp_path / "m.toml", tmp_path / "r.zarr", track=tmp_path / "t.csv")
+    assert (tmp_path / "r-track.csv").read_bytes() == track
 
 
 def imported(*arguments):

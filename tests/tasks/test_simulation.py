@@ -30,7 +30,7 @@ def small():
     return scene, Sensor.model_validate(data)
 
 
-def test_a_stored_lane_is_the_simulated_one(small, tmp_path):
+def test_a_stored_lane_is_the_simulated_one(small, tmp_path, caplog):
     scene, sensor = small
     written = simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
     run, truth = simulate(scene, sensor, 5)
@@ -41,8 +41,13 @@ def test_a_stored_lane_is_the_simulated_one(small, tmp_path):
     pd.testing.assert_frame_equal(got, truth, check_dtype=False)
     assert read_lane(tmp_path / "lane-lane.toml") == scene.lane
     assert all(path.exists() for path in written)
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError, match=r"its attrs\.seed is 5, this one's 6"):
+        simulate_to_store(scene, sensor, 6, tmp_path / "lane.zarr")
+    with pytest.raises(FileExistsError, match=r"its inputs\.errors is true"):
+        simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr", errors=False)
+    with caplog.at_level("INFO", "flgpr.outputs"):
         simulate_to_store(scene, sensor, 5, tmp_path / "lane.zarr")
+    assert "lane.zarr is there already" in caplog.text
     simulate_to_store(scene, sensor, 5, tmp_path / "again.zarr", truth=tmp_path / "key.csv")
     assert (tmp_path / "key.csv").read_bytes() == (tmp_path / "lane-truth.csv").read_bytes()
     assert not (tmp_path / "again-truth.csv").exists()

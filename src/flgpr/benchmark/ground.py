@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 from flgpr.chain.stages import Positive, Table
 from flgpr.door import read_named
 from flgpr.io import laid_over, lane_text, open_run, read_table, sample_lane, write_whole
-from flgpr.io.files import existing
+from flgpr.io.files import existing, faults_of
 from flgpr.model import Lane, Sensor, load_sensor
 from flgpr.model.faults import describe_fault
 from flgpr.simulate import Scene, draw_world
@@ -197,8 +197,14 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
         text = source
     else:
         packaged = resources.files("flgpr.benchmark") / f"{name}.toml"
-        text = packaged.read_text("utf-8") if name in GROUNDS else read_named(existing(name, "ground")).decode("utf-8")
-    data = tomllib.loads(text)
+        with faults_of(name):
+            text = (
+                packaged.read_text("utf-8")
+                if name in GROUNDS
+                else read_named(existing(name, "proving ground")).decode("utf-8")
+            )
+    with faults_of(name if isinstance(source, Path) else "ground"):
+        data = tomllib.loads(text)
     over = data.pop("quick", {})
     if quick and not over:
         raise ValueError(f"quick must be asked of a ground that has such a form, got {data.get('name')}")

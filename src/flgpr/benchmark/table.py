@@ -30,6 +30,7 @@ from flgpr.benchmark.running import (
 from flgpr.door import Folder
 from flgpr.io import sha256, write_whole
 from flgpr.io.files import existing
+from flgpr.io.outputs import tell_finished
 from flgpr.io.tables import parse_columns, read_table_in
 from flgpr.report import render
 from flgpr.scoring import alarm_hash, chance, clopper_pearson, compare, match, operating_row, pd_mean, roc_of
@@ -254,7 +255,10 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
         for name, one in about.items()
     }
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
-    write_whole(to / "index.html", _page(ground, scores, costs, titles))
+    page = _page(ground, scores, costs, titles)
+    if (to / "index.html").is_file() and (to / "index.html").read_text("utf-8") == page:
+        tell_finished(to / "index.html")
+    write_whole(to / "index.html", page)
     faults = [f"{name} did not finish: {one['fault']}" for name, one in about.items() if one["fault"]]
     return "\n".join([table_text(ground, scores, costs), *faults])
 

@@ -13,7 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flgpr.chain.recipe import HALF_LANE, Recipe, as_imaged, lane_of, parse_recipe
-from flgpr.io import MAX_MEMORY, open_run, write_whole
+from flgpr.io import MAX_MEMORY, open_run
+from flgpr.io.outputs import write_new
 from flgpr.model import (
     SPEED_OF_LIGHT,
     Lane,
@@ -217,12 +218,10 @@ def _allow_features(polarizations: Sequence[str]) -> bool:
 
 
 def recipe_for(run: str | Path, output: str | Path | None = None, max_memory: int = MAX_MEMORY) -> str:
-    """Make a recipe for a stored run, see :func:`fit_recipe`; write it if asked, to a file that must not exist yet."""
-    if output is not None and Path(output).exists():
-        raise FileExistsError(f"output must not exist yet, got {output}")
+    """Make a recipe for a stored run, see :func:`fit_recipe`; write it if asked, where no other file is yet."""
     text = fit_recipe(open_run(run, max_memory))
     if output is not None:
-        write_whole(Path(output), text)
+        write_new(Path(output), text)
     return text
 
 

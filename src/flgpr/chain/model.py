@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,8 @@ from flgpr.chain.estimators import TrainedEstimator
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import Recipe
 from flgpr.door import Folder
-from flgpr.io import Bundle, check_free_folder, replace_folder, sha256, write_bundle
+from flgpr.io import Bundle, check_free_folder, sha256, write_bundle
+from flgpr.io.outputs import whole_output
 
 FORMAT, VERSION = "flgpr-model", 1
 MODEL_FILE = "model.bundle"
@@ -57,9 +57,6 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
     added to its own.
     """
     model, folder = as_model(model), check_free_model(folder)
-    partial = folder.with_name(f"{folder.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
     groups: dict[str, Mapping[str, NDArray[Any]]] = dict(model.stages)
     own: dict[str, Any] = {}
     if model.detector is not None:
@@ -73,8 +70,10 @@ def save_model(model: Model | Detector, folder: str | Path, notes: Mapping[str, 
         "notes": {**model.notes, **own, **(notes or {})},
     }
     arrays = {f"{stage}.{name}": array for stage, group in groups.items() for name, array in group.items()}
-    write_bundle(partial / MODEL_FILE, arrays, about, lasting=True)
-    replace_folder(partial, folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole_output(folder, replace=True) as made:
+        made.mkdir()
+        write_bundle(made / MODEL_FILE, arrays, about, lasting=True)
     return folder
 
 

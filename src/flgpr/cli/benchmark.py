@@ -34,7 +34,7 @@ def run_command(
     """Make the lanes, train on those of training, freeze, detect on those of test, score; goes on where it stopped."""
     from flgpr import benchmark, tasks
 
-    with plain_errors():
+    with plain_errors(quiet):
         with progress(quiet) as track:
             benchmark.run_benchmark(entries or [], output, quick, tasks.How(workers, scheduler, track=track), ground)
         text = benchmark.write_table([output], output)
@@ -54,7 +54,7 @@ def oracle_command(
     """Tell what a detector would find that knows every mine's echo; opens the truth, which is logged."""
     from flgpr import benchmark, tasks
 
-    with plain_errors():
+    with plain_errors(quiet):
         with progress(quiet) as track:
             benchmark.run_oracle(folder, recipe, tasks.How(workers, scheduler, track=track))
         text = benchmark.write_table([folder], folder)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import errno
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,30 +13,62 @@ import typer
 from typer import Option
 
 from flgpr.chain.progress import Track, silent
+from flgpr.cli.errors import MENDED, in_words
 
 Quiet = Annotated[bool, Option("--quiet", help="Print nothing but errors.")]
 Json = Annotated[bool, Option("--json", help="Print one JSON object instead of words.")]
 Scheduler = Annotated[str | None, Option(help="Dask scheduler (tcp://host:8786) whose workers do the work.")]
 Output = Annotated[Path, Option("-o", "--output", help="What to write.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Make it anew, whatever the output holds of an earlier one.")]
+
+
+_there_already: set[str] = set()
+"""Outputs that the command in hand found there already, made of the same."""
 
 
 @contextmanager
-def plain_errors() -> Iterator[None]:
-    """Turn what the user can mend into one line and exit status 2, and warnings into one line each."""
+def plain_errors(quiet: bool = False) -> Iterator[None]:
+    """Turn what the user can mend into one line and exit status 2, and warnings into one line each.
+
+    An output that was there already, made of the same, is told in a line unless ``quiet``, and is no error.
+    """
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _there_already_told(quiet):
             warnings.showwarning = _show_warning
             yield
-    except (ValueError, FileNotFoundError, FileExistsError, PermissionError, ModuleNotFoundError) as error:
-        said = str(error)
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        said = f"the disk must have room for what is written, got {error}"
-    else:
-        return
-    typer.echo(f"error: {said}", err=True)
-    raise typer.Exit(2)
+    except BrokenPipeError:  # whoever read the output has gone
+        raise
+    except MENDED as error:
+        typer.echo(f"error: {in_words(error)}", err=True)
+        raise typer.Exit(2) from None
+
+
+class _Teller(logging.Handler):
+    """Prints, and remembers, what was there already."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__()
+        self._quiet = quiet
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take a message of :func:`flgpr.io.outputs.tell_finished`."""
+        _there_already.add(str(vars(record).get("output")))
+        if not self._quiet:
+            typer.echo(record.getMessage(), err=True)
+
+
+@contextmanager
+def _there_already_told(quiet: bool) -> Iterator[None]:
+    teller, logger = _Teller(quiet), logging.getLogger("flgpr.outputs")
+    level = logger.level
+    _there_already.clear()
+    logger.setLevel(logging.INFO)
+    logger.addHandler(teller)
+    try:
+        yield
+    finally:
+        logger.removeHandler(teller)
+        logger.setLevel(level)
 
 
 def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:  # noqa: ARG001
@@ -55,9 +87,9 @@ def with_witness(book: Path | None, witness: Path | None) -> Any:
 
 
 def tell_written(quiet: bool, *paths: Path | None) -> None:
-    """Name what was written, unless nothing is to be printed."""
+    """Name what was written and was not there already, unless nothing is to be printed."""
     for path in paths:
-        if path is not None and not quiet:
+        if path is not None and str(path) not in _there_already and not quiet:
             typer.echo(f"wrote {path}")
 
 

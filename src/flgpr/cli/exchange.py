@@ -26,7 +26,7 @@ def import_fullwave(
     quiet: Quiet = False,
 ) -> None:
     """Import a full-wave lane; truth and objects are written beside the run if the archive tells."""
-    with plain_errors():
+    with plain_errors(quiet):
         written = tasks.import_fullwave_lane(archive, output)
     tell_written(quiet, *written)
 
@@ -48,7 +48,7 @@ def import_gprmax(
     quiet: Quiet = False,
 ) -> None:
     """Import gprMax results: a folder of decks that flgpr wrote, or anybody's files, one per scan."""
-    with plain_errors(), progress(quiet) as track:
+    with plain_errors(quiet), progress(quiet) as track:
         if len(source) == 1 and source[0].is_dir():
             written = tasks.import_gprmax_results(source[0], output, keep_direct, track)
         else:
@@ -82,7 +82,7 @@ def import_mapped(
     quiet: Quiet = False,
 ) -> None:
     """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
-    with plain_errors():
+    with plain_errors(quiet):
         axis = None if axes is None else axes.split(",")
         way = None if track is None else tasks.track_of(track, anchor, body, axis, max_gap)
         positions = (survey, way, anchor, clock_offset, lever_arm, latency)
@@ -97,7 +97,7 @@ def import_cphd(
     file: Annotated[Path, Argument(help="CPHD file.")], output: Output, anchor: Anchor = None, quiet: Quiet = False
 ) -> None:
     """Import a CPHD file."""
-    with plain_errors():
+    with plain_errors(quiet):
         run = tasks.import_cphd(file, output, anchor)
     for note in () if quiet else run.attrs.get("import_notes", []):
         typer.echo(f"note: {note}")
@@ -122,7 +122,7 @@ def import_gpr(
     quiet: Quiet = False,
 ) -> None:
     """Import a line that a commercial ground-penetrating radar recorded; `flgpr info FILE` tells what it holds."""
-    with plain_errors():
+    with plain_errors(quiet):
         run = tasks.import_gpr(
             file, output, channel, anchor, tasks.parse_size(max_memory), step=step, band=band, separation=separation,
             time_zero=None if time_zero is None else time_zero * 1e-9, window=None if window is None else window * 1e-9,
@@ -148,7 +148,7 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
-    with plain_errors():
+    with plain_errors(quiet):
         if score is not None and to != "qgis":
             raise ValueError(f"score goes with qgis, got to {to!r}")
         if to == "cphd":

@@ -54,7 +54,7 @@ def live(
     quiet: Quiet = False,
 ) -> None:
     """Raise alarms while scans come in: JSON lines on the output, a summary on the error stream."""
-    with plain_errors():
+    with plain_errors(quiet):
         vehicle = tasks.Vehicle(None if speed is None else speed / 3.6, reaction, deceleration, front)
         options = tasks.LiveOptions(
             recipe, output, incoming, socket, model, lane, anchor, tasks.LiveSettings(looks, warm_up, span), vehicle,
@@ -84,7 +84,7 @@ def feed(
     quiet: Quiet = False,
 ) -> None:
     """Play a stored run as the radar would write it."""
-    with plain_errors():
+    with plain_errors(quiet):
         played = tasks.feed(
             run, incoming, rate if rate != 0 else math.inf, socket, first, count, lead, faults=fault or []
         )

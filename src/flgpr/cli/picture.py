@@ -37,7 +37,7 @@ def prepare(
     quiet: Quiet = False,
 ) -> None:
     """Prepare raw data, in the order of the options; what was done stands in the new run's history."""
-    with plain_errors():
+    with plain_errors(quiet):
         chosen: dict[str, dict[str, Any] | None] = {
             "subtract": None if subtract is None else {"run": str(subtract)},
             "time-zero": None if time_zero is None else {"delay_ns": time_zero},
@@ -84,7 +84,7 @@ def image(
     as_json: Json = False,
 ) -> None:
     """Focus a run by one scan or over the aperture of many: ground, section or volume."""
-    with plain_errors(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), progress(quiet or as_json) as track:
         for name, pair, one in (("x", x, at_x), ("y", y, at_y), ("z", z, at_z)):
             if pair is not None and one is not None:
                 raise ValueError(f"{name} must be told once, got limits and --at-{name}")
@@ -119,7 +119,7 @@ def permittivity(
     as_json: Json = False,
 ) -> None:
     """Find the ground's permittivity by the focus of hyperbolas, for antennas that are coupled to the ground."""
-    with plain_errors(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), progress(quiet or as_json) as track:
         if not 1 <= limits[0] < limits[1]:
             raise ValueError(f"limits must increase from 1 or more, got {limits[0]:g}, {limits[1]:g}")
         steps = [limits[0] * (limits[1] / limits[0]) ** (k / 40) for k in range(41)]

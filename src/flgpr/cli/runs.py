@@ -10,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks, viewer
-from flgpr.cli.common import Json, Output, Quiet, Scheduler, plain_errors, progress, tell_written
+from flgpr.cli.common import Json, Output, Overwrite, Quiet, Scheduler, plain_errors, progress, tell_written
 from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
@@ -73,12 +73,13 @@ def view(
 def demo(
     output: Output = Path("demo-result"),
     view: Annotated[bool, Option("--view", help="Open the result in the browser.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Process the packaged lane: image, detect, score, report."""
-    with plain_errors(), tasks.compiled_beside(), progress(quiet or as_json) as track:
-        result, scored = tasks.demo(output, track)
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
+        result, scored = tasks.demo(output, track, overwrite)
     if as_json:
         typer.echo(json.dumps(score_summary(result.folder, scored)))
     elif not quiet:
@@ -103,6 +104,7 @@ def detect(
     max_memory: Annotated[str, Option(help="Memory of each process; larger lanes are taken in sections.")] = "2GB",
     section: Annotated[float | None, Option(help="Longest section of a lane, m, for recipes without variants.")] = None,
     beside: With = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -113,16 +115,17 @@ def detect(
     """
     if recipe is None and not (quiet or as_json):
         typer.echo(f"no --recipe: detecting with the one that `flgpr recipe for {runs[0]}` prints")
-    with plain_errors(), tasks.compiled_beside(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet or as_json) as track:
         how, others = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track), _others(beside, len(runs))
         if len(runs) > 1:
-            options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how}
+            options: dict[str, Any] = {"lanes_at_once": lanes_at_once, "how": how, "overwrite": overwrite}
             folders = tasks.detect_runs(runs, recipe, output, lane, model, section, others, **options)
         elif lane is not None and len(lane) > 1:
             raise ValueError(f"lane must be one per run, got {len(lane)} for 1 run")
         else:
             where = lane[0] if lane else None
-            folders = tasks.detect_long(runs[0], recipe, output, where, model, section, others[0], how=how)
+            chosen: dict[str, Any] = {"how": how, "overwrite": overwrite}
+            folders = tasks.detect_long(runs[0], recipe, output, where, model, section, others[0], **chosen)
         summaries = [_detected(tasks.read_result(folder), quiet or as_json) for folder in folders]
     if as_json:
         typer.echo(json.dumps(summaries if len(runs) > 1 or len(folders) > 1 else summaries[0]))
@@ -155,13 +158,15 @@ def train(
     workers: Annotated[int | None, Option(help="Processes; the model is the same.", min=1)] = None,
     scheduler: Scheduler = None,
     max_memory: Annotated[str, Option(help="Memory of each process; a lane that takes more is refused.")] = "2GB",
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Train a recipe on runs with truth. A training that was stopped is gone on with."""
-    with plain_errors(), tasks.compiled_beside(), progress(quiet) as track:
+    """Train a recipe on runs with truth; a training that was stopped resumes."""
+    with plain_errors(quiet), tasks.compiled_beside(), progress(quiet) as track:
         how = tasks.How(workers, scheduler, tasks.parse_size(max_memory), track)
         others = _others(beside, len(runs))
-        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, others=others, how=how)
+        more: dict[str, Any] = {"others": others, "how": how, "overwrite": overwrite}
+        tasks.train_runs(runs, truth, recipe, output, feature or (), lane, **more)
     tell_written(quiet, output)
 
 
@@ -214,7 +219,7 @@ def replay(
     as_json: Json = False,
 ) -> None:
     """Run a result's recipe again and compare; exit status 1 if it does not agree."""
-    with plain_errors(), progress(quiet or as_json) as track:
+    with plain_errors(quiet), progress(quiet or as_json) as track:
         outcome = tasks.replay(result, run, track)
     if as_json:
         typer.echo(json.dumps(outcome))

@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from flgpr import tasks
-from flgpr.cli.common import Json, Quiet, plain_errors, progress, with_witness
+from flgpr.cli.common import Json, Overwrite, Quiet, plain_errors, progress, tell_written, with_witness
 from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
 from flgpr.door import Folder
 
@@ -59,13 +59,14 @@ def score(
     agreement: Annotated[
         bool, Option("--agreement", help="Compare verdicts of analysts (JSON of flgpr view) with one another.")
     ] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Score a result or an alarm list against truth, open or sealed, or set several side by side."""
     given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
-    with plain_errors():
+    with plain_errors(quiet):
         watched = with_witness(book, witness)
         if agreement:
             more = {"output": output, "book": book, "seal": seal or None}
@@ -75,8 +76,7 @@ def score(
         if seal:
             _refuse(given, ("lane", "halo", "show"), "--seal seals a truth with its lane and halo")
             path = _seal(alarms, lane, output, {"halo": halo, "show": show and show.value, "book": watched})
-            if not quiet:
-                typer.echo(f"wrote {path}")
+            tell_written(quiet, path)
             return
         several, home = len(alarms) > 1, output or Path("score")
         recipes: list[Any] = recipe or []
@@ -87,6 +87,11 @@ def score(
         if sealed is not None:
             _refuse(given, ("sealed", "recipe"), "--sealed scores by the rules that the truth was sealed with")
             tasks.require_seal()
+            if not overwrite and tasks.holds_sealed_score(alarms, sealed, home, recipes, watched):
+                if as_json:
+                    name = "comparison.json" if several else "roc.json"
+                    typer.echo(json.dumps(json.loads((home / name).read_text(encoding="utf-8"))))
+                return
             if several:
                 pairs = tasks.compare_sealed(alarms, sealed, _passphrase, home, **how)
                 _say_comparison(pairs, home, quiet, as_json)
@@ -99,10 +104,10 @@ def score(
         rules: dict[str, Any] = {name: value for name, value in (("halo", halo), ("far", far)) if value is not None}
         if several:
             _refuse({"objects": objects}, (), "several lists are compared without pictures")
-            told = tasks.compare_alarms(alarms, truth, home, lane, **rules, **how)
+            told = tasks.compare_alarms(alarms, truth, home, lane, overwrite=overwrite, **rules, **how)
             _say_comparison(told, home, quiet, as_json)
             return
-        _score_one(alarms[0], truth, objects, lane, output, rules | how, quiet, as_json)
+        _score_one(alarms[0], truth, objects, lane, output, rules | how | {"overwrite": overwrite}, quiet, as_json)
 
 
 def _say_agreement(files: list[Path], quiet: bool, as_json: bool) -> None:

@@ -42,7 +42,7 @@ def simulate(
 
     simulate signature BODY computes what a body scatters in the ground; it goes on where it was stopped, too.
     """
-    with plain_errors(), progress(quiet) as track:
+    with plain_errors(quiet), progress(quiet) as track:
         if str(scene) == "signature":
             _signature(body, output, workers, quiet, track)
             return
@@ -86,7 +86,7 @@ def design(
     quiet: Quiet = False,
 ) -> None:
     """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter."""
-    with plain_errors(), progress(quiet) as track:
+    with plain_errors(quiet), progress(quiet) as track:
         asked = tasks.Question(band, window, site, depth)
         tasks.design_report([sensor, *(compare or [])], output, asked, track)
     if not quiet:

@@ -53,7 +53,7 @@ def recipe_for(
     quiet: Quiet = False,
 ) -> None:
     """Make a recipe for a run's band, polarizations and array; comments say where each figure comes from."""
-    with plain_errors():
+    with plain_errors(quiet):
         text = tasks.recipe_for(run, output)
     if output is None:
         typer.echo(text, nl=False)
@@ -90,7 +90,8 @@ def plan_lane_command(
     targets: Annotated[Path, Argument(help="CSV with kind, depth (m) and count.")],
     output: Output,
     seed: Annotated[
-        int | None, Option(help="Seed to draw a plan again; who can guess it knows the plan. None: drawn, and told.")
+        int | None,
+        Option(help="Seed to draw a plan again; who can guess it knows the plan. By default drawn, and told."),
     ] = None,
     spacing: Annotated[float, Option(help="Least distance between targets, m.")] = 3.0,
     edge: Annotated[float, Option(help="Least distance to the lane's border, m.")] = 0.5,
@@ -102,13 +103,14 @@ def plan_lane_command(
     quiet: Quiet = False,
 ) -> None:
     """Draw an emplacement plan, with the crew's page and sheet, and register it with the rules of its scoring."""
-    with plain_errors():
+    with plain_errors(quiet):
         drawn: dict[str, float] = {"spacing": spacing, "edge": edge, "halo": halo, "far": far}
         plan, line = tasks.plan_lane(lane, targets, seed, output, recipe=recipe, book=book, anchor=anchor, **drawn)
     files = tasks.plan_files(output, anchor is not None)
     tell_written(quiet, *files.values())
     if not quiet:
-        typer.echo(f"{len(plan)} targets, seed {plan.attrs['seed']}; registered {line['time']}")
+        drawn_by = "of a seed that was not kept" if plan.attrs["seed"] is None else f"seed {plan.attrs['seed']}"
+        typer.echo(f"{len(plan)} targets, {drawn_by}; registered {line['time']}")
         typer.echo("keep these files and the seed from whoever runs a detector; the register is for all to read")
 
 
@@ -123,7 +125,7 @@ def plan_register_command(
     quiet: Quiet = False,
 ) -> None:
     """Register a recipe before the truth is opened; scores then ask for it."""
-    with plain_errors():
+    with plain_errors(quiet):
         line = tasks.register_recipe(recipe, with_witness(book, witness), model)
     if not quiet:
         typer.echo(f"{recipe} is line {line['number']} of {book}, {line['recipe'][:12]}..., {line['time']}")
@@ -164,7 +166,7 @@ def plan_survey_command(
     quiet: Quiet = False,
 ) -> None:
     """Read what was emplaced, write it as truth and register it in place of the plan."""
-    with plain_errors():
+    with plain_errors(quiet):
         truth, line = tasks.survey_plan(plan, sheet, output, book, within)
     tell_written(quiet, output)
     if not quiet:
@@ -185,7 +187,7 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
-    with plain_errors(), progress(quiet) as track:
+    with plain_errors(quiet), progress(quiet) as track:
         if paper not in (*PAPERS, "all", "worlds"):
             raise ValueError(f"paper must be one of {', '.join(PAPERS)}, all or worlds, got {paper!r}")
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")

@@ -186,7 +186,7 @@ class DeflectionDetector(BaseEstimator):  # type: ignore[misc]
 
     def _check_parameters(self) -> None:
         if self.rank is not None and self.rank < 0:
-            raise ValueError(f"rank must be None or at least 0, got {self.rank}")
+            raise ValueError(f"rank must be at least 0, or not given, got {self.rank}")
         if self.ddof < 0:
             raise ValueError(f"ddof must be at least 0, got {self.ddof}")
         if not 0 <= self.gamma <= 1:
@@ -298,7 +298,7 @@ class NeymanPearsonDetector(BaseEstimator):  # type: ignore[misc]
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:  # noqa: ARG002
         """Learn from whitened target examples (n_samples, n_features), real or complex; ``y`` is not used."""
         if self.rank is not None and self.rank < 0:
-            raise ValueError(f"rank must be None or at least 0, got {self.rank}")
+            raise ValueError(f"rank must be at least 0, or not given, got {self.rank}")
         if not 0 <= self.shrinkage <= 1:
             raise ValueError(f"shrinkage must lie between 0 and 1, got {self.shrinkage}")
         if self.moments not in ESTIMATORS:

@@ -6,6 +6,7 @@ Nothing is flushed to the disk on purpose: what a crash of the machine tears is 
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 import time
 from collections.abc import Iterator, Mapping, MutableMapping
@@ -97,8 +98,7 @@ class Checkpoint(MutableMapping[str, Mapping[str, NDArray[Any]]]):
             other.bundle(name).check()
         except (OSError, BundleError):
             return False
-        beside = self.path(as_name).with_suffix(f"{SUFFIX}{PARTIAL}")
-        beside.unlink(missing_ok=True)
+        beside = self.path(as_name).with_suffix(f".{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
         try:
             beside.hardlink_to(other.path(name))  # nobody writes into a file that is there
         except OSError:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+import flgpr
 from flgpr.chain.lane_chain import LaneChain, array_table
 from flgpr.chain.memory import plan_sections, sizes_of, threads_within
 from flgpr.chain.model import MODEL_FILE
@@ -30,7 +31,8 @@ from flgpr.execution.checkpoint import Checkpoint, begin, finish
 from flgpr.execution.executors import Executor, Report
 from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, folded, kept_pass, open_chain
 from flgpr.io import lane_text, write_table
-from flgpr.io.files import listed_files, replace_folder, write_whole
+from flgpr.io.files import listed_files, replace_folder, replaced_by, write_whole
+from flgpr.io.outputs import OVERWRITE, other_output, tell_finished
 from flgpr.io.tables import parse_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
@@ -46,18 +48,27 @@ def unnoted(report: Report) -> None:
 
 
 def detect_lane(
-    job: LaneJob, executor: Executor, track: Track = silent, note: Note = unnoted, longest: float | None = None
+    job: LaneJob,
+    executor: Executor,
+    track: Track = silent,
+    note: Note = unnoted,
+    longest: float | None = None,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Run a recipe on a stored lane, block by block; give its result folder, or those of its sections in their order.
 
     ``OUTPUT.work`` keeps what is done until the result is written: after a stop, however hard, the same call goes on
     there, to the same bits. A lane that would take more than the job's memory, or is longer than ``longest`` (m;
     infinity for one piece or not at all), is taken in sections, which together hold the alarms that the whole lane
-    would.
+    would. Without ``overwrite`` a whole result of this job and version is left as it is, and any other is a
+    FileExistsError.
     """
     folder = check_free(job.output)
     first = open_chain(job)  # refuses what does not fit before anything is written
     sections = plan_sections(sizes_of(first.setup.run), first.recipe, first.lane, job.max_memory, longest)
+    if not overwrite and holds_result(job, sections):
+        tell_finished(folder, OVERWRITE)
+        return results_at(folder)
 
     def plan(wanted: Callable[[Pass], bool], section: Section | None = None) -> Plan:
         opened = first.run, first.recipe, first.lane, first.model
@@ -154,8 +165,7 @@ class _Drive:
 def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., Plan], drive: _Drive) -> list[Path]:
     """Take a lane in sections: first what all share, then every run-view, then, with one threshold, the rest."""
     gathering = Path(job.output).with_name(Path(job.output).name + ".sections")
-    width = max(2, len(str(len(sections))))
-    names = [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
+    names = _section_names(sections)
     cut = {"rows": [[section.start, section.stop] for section in sections]}
     folders = [Path(job.output) / name for name in names]
     with begin(job.work, job.identity() | cut, job.largest) as shared:
@@ -184,6 +194,11 @@ def _in_sections(job: LaneJob, sections: Sequence[Section], plan: Callable[..., 
         _bring_together(job, gathering, names)
         finish(job.work)
     return folders
+
+
+def _section_names(sections: Sequence[Section]) -> list[str]:
+    width = max(2, len(str(len(sections))))
+    return [f"section-{number:0{width}d}" for number in range(1, len(sections) + 1)]
 
 
 def _prepare(gathering: Path, names: Sequence[str]) -> None:
@@ -231,6 +246,42 @@ def results_at(folder: str | Path) -> list[Path]:
     return read_sections(folder).homes if Folder(folder).has(SECTIONS) else [folder]
 
 
+def holds_result(job: LaneJob, sections: Sequence[Section]) -> bool:
+    """Tell whether the output of a job is whole, and take away what a kill left beside it.
+
+    Nothing there, or a result of this job that lacks its report, is none yet; any other result is a FileExistsError.
+    """
+    folder = Path(job.output)
+    if not any((folder / name).is_file() for name in ("manifest.json", SECTIONS)):
+        return False
+    if not _is_cut(folder, sections) or not _is_whole(replace(job, report=False)) or not _of_this_version(folder):
+        raise other_output(folder, f"{OVERWRITE}, or choose another output")
+    if not _is_whole(job):
+        return False
+    for left in (job.work.with_name(f"{job.work.name}.done"), replaced_by(folder)):
+        shutil.rmtree(left, ignore_errors=True)
+    if job.work.is_dir():
+        with begin(job.work, job.identity()):
+            finish(job.work)
+    return True
+
+
+def _is_cut(folder: Path, sections: Sequence[Section]) -> bool:
+    """Tell whether a lane was taken in these sections."""
+    if len(sections) == 1:
+        return not (folder / SECTIONS).is_file()
+    wanted = dict(zip(_section_names(sections), [[one.start, one.stop] for one in sections], strict=True))
+    try:
+        homes = results_at(folder)
+        return {home.name: read_result_manifest(home).get("section", {}).get("rows") for home in homes} == wanted
+    except ResultError:
+        return False
+
+
+def _of_this_version(folder: Path) -> bool:
+    return all(read_result_manifest(home)["flgpr"] == flgpr.__version__ for home in results_at(folder))
+
+
 def is_done(job: LaneJob) -> bool:
     """Tell whether the result of a job is there and whole: of the same run, recipe, lane, model and rows."""
     return not job.work.exists() and _is_whole(job)
@@ -257,5 +308,5 @@ def _is_whole(job: LaneJob) -> bool:
         and (lane.x_min, lane.x_max, lane.y_min, lane.y_max) == job.lane
         and manifest.get("section", {}).get("rows") == section
         and manifest["files"].get(f"{MODEL}/{MODEL_FILE}", "") == job.model_sha256
-        and ("report.html" in manifest["added"] or not job.report)
+        and (None not in manifest["added"].get("report.html", [None]) or not job.report)
     )

@@ -15,9 +15,10 @@ from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
-from flgpr.execution.lane_run import Note, detect_lane, is_done, results_at, unnoted
+from flgpr.execution.lane_run import Note, detect_lane, holds_result, is_done, results_at, unnoted
 from flgpr.execution.lane_work import LaneJob, make_job
 from flgpr.io import MAX_MEMORY, open_run, read_lane, write_whole
+from flgpr.io.outputs import OVERWRITE, tell_finished
 from flgpr.results.result import check_free, read_result
 
 PathLike = str | Path
@@ -58,12 +59,14 @@ def detect_survey(
     report: bool = True,
     at_once: int | None = None,
     how: How = PLAINLY,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Run a recipe on many stored lanes; give their folders in the runs' order, results or folders of sections.
 
     Lanes whose result is there are left out, so that a stopped survey goes on. ``output`` takes a result folder per
     lane, named like its run, and ``survey.json``. Where others do the work two lanes are worked on at once by default,
-    so that none of them waits for the last block of a stage.
+    so that none of them waits for the last block of a stage. Without ``overwrite`` a lane whose place holds another
+    result is refused before any is begun.
     """
     recipe, survey, executor = parse_recipe(recipe_text), Path(output), how.executor()
     at_once = at_once or (2 if executor.parallel else 1)
@@ -82,12 +85,17 @@ def detect_survey(
             make_job(run, recipe_text, area, survey / name, report, model, how.max_memory, beside, kept=how.kept)
         )
         check_free(survey / name)
-        plan_sections(sizes_of(as_imaged(dataset, recipe)), recipe, area, how.max_memory, section)  # refuses beforehand
+        sizes = sizes_of(as_imaged(dataset, recipe))
+        sections = plan_sections(sizes, recipe, area, how.max_memory, section)  # refuses beforehand
+        if not overwrite:
+            holds_result(jobs[-1], sections)
     survey.mkdir(parents=True, exist_ok=True)
     left = [job for job in jobs if not is_done(job)]
+    if not left:
+        tell_finished(survey, OVERWRITE)
 
     def detect(job: LaneJob) -> None:
-        detect_lane(job, executor, _named(how.track, Path(job.output).name), how.note, section)
+        detect_lane(job, executor, _named(how.track, Path(job.output).name), how.note, section, overwrite)
 
     with executor:
         if at_once == 1:  # in this thread, which is the one that is interrupted
@@ -102,7 +110,9 @@ def detect_survey(
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
     folders = [Path(job.output) for job in jobs]
-    write_whole(survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n")
+    path, text = survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n"
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        write_whole(path, text)
     return folders
 
 

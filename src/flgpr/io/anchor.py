@@ -15,7 +15,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
 from flgpr.door import parse_toml, read_named
-from flgpr.io.files import existing
+from flgpr.io.files import existing, faults_of
 from flgpr.model.faults import first_fault
 from flgpr.model.frames import heading_matrix
 
@@ -148,8 +148,10 @@ def read_anchor(path: str | Path) -> Anchor:
     that is wrong.
     """
     path = existing(path, "anchor file")
+    with faults_of(path):
+        entries = parse_toml(read_named(path))
     try:
-        told = _AnchorFile.model_validate(parse_toml(read_named(path)))
+        told = _AnchorFile.model_validate(entries)
         lane = [(*p.lane, 0.0)[:3] for p in told.point]
         plane = told.point[0].easting is not None
         names = ("easting", "northing") if plane else ("longitude", "latitude")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.door import Folder, parse_json
-from flgpr.io.files import canonical_json, sha256
+from flgpr.io.files import canonical_json, sha256, writing
 
 PARTIAL = ".partial"
 _KINDS, _ALIGN = "biufcU", 64
@@ -52,17 +52,21 @@ def write_bundle(
         place += -(-data.size // _ALIGN) * _ALIGN
     text = canonical_json({"about": dict(about or {}), "arrays": listed})
     temporary = path.with_name(f"{path.name}.{os.getpid()}-{os.urandom(4).hex()}{PARTIAL}")
-    with temporary.open("wb") as file:
-        file.write(f"{len(text)} {sha256(text)}\n".encode())
-        file.write(text)
-        for data in held:
-            file.write(data.data)
-            file.write(bytes(-data.size % _ALIGN))
-        size = file.tell()
-        if lasting:
-            file.flush()
-            os.fsync(file.fileno())
-    temporary.replace(path)
+    try:
+        with writing(path), temporary.open("wb") as file:
+            file.write(f"{len(text)} {sha256(text)}\n".encode())
+            file.write(text)
+            for data in held:
+                file.write(data.data)
+                file.write(bytes(-data.size % _ALIGN))
+            size = file.tell()
+            if lasting:
+                file.flush()
+                os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
     return size
 
 

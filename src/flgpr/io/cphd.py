@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from flgpr.door import parse_json
 from flgpr.io.anchor import Anchor
 from flgpr.io.extras import MissingExtraError, optional
-from flgpr.io.files import canonical_json, existing, partial_of
+from flgpr.io.files import canonical_json, existing
+from flgpr.io.outputs import whole_output
 from flgpr.model import POSE_COMPONENTS, SPEED_OF_LIGHT, Grid, check_run, make_run, vehicle_to_lane
 from flgpr.model.phase import lengthen
 
@@ -72,7 +73,11 @@ def write_cphd(run: xr.Dataset, path: str | Path, anchor: Anchor, scene: Grid | 
     with np.errstate(invalid="ignore", divide="ignore"), _without_sarkits_warnings():
         root["ReferenceGeometry"] = sarkit.compute_reference_geometry(tree, arrays[names[0]])
     written = sarkit.Metadata(xmltree=tree)
-    with partial_of(path) as partial, partial.open("wb") as file, sarkit.Writer(file, written) as writer:
+    with (
+        whole_output(path, replace=True) as partial,
+        partial.open("wb") as file,
+        sarkit.Writer(file, written) as writer,
+    ):
         for name in names:
             writer.write_signal(name, signals[name])
             writer.write_pvp(name, arrays[name])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
 import shutil
+import stat
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from flgpr.append_log import sync_directory
 from flgpr.door import MOST_JSON, Folder, Listed, kind_of, parse_json
@@ -36,6 +38,17 @@ def existing(path: str | Path, what: str = "file") -> Path:
 
 
 @contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Let an error of the system name the file that is written, and not what it is called until it is whole."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and (error.filename is None or ".partial" in str(error.filename)):
+            error.filename, error.filename2 = str(path), None
+        raise
+
+
+@contextmanager
 def faults_of(path: str | Path) -> Iterator[None]:
     """Name the file whose content breaks a rule, in a ValueError."""
     try:
@@ -43,7 +56,7 @@ def faults_of(path: str | Path) -> Iterator[None]:
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
     except RecursionError:
-        raise ValueError(f"{path}: it is nested too deeply") from None
+        raise ValueError(f"{path}: its entries are nested too deeply to be read") from None
 
 
 def sync_file(path: Path) -> None:
@@ -53,37 +66,53 @@ def sync_file(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Write a file, text as UTF-8, so that it holds either its old content or all of the new; its folder must exist."""
+    """Write a file, text as UTF-8, so that it holds either its old content or all of the new; its folder must exist.
+
+    Of two processes that write the same file at once the second waits for the first.
+    """
     temporary = path.with_name(path.name + ".partial")
-    with temporary.open("wb") as file:
-        file.write(data.encode() if isinstance(data, str) else data)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    with writing(path), _open_alone(temporary) as file:
+        try:
+            file.write(data.encode() if isinstance(data, str) else data)
+            file.flush()
+            os.fsync(file.fileno())
+            temporary.replace(path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
     sync_directory(path.parent)
 
 
-@contextmanager
-def partial_of(path: Path) -> Iterator[Path]:
-    """Give a place to write a file to, with the file's ending; it takes the file's place if nothing fails."""
-    partial = path.with_name(f".partial-{path.name}")
-    partial.unlink(missing_ok=True)
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+def _open_alone(temporary: Path) -> BinaryIO:
+    """Open an empty file that no other process writes; what a killed process left there is taken."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    while True:
+        if os.path.lexists(temporary) and not stat.S_ISREG(temporary.lstat().st_mode):
+            temporary.unlink()  # a link, which would lead elsewhere, or a pipe
+        file = os.fdopen(os.open(temporary, flags, 0o666), "wb")
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(file.fileno()), temporary.lstat()):
+                file.truncate(0)
+                return file
+        file.close()
 
 
 def replace_folder(new: Path, folder: Path) -> None:
     """Let a folder that is whole take the place of an older one."""
-    old = folder.with_name(folder.name + ".old")
+    old = replaced_by(folder)
     shutil.rmtree(old, ignore_errors=True)
     if folder.exists():
         folder.rename(old)
     new.rename(folder)
     sync_directory(folder.parent)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def replaced_by(folder: Path) -> Path:
+    """Tell where a folder lies while another takes its place: no name that anybody gives to a copy."""
+    return folder.with_name(f".replaced-by-{folder.name}")
 
 
 def check_new(path: str | Path | None) -> None:

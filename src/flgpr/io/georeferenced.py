@@ -6,7 +6,9 @@ from. They are never drawn as areas, and an empty place between them says nothin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import errno
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,8 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
-from flgpr.io.files import partial_of, write_whole
+from flgpr.io.files import write_whole
+from flgpr.io.outputs import whole_output
 from flgpr.io.tables import json_value, write_features, write_table
 from flgpr.model.lane import Lane
 
@@ -27,6 +30,7 @@ STATEMENT = (
     "Evidence points of a radar: something reflected here. They are not hazard areas, and ground without a point is "
     "not thereby free of hazards."
 )
+_UNWRITTEN = "it could not be written, is there room on the disk?"
 _KEYS = {"alarms": "alarm_id", "truth": "target_id", "objects": "object_id"}
 NATURES = {"alarms": "evidence point", "truth": "emplaced target", "objects": "other object"}
 _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
@@ -141,8 +145,7 @@ def write_geopackage(points: pd.DataFrame, path: str | Path, layer: str) -> None
         geometry=geopandas.points_from_xy(points["longitude"], points["latitude"]),
         crs="EPSG:4326",
     )
-    with partial_of(Path(path)) as partial:
-        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+    _write_layer(frame, Path(path), layer)
 
 
 def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
@@ -152,8 +155,26 @@ def write_outline(lane: Lane, path: str | Path, anchor: Anchor) -> None:
     polygon = optional("shapely.geometry", "gis").Polygon(anchor.to_geodetic(corners(lane))[:, :2])
     told = {"nature": ["outline of the surveyed lane"], "crs": ["EPSG:4326"]}
     frame = geopandas.GeoDataFrame(told, geometry=[polygon], crs="EPSG:4326")
-    with partial_of(Path(path)) as partial:
-        frame.to_file(partial, layer="lane", driver="GPKG", engine="pyogrio")
+    _write_layer(frame, Path(path), "lane")
+
+
+def _write_layer(frame: Any, path: Path, layer: str) -> None:
+    """Write a layer as a GeoPackage that tells no time of writing: the same points give the same bytes."""
+    pyogrio = optional("pyogrio", "gis")
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"})
+    with whole_output(path, replace=True) as partial, _disk_errors():
+        frame.to_file(partial, layer=layer, driver="GPKG", engine="pyogrio")
+
+
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """Take what a library of maps says when it cannot write for what it mostly means."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise OSError(errno.ENOSPC, f"{_UNWRITTEN} ({error})") from None
 
 
 def corners(lane: Lane) -> NDArray[np.float64]:
@@ -189,18 +210,27 @@ def write_geotiff(
         "flgpr_geotransform_misfit_m": f"{misfit:.3g}",
         "flgpr_statement": STATEMENT,
     }
-    with (
-        partial_of(Path(path)) as partial,
-        rasterio.open(
-            partial, "w", driver="GTiff", width=x.size, height=y.size, count=len(bands), dtype="float32", crs=crs,
-            transform=transform, nodata=float("nan"), compress="deflate",
-        ) as file,
-    ):  # fmt: skip
-        file.write(bands)
-        file.update_tags(**tags)
-        for number, name in enumerate(names):
-            file.set_band_description(number + 1, name)
+    profile = {"driver": "GTiff", "dtype": "float32", "nodata": float("nan"), "compress": "deflate"}
+    profile |= {"width": x.size, "height": y.size, "count": len(bands), "crs": crs, "transform": transform}
+    with whole_output(Path(path), replace=True) as partial, _disk_errors():
+        with rasterio.open(partial, "w", **profile) as file:
+            file.write(bands)
+            file.update_tags(**tags)
+            for number, name in enumerate(names):
+                file.set_band_description(number + 1, name)
+        _check_written(partial, bands, rasterio)
     return misfit
+
+
+def _check_written(path: Path, bands: NDArray[np.float32], rasterio: Any) -> None:
+    """Read a raster again: the library that writes it tells of no full disk."""
+    try:
+        with rasterio.open(path) as file:
+            same = np.array_equal(file.read(), bands, equal_nan=True)
+    except (OSError, RuntimeError):
+        same = False
+    if not same:
+        raise OSError(errno.ENOSPC, f"{_UNWRITTEN}, for what was written does not read the same")
 
 
 def _geotransform(x: Any, y: Any, anchor: Anchor, crs: str, rasterio: Any) -> tuple[Any, float]:

@@ -78,9 +78,9 @@ class Journal:
             self._log.keep(0)
             self._write({"format": _FORMAT, "about": about})
             return
-        difference = _difference(contents[0]["about"], parse_json(canonical_json(about)))
-        if difference:
-            raise OtherRunError(f"{self.path.parent} holds another unfinished run: {difference}")
+        different = difference(contents[0]["about"], parse_json(canonical_json(about)))
+        if different:
+            raise OtherRunError(f"{self.path.parent} holds another unfinished run: {different}")
         for content in contents[1:]:
             try:
                 self.scans.append(_scan(content))
@@ -108,13 +108,13 @@ def _scan(line: dict[str, Any]) -> WrittenScan:
     return WrittenScan(line["sha256"], np.array(line["pose"], dtype=np.float64), time, np.array(line["valid"], bool))
 
 
-def _difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
+def difference(old: dict[str, Any], new: dict[str, Any], where: str = "") -> str:
     """Tell the first entry in which two descriptions differ; empty if none does."""
     for key in sorted({*old, *new}):
         before, now = old.get(key), new.get(key)
         if before != now:
             if isinstance(before, dict) and isinstance(now, dict):
-                return _difference(before, now, f"{where}{key}.")
+                return difference(before, now, f"{where}{key}.")
             return f"its {where}{key} is {_short(before)}, this one's {_short(now)}"
     return ""
 

@@ -6,8 +6,10 @@ manifest, which knows which chunks there are and what they hold. Plain bytes in 
 
 from __future__ import annotations
 
+import glob
 import json
 import math
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -25,20 +27,39 @@ from xarray.core import indexing
 
 from flgpr.door import MOST_CHECKED, MOST_JSON, DoorError, Folder, Listed, parse_json
 from flgpr.io.declared import DIMS, MAX_MEMORY, Layout, check_declared
-from flgpr.io.files import canonical_json, replace_folder, sha256, sync_file, write_whole
-from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan
+from flgpr.io.files import canonical_json, replace_folder, replaced_by, sha256, sync_file, write_whole
+from flgpr.io.journal import JOURNAL, Journal, JournalError, OtherRunError, WrittenScan, difference
+from flgpr.io.outputs import tell_finished
 from flgpr.model import AXES, POSE_COMPONENTS, check_run, make_run
 from flgpr.model.run import check_poses
 
 FORMAT, VERSION = "flgpr-run", 1
 _COMMIT = "commit.json"
 _CRC = 4  # bytes of a checksum after a chunk
+MADE_OF = "made-of.json"
+"""What a store's scans depend on, kept beside its manifest, so that the call that made it knows it again."""
 _AHEAD = 64  # scans by which the array grows: its description is written anew each time
 _VARIABLES = ("signal", "valid", "tx_position", "rx_position", "pose")
 
 
 class RunStoreError(ValueError):
     """A run store is incomplete, altered or not a run store at all."""
+
+
+class RunExistsError(FileExistsError):
+    """A run store is there already; ``same`` tells whether it is whole and made of the same."""
+
+    def __init__(self, path: Path, different: str | None) -> None:
+        self.same = different == ""
+        if self.same:
+            holds = "which is whole and holds this very run"
+        else:
+            holds = (
+                f"which holds another run ({different})"
+                if different
+                else "which holds something else or a damaged store"
+            )
+        super().__init__(f"path must not exist yet, got {path}, {holds}: move it away or choose another output")
 
 
 class _CommittedFiles:
@@ -118,15 +139,15 @@ class RunWriter:
     Parameters
     ----------
     path : str or Path
-        Folder to make; ``overwrite`` replaces a run that is there, else it is a FileExistsError.
+        Folder to make; ``overwrite`` replaces a run that is there, else it is a RunExistsError.
     frequency, polarization, tx_position, rx_position, attrs
         As in :func:`flgpr.model.make_run`.
     resume : bool
         Go on where a writer of the same run was stopped, even by a kill, after its last good scan. Without it, what a
         stopped writer left is thrown away. Another run, or one that another process writes, is a RunStoreError.
     inputs : dict, optional
-        What else the scans depend on (digests of input files, versions), as JSON values, not stored in the run.
-        Resuming demands the same.
+        What else the scans depend on (digests of input files, versions), as JSON values. Resuming demands the same, and
+        a store that is whole tells by them whether it is the one that would be made; they are no part of the run.
     """
 
     def __init__(
@@ -143,7 +164,6 @@ class RunWriter:
         inputs: dict[str, Any] | None = None,
     ) -> None:
         self.path = Path(path)
-        self._check_free(overwrite)
         self._frequency = np.asarray(frequency, dtype=np.float64)
         self._polarization = [str(label) for label in np.atleast_1d(np.asarray(polarization))]
         self._tx, self._rx = np.asarray(tx_position, dtype=np.float64), np.asarray(rx_position, dtype=np.float64)
@@ -157,16 +177,10 @@ class RunWriter:
         make_run(probe, self._frequency, self._polarization, self._tx, self._rx, np.zeros((1, 6)))
         self.keeps, self._committed = resume, False
         self._partial = self.path.with_name(self.path.name + ".partial")
-        about = {
-            "frequency": sha256(self._frequency.tobytes()),
-            "polarization": self._polarization,
-            "tx_position": sha256(self._tx.tobytes()),
-            "rx_position": sha256(self._rx.tobytes()),
-            "attrs": self._attrs,
-            "inputs": inputs or {},
-        }
+        self._about = _describe(self._frequency, self._polarization, self._tx, self._rx, self._attrs, inputs)
+        self._check_free(overwrite)
         try:
-            self._journal = Journal(self._partial, about, resume)
+            self._journal = Journal(self._partial, self._about, resume)
         except JournalError as error:
             raise RunStoreError(str(error)) from error
         try:
@@ -175,6 +189,8 @@ class RunWriter:
             self._discard()
             raise
         self._drop_what_is_not_sure()
+        for left in self._discarded():
+            shutil.rmtree(left, ignore_errors=True)
         import zarr  # takes long to load, and only writing needs it
 
         self._group = zarr.open_group(self._partial, mode="a", zarr_format=3)
@@ -198,7 +214,9 @@ class RunWriter:
     def __enter__(self) -> RunWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(self.path)
         try:
             if kind is None:
                 self.commit()
@@ -252,24 +270,36 @@ class RunWriter:
         self._group.attrs.update(
             {"format": FORMAT, "version": VERSION, "polarization": self._polarization, "attrs": self._attrs}
         )
-        _write_manifest(self._partial, len(scans))
+        digest = _write_manifest(self._partial, len(scans))
+        if self._about["inputs"]:
+            write_whole(self._partial / MADE_OF, canonical_json({"commit": digest, "about": self._about}) + b"\n")
         replace_folder(self._partial, self.path)
         self._committed = True
-        (self.path / JOURNAL).unlink()  # not before: a kill in between would cost every scan
+        # Not before: a kill in between would cost every scan. The next writer takes away what a kill here leaves.
+        (self.path / JOURNAL).unlink(missing_ok=True)
 
     def _check_free(self, overwrite: bool) -> None:
-        if self.path.exists() and not overwrite:
-            raise FileExistsError(
-                f"path must not exist yet, got {self.path}: move it away (overwrite=True replaces it)"
-            )
+        """Refuse a place that is taken, and take away what writers that were killed left beside a whole store."""
+        if overwrite or not os.path.lexists(self.path):
+            return
+        different = _difference_from_stored(self.path, self._about)
+        if different == "":
+            (self.path / JOURNAL).unlink(missing_ok=True)
+            for left in (replaced_by(self.path), *self._discarded()):
+                shutil.rmtree(left, ignore_errors=True)
+        raise RunExistsError(self.path, different)
 
     def _discard(self) -> None:
         """Throw away what was written: out of the name first, for the next writer may take that at once."""
         with suppress(OSError):
-            aside = tempfile.mkdtemp(prefix=f"{self._partial.name}-", dir=self._partial.parent)
+            aside = tempfile.mkdtemp(prefix=f".discarded-{self.path.name}-", dir=self._partial.parent)
             self._partial.rename(aside)
-            shutil.rmtree(aside, ignore_errors=True)
+        for left in self._discarded():
+            shutil.rmtree(left, ignore_errors=True)
         self._journal.close()
+
+    def _discarded(self) -> list[Path]:
+        return list(self.path.parent.glob(f".discarded-{glob.escape(self.path.name)}-*"))
 
     def _chunk(self, scan: int) -> Path:
         return self._partial / "signal" / "c" / str(scan) / "0" / "0" / "0"
@@ -323,11 +353,26 @@ class RunWriter:
         )
 
 
+def is_stored(run: xr.Dataset, path: str | Path) -> bool:
+    """Tell whether a place holds a whole store of exactly this run; anything else there is a RunExistsError."""
+    root = Path(path)
+    if not os.path.lexists(root):
+        return False
+    frequency, tx_position, rx_position = (run[name].values for name in ("frequency", "tx_position", "rx_position"))
+    polarization = [str(label) for label in run["polarization"].values]
+    attrs = {str(key): value for key, value in run.attrs.items()}
+    about = _describe(frequency, polarization, tx_position, rx_position, attrs, _digests(run))
+    different = _difference_from_stored(root, about)
+    if different != "":
+        raise RunExistsError(root, different)
+    return True
+
+
 def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume: bool = False) -> Path:
-    """Write a run as a Zarr v3 store; a store that exists is refused unless ``overwrite`` is true.
+    """Write a run as a Zarr v3 store; one that exists is a FileExistsError unless ``overwrite`` is true.
 
     With ``resume`` it goes on where writing exactly this run was stopped, even by a kill; what is left of another run
-    is thrown away.
+    is thrown away, and a whole store of exactly this run is left as it is.
     """
     check_run(run)
     frequency, polarization, tx_position, rx_position = (
@@ -335,7 +380,14 @@ def save_run(run: xr.Dataset, path: str | Path, overwrite: bool = False, resume:
     )
     attrs = {str(key): value for key, value in run.attrs.items()}
     fixed = path, frequency, polarization, tx_position, rx_position, attrs, overwrite
-    with RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed) as writer:
+    try:
+        begun = RunWriter.resumed(*fixed, inputs=_digests(run)) if resume else RunWriter(*fixed)
+    except RunExistsError as error:
+        if not (resume and error.same):
+            raise
+        tell_finished(path)
+        return Path(path)
+    with begun as writer:
         pose, time = run["pose"].values, run["time"].values
         for scan in range(len(writer), run.sizes["scan"]):
             writer.append(run["signal"][scan].values, pose[scan], float(time[scan]))
@@ -423,16 +475,50 @@ def _is_entry(entry: Any) -> bool:
     return known and type(entry.get("bytes")) is int and entry["bytes"] >= 0
 
 
-def _write_manifest(root: Path, scans: int) -> None:
+def _describe(
+    frequency: NDArray[np.float64],
+    polarization: list[str],
+    tx_position: NDArray[np.float64],
+    rx_position: NDArray[np.float64],
+    attrs: dict[str, Any],
+    inputs: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """Describe all that the scans of a store depend on."""
+    return {
+        "frequency": sha256(frequency.tobytes()),
+        "polarization": polarization,
+        "tx_position": sha256(tx_position.tobytes()),
+        "rx_position": sha256(rx_position.tobytes()),
+        "attrs": attrs,
+        "inputs": inputs or {},
+    }
+
+
+def _difference_from_stored(root: Path, about: dict[str, Any]) -> str | None:
+    """Tell what a store was made of otherwise: "" for nothing, None where it is not whole or does not tell."""
+    try:
+        stored = parse_json(Folder(root).read(MADE_OF, MOST_JSON))
+        manifest = read_manifest(root)
+        _CommittedFiles(root, manifest["files"]).check_sizes()
+        if stored["commit"] != manifest["sha256"]:
+            return None
+        return difference(stored["about"], parse_json(canonical_json(about)))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _write_manifest(root: Path, scans: int) -> str:
+    """Write the manifest of all that is in a folder, and give its digest."""
     files = {}
     for file in sorted(root.rglob("*")):
-        if file.is_file() and file.name != JOURNAL:
+        if file.is_file() and file.name not in (JOURNAL, MADE_OF):
             data = file.read_bytes()
             sync_file(file)
             files[file.relative_to(root).as_posix()] = {"sha256": sha256(data), "bytes": len(data)}
     manifest: dict[str, Any] = {"format": FORMAT, "version": VERSION, "scans": scans, "files": files}
     manifest["sha256"] = sha256(canonical_json(manifest))
     write_whole(root / _COMMIT, _manifest_bytes(manifest))
+    return str(manifest["sha256"])
 
 
 def _manifest_bytes(manifest: dict[str, Any]) -> bytes:

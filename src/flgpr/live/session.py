@@ -26,10 +26,13 @@ from flgpr.io import (
     canonical_json,
     parse_description,
     read_anchor,
+    read_description,
     read_lane,
     sha256,
 )
+from flgpr.io.bundle import PARTIAL
 from flgpr.io.files import write_whole
+from flgpr.io.outputs import held_folder, tell_finished
 from flgpr.io.tables import write_table
 from flgpr.live import forecast
 from flgpr.live.detector import LiveAlarm, LiveDetector, LiveSettings, LiveUpdate, check_causal
@@ -53,6 +56,7 @@ from flgpr.model import Lane
 
 PathLike = str | Path
 _TICK = 0.1  # s between looks at the clock while nothing comes
+REPORT_FILE = "live.json"
 _REPORTED = 10_000  # latencies kept for the percentiles
 
 
@@ -135,14 +139,25 @@ class LiveRun:
         self.inbox.stop.set()
 
     def run(self) -> LiveReport:
-        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long."""
-        options = self.options
+        """Take scans until the run ends, :meth:`stop` is called or nothing comes for too long.
+
+        An output that another live run writes is a ValueError.
+        """
         _check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)
+        with held_folder(self.output):
+            for left in self.output.glob(f"{SNAPSHOT_FILE}.*{PARTIAL}"):  # of a process that was killed
+                left.unlink()
+            return self._run()
+
+    def _run(self) -> LiveReport:
+        options = self.options
         path = self.output / SNAPSHOT_FILE
         if options.fresh:
             path.unlink(missing_ok=True)
         snapshot = read_snapshot(path)
+        if snapshot is not None and options.incoming is not None:
+            _check_same_run(snapshot, Path(options.incoming))
         sources: list[threading.Thread] = []
         if options.socket is not None:
             sources.append(SocketWatch(Path(options.socket), self.inbox))
@@ -357,6 +372,9 @@ class LiveRun:
         for name, count in self._senders.items():
             intake.counts[name] += count
         writer.last(self._snapshot())
+        if not self._frames and (self.output / REPORT_FILE).is_file():
+            tell_finished(self.output, "--fresh makes it anew")
+            return LiveReport(dict(intake.counts), _percentiles([]), len(detector.table()), float("nan"))
         table = detector.table()
         write_table(table, self.output / "alarms.csv")
         moments = self._moments
@@ -364,7 +382,7 @@ class LiveRun:
         report = LiveReport(dict(intake.counts), _percentiles(self._latency), len(table), rate)
         events.append([{"event": "end", "alarms": len(table), "latency": report.latency_ms, **intake.counts}])
         told = asdict(report) | {"rate": rate if np.isfinite(rate) else None, "recipe": self._recipe.name}
-        write_whole(self.output / "live.json", canonical_json(told) + b"\n")
+        write_whole(self.output / REPORT_FILE, canonical_json(told) + b"\n")
         return report
 
 
@@ -397,8 +415,16 @@ def _percentiles(latency: list[float]) -> dict[str, float]:
     return {name: round(1e3 * float(value), 1) for name, value in found.items()} | {"scans": len(latency)}
 
 
+def _check_same_run(snapshot: Snapshot, incoming: Path) -> None:
+    """Refuse a folder of another run than that of the snapshot before anything is written."""
+    coming = read_description(incoming)
+    if coming is not None and coming.run_id != parse_description(snapshot[0]["run"]).run_id:
+        raise ValueError(f"{incoming}: the description is that of another run; --fresh begins anew")
+
+
 def _check_output(folder: Path) -> None:
-    own = {EVENT_FILE, "alarms.csv", "live.json"}
+    own = {EVENT_FILE, "alarms.csv", REPORT_FILE}
+    own |= {name + PARTIAL for name in own}  # of a process that was killed
     names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
     if folder.is_file() or any(name not in own and not name.startswith(SNAPSHOT_FILE) for name in names):
         raise FileExistsError(f"output must be a new folder or a live run's, got {folder}, which holds other files")

@@ -150,7 +150,7 @@ def _positions(value: ArrayLike, name: str, pairs: int) -> NDArray[np.float64]:
 def check_poses(value: ArrayLike, scans: int) -> NDArray[np.float64]:
     """Validate poses (scan, 6) of so many scans: finite, angles in radians; give them as float64."""
     if value is None:
-        raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got None")
+        raise ValueError("pose must give x, y, z, heading, pitch, roll of every scan, got none")
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (scans, 6):
         raise ValueError(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.array import KINDS, Design, Question, study
-from flgpr.io import write_whole
+from flgpr.io.outputs import write_new
 from flgpr.model import load_sensor
 from flgpr.report.kit import render
 
@@ -23,16 +23,17 @@ _SHADES = "viridis"
 def design_report(
     sensors: Sequence[str | Path], output: str | Path, question: Question | None = None, track: Track = silent
 ) -> list[Design]:
-    """Study one to four arrays (presets or TOML) side by side, write the page, a new file, and give the findings."""
+    """Study one to four arrays (presets or TOML) side by side, write the page and give the findings.
+
+    Another page that is there already is a FileExistsError.
+    """
     if not 1 <= len(sensors) <= 4:
         raise ValueError(f"sensors must be one to four, got {len(sensors)}")
     path = Path(output)
-    if path.exists():
-        raise FileExistsError(f"output must not exist yet, got {path}")
     asked = question or Question()
     designs = [study(load_sensor(sensor), asked, track) for sensor in sensors]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, design_html(designs, asked))
+    write_new(path, design_html(designs, asked))
     return designs
 
 

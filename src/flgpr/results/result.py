@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import platform
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -23,7 +22,8 @@ from flgpr.chain.model import MODEL_FILE, Detector, Model, as_model, load_model,
 from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
 from flgpr.io import canonical_json, seal, sha256
-from flgpr.io.files import check_free_folder, listed_files, read_sealed, replace_folder, write_whole
+from flgpr.io.files import check_free_folder, listed_files, read_sealed, write_whole
+from flgpr.io.outputs import held_folder, whole_output
 from flgpr.io.tables import parse_columns, parse_table, write_geojson, write_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
@@ -78,11 +78,24 @@ def write_result(
     """
     folder = check_free(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = folder.with_name(folder.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
+    with whole_output(folder, replace=True) as made:
+        _write_files(made, detections, recipe_text, lane, run, model, section)
+    return folder
+
+
+def _write_files(
+    made: Path,
+    detections: list[Detection],
+    recipe_text: str,
+    lane: Lane,
+    run: dict[str, Any],
+    model: Model | Detector | None,
+    section: dict[str, Any] | None,
+) -> None:
+    """Write all files of a result, its manifest last."""
+    made.mkdir()
     for detection in detections:
-        home = partial if detection.name == MAIN else partial / "variants" / detection.name
+        home = made if detection.name == MAIN else made / "variants" / detection.name
         home.mkdir(parents=True, exist_ok=True)
         write_table(detection.alarms, home / "alarms.csv")
         write_geojson(detection.alarms, home / "alarms.geojson")
@@ -93,16 +106,14 @@ def write_result(
             write_whole(home / FRAMES, _frames_bytes(*detection.frames))
     learnt = as_model(model)
     border = None if learnt.detector is None else learnt.detector.border
-    write_view(partial, detections, lane, run, parse_recipe(recipe_text), border)
-    write_whole(partial / "recipe.toml", recipe_text)
+    write_view(made, detections, lane, run, parse_recipe(recipe_text), border)
+    write_whole(made / "recipe.toml", recipe_text)
     if learnt.detector is not None or learnt.stages:
-        save_model(learnt, partial / MODEL)
-    content = plain_json(_content(partial, detections, recipe_text, lane, run))
+        save_model(learnt, made / MODEL)
+    content = plain_json(_content(made, detections, recipe_text, lane, run))
     if section is not None:
         content["section"] = section
-    write_whole(partial / "manifest.json", _manifest(content, {}))
-    replace_folder(partial, folder)
-    return folder
+    write_whole(made / "manifest.json", _manifest(content, {}))
 
 
 def check_free(folder: str | Path) -> Path:
@@ -160,11 +171,17 @@ def _added(manifest: Mapping[str, Any]) -> dict[str, list[tuple[str | None, int 
 def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     """Add pages and scores to a result, or replace some; it can be read whenever this is interrupted.
 
-    The manifest first allows the old and the new digests, then, when the files are written, the new ones only.
+    The manifest first allows the old and the new digests, then, when the files are written, the new ones only. One
+    process after the other does so.
     """
     folder = Path(folder)
+    read_result_manifest(folder)
+    with held_folder(folder, wait=True):
+        _add_files(folder, {name: text.encode() if isinstance(text, str) else text for name, text in files.items()})
+
+
+def _add_files(folder: Path, data: Mapping[str, bytes]) -> None:
     manifest = read_result_manifest(folder)
-    data = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name in data:
         parent = (folder / name).parent
         parent.mkdir(exist_ok=True)
@@ -178,6 +195,11 @@ def add_files(folder: str | Path, files: Mapping[str, bytes | str]) -> None:
     for name, body in data.items():
         write_whole(folder / name, body)
     write_whole(folder / "manifest.json", _manifest(content, {**before, **after}))
+
+
+def are_settled(folder: str | Path) -> bool:
+    """Tell whether all that was added to a result was written to the end."""
+    return all(len(digests) == 1 for digests in read_result_manifest(folder)["added"].values())
 
 
 def read_result_manifest(folder: str | Path) -> dict[str, Any]:

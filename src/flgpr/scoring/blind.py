@@ -117,21 +117,10 @@ def seal_truth(
         ``truth``, hash of the truth in a register, and ``line``, hash of that register's last line: scores then demand
         this register, with the recipe in it.
     """
-    lanes = as_lanes(lane)
-    one_of("show", show, SHOWS)
     if Path(path).exists():
         raise FileExistsError(f"output must not exist yet, got {path}")
-    if by is not None and by not in truth.columns:
-        raise ValueError(f"by must name a column of truth, got {by!r}")
-    # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
-    trial = match(pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo)
-    roc_of(trial, area=area)  # type: ignore[arg-type]
-    content = {
-        "truth": check_truth(truth).to_dict("list"),
-        "lanes": {name: vars(one) for name, one in lanes.items()},
-        "rules": {"halo": float(halo), "area": area, "by": by, "show": show},
-        "book": None if book is None else dict(book),
-    }
+    content = _to_seal(truth, lane, halo, area, by, show)
+    content["book"] = None if book is None else dict(book)
     content["identity"] = secrets.token_hex(16)
     passphrase = passphrase() if callable(passphrase) else passphrase
     check_passphrase(passphrase)
@@ -144,6 +133,46 @@ def seal_truth(
         stream.flush()
         os.fsync(stream.fileno())
     return file
+
+
+def seals(
+    path: str | Path,
+    passphrase: str,
+    truth: pd.DataFrame,
+    lane: LaneLike,
+    *,
+    halo: float = 1.0,
+    area: str = "union",
+    by: str | None = "kind",
+    show: str = "curve",
+) -> tuple[bool, dict[str, str] | None]:
+    """Tell whether a file seals this truth, lane and rules with this passphrase, and the register it is bound to.
+
+    Whoever asks has the truth already, so that it is no look. The parameters are those of :func:`seal_truth`.
+    """
+    wanted = json.loads(json.dumps(_to_seal(truth, lane, halo, area, by, show), default=_plain))
+    try:
+        opened = _decrypted(path, passphrase)
+    except (ValueError, OSError):
+        return False, None
+    there = {"truth": opened.truth.to_dict("list"), "lanes": opened.lanes, "rules": opened.rules}
+    return json.loads(json.dumps(there, default=_plain)) == wanted, opened.book
+
+
+def _to_seal(truth: pd.DataFrame, lane: LaneLike, halo: float, area: str, by: str | None, show: str) -> dict[str, Any]:
+    """Check what is to be sealed, and give it."""
+    lanes = as_lanes(lane)
+    one_of("show", show, SHOWS)
+    if by is not None and by not in truth.columns:
+        raise ValueError(f"by must name a column of truth, got {by!r}")
+    # An empty alarm list is scored once, so that a truth that cannot be scored is never sealed.
+    trial = match(pd.DataFrame({"x": [], "y": [], "confidence": [], "lane": []}), truth, lanes, halo)
+    roc_of(trial, area=area)  # type: ignore[arg-type]
+    return {
+        "truth": check_truth(truth).to_dict("list"),
+        "lanes": {name: vars(one) for name, one in lanes.items()},
+        "rules": {"halo": float(halo), "area": area, "by": by, "show": show},
+    }
 
 
 def open_truth(

@@ -66,6 +66,7 @@ from flgpr.tasks.results import replay as replay
 from flgpr.tasks.scoring import analyst_agreement as analyst_agreement
 from flgpr.tasks.scoring import compare_alarms as compare_alarms
 from flgpr.tasks.scoring import compare_sealed as compare_sealed
+from flgpr.tasks.scoring import holds_sealed_score as holds_sealed_score
 from flgpr.tasks.scoring import outcome_table as outcome_table
 from flgpr.tasks.scoring import require_seal as require_seal
 from flgpr.tasks.scoring import score_alarms as score_alarms

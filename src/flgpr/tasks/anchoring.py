@@ -11,7 +11,8 @@ import numpy as np
 
 from flgpr.io import open_run, read_lane, save_run, write_whole
 from flgpr.io.anchor import Anchor, read_anchor
-from flgpr.io.files import check_new, existing
+from flgpr.io.files import existing, faults_of
+from flgpr.io.outputs import whole_output, write_new
 from flgpr.io.tables import read_text_table
 from flgpr.model import Lane
 
@@ -27,7 +28,8 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
     deviation of one surveyed coordinate, m.
     """
     path = existing(points, "file of surveyed points")
-    columns = read_text_table(path)
+    with faults_of(path):
+        columns = read_text_table(path)
     kinds = [kind for kind in (_PLANE, _GLOBE) if set(kind) <= set(columns)]
     missing = [name for name in ("lane_x_m", "lane_y_m") if name not in columns]
     if missing or len(kinds) != 1:
@@ -47,29 +49,23 @@ def anchor_from_points(points: PathLike, crs: str, accuracy: float) -> str:
 
 
 def write_anchor(text: str, path: PathLike) -> Path:
-    """Write an anchor, TOML, once it is seen to fit (else a ValueError); a file that exists is refused."""
+    """Write an anchor, TOML, once it is seen to fit (else a ValueError); another file there is refused."""
     target = Path(path)
-    check_new(target)
-    trial = target.with_name(target.name + ".trial")
-    try:
+    with whole_output(target) as trial:
         write_whole(trial, text)
-        read_anchor(trial)
-        trial.rename(target)
-    except ValueError as error:
-        raise ValueError(str(error).replace(str(trial), str(target))) from None
-    finally:
-        trial.unlink(missing_ok=True)
+        try:
+            read_anchor(trial)
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(trial), str(target))) from None
     return target
 
 
 def check_request(
     lane: PathLike | None, outline: PathLike | None, run: PathLike | None, output: PathLike | None
 ) -> None:
-    """Check what :func:`tie_lane` is asked for before anything is written; what exists is refused."""
+    """Check what :func:`tie_lane` is asked for before anything is written."""
     if (outline is not None and lane is None) or (output is None) != (run is None):
         raise ValueError("an outline needs a lane, and a run and its output go together")
-    for path in (outline, output):
-        check_new(path)
 
 
 def tie_lane(
@@ -100,7 +96,7 @@ def tie_lane(
     if lane is not None:
         fit["corners"] = _corners(read_lane(lane), tie)
     if outline is not None:
-        write_whole(Path(outline), json.dumps(_outline(fit["corners"], tie), indent=1) + "\n")
+        write_new(Path(outline), json.dumps(_outline(fit["corners"], tie), indent=1) + "\n")
     if run is not None and output is not None:
         held = open_run(run)
         save_run(held.assign_attrs(georeference=tie.georeference()), output, resume=True)

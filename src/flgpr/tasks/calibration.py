@@ -22,7 +22,7 @@ from flgpr.calibrate import (
 )
 from flgpr.imaging import ImagingOperator
 from flgpr.io import open_run, save_run
-from flgpr.io.files import check_new, existing
+from flgpr.io.files import existing
 from flgpr.io.tables import read_text_table
 from flgpr.model import SPEED_OF_LIGHT
 from flgpr.model.arrays import FloatArray
@@ -59,7 +59,6 @@ def calibrate_clock(
     ``NAME-track.csv`` beside the run, whose times it must cover. What stands still in the run is left out of the search
     unless ``keep_standing``; what is stored has it still. An answer not to be trusted is a ValueError with the reason.
     """
-    check_new(output)
     held = open_run(run)
     way = _track_of_run(run, track, anchor)
     x_min, x_max, y_min, y_max = search.area
@@ -97,7 +96,6 @@ def calibrate_range_bias(
     right clock. What stands still in the run is left out of the search unless ``keep_standing``; what is stored has it
     still. An answer not to be trusted is a ValueError with the reason.
     """
-    check_new(output)
     held = open_run(run).compute()
     places = _reflectors(reflectors)
     if search is not None and not search > 0:
@@ -126,7 +124,6 @@ def calibrate_joint(
     ``offsets`` (s) and ``biases`` (m) are least and greatest, ``step`` the offsets' first step. All else is as in
     :func:`calibrate_clock` and :func:`calibrate_range_bias`.
     """
-    check_new(output)
     held = open_run(run).compute()
     places, way = _reflectors(reflectors), _track_of_run(run, track, anchor)
     fit = estimate_joint(
@@ -188,4 +185,4 @@ def _track_of_run(run: PathLike, track: PathLike | None, anchor: PathLike | None
 
 def _save(run: xr.Dataset, output: PathLike, figures: dict[str, Any]) -> None:
     before = run.attrs.get("calibration", {})
-    save_run(run.assign_attrs(calibration={**before, **figures}), output)
+    save_run(run.assign_attrs(calibration={**before, **figures}), output, resume=True)

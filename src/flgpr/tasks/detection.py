@@ -69,19 +69,22 @@ def detect_long(
     others: Mapping[str, PathLike] | None = None,
     report: bool = True,
     how: How = PLAINLY,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Detect on a stored run of any length, and give the result folder, or those of its sections in their order.
 
     Arguments are those of :func:`detect_run`. A lane that would take more memory, or is longer than ``section`` (m;
     infinity for one piece or not at all), is taken in sections unless the recipe has variants: ``output`` then holds a
     result folder per section and a table of all alarms, see :mod:`flgpr.execution.lane_run`. ``how`` tells who does it.
+    Without ``overwrite`` a whole result of the same inputs and version is left as it is, and any other there is a
+    FileExistsError.
     """
     text = _text_of(recipe, run, model, how.max_memory)
     parsed = parse_recipe(text, str(recipe))
     area = area_of(open_run(run, how.max_memory), parsed, read_lane(lane) if lane is not None else None)
     job = make_job(run, text, area, output, report, model, how.max_memory, others, kept=how.kept)
     with how.executor() as executor:
-        return detect_lane(job, executor, how.track, how.note, section)
+        return detect_lane(job, executor, how.track, how.note, section, overwrite)
 
 
 def detect_runs(
@@ -95,6 +98,7 @@ def detect_runs(
     report: bool = True,
     lanes_at_once: int | None = None,
     how: How = PLAINLY,
+    overwrite: bool = True,
 ) -> list[Path]:
     """Detect on many stored runs and give their result folders in order; goes on where it was stopped.
 
@@ -109,7 +113,7 @@ def detect_runs(
     text = _text_of(recipe, runs[0], model, how.max_memory)
     if recipe is None and lanes is None and len(runs) > 1 and parse_recipe(text).lane is not None:
         raise ValueError(f"lanes must be given or a recipe: {runs[0]} is so short that its own recipe has its lane")
-    folders = detect_survey(runs, text, output, lanes, model, section, others, report, lanes_at_once, how)
+    folders = detect_survey(runs, text, output, lanes, model, section, others, report, lanes_at_once, how, overwrite)
     return [result for folder in folders for result in results_at(folder)]
 
 

@@ -27,8 +27,10 @@ from flgpr.io import (
 )
 from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
-from flgpr.io.files import check_new, existing, partial_of
+from flgpr.io.files import existing
 from flgpr.io.mapped import Imported, import_mapped
+from flgpr.io.outputs import whole_output
+from flgpr.io.run_store import is_stored
 from flgpr.io.tables import json_value, parse_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.motion import judge_run
@@ -66,7 +68,7 @@ def import_with_mapping(
     m. A take of motion capture is read before, by :func:`flgpr.io.read_track`. ``max_memory`` is the largest array that
     is read, bytes.
     """
-    _fresh(Path(output))
+    _check_home(Path(output))
     pose = read_survey(survey) if survey is not None else None
     moved = None
     if track is not None:
@@ -75,15 +77,15 @@ def import_with_mapping(
     files = [Path(one) for one in data or ()]
     arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(anchor))
     store, run = Path(output), _tied(_with_doubts(arrived.run), anchor)
-    if arrived.track is not None:  # before the run, whose presence says that all is there
+    if arrived.track is not None and not is_stored(run, store):  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
     return arrived
 
 
 def import_cphd(path: PathLike, output: PathLike, anchor: PathLike | None = None) -> xr.Dataset:
-    """Import a CPHD file and store the run; files of other makers need the anchor. A store that exists is refused."""
-    _fresh(Path(output))
+    """Import a CPHD file and store the run; files of other makers need the anchor. Another store there is refused."""
+    _check_home(Path(output))
     run = _tied(_with_doubts(read_cphd(path, _anchor(anchor))), anchor)
     save_run(run, output, resume=True)
     return run
@@ -100,9 +102,9 @@ def import_gpr(
     """Import the recording of a commercial radar (:func:`flgpr.io.read_gpr`) and store the run.
 
     ``options`` are those of :func:`flgpr.io.gpr_run`: ``step``, ``time_zero``, ``window``, ``band``, ``separation``,
-    ``across``, ``height``, ``polarization``. A store that exists is refused.
+    ``across``, ``height``, ``polarization``. A store that holds another run is refused.
     """
-    _fresh(Path(output))
+    _check_home(Path(output))
     section = read_gpr(path, max_memory)
     made = gpr_run(section, channel, anchor=_anchor(anchor), max_memory=max_memory, **options)
     run = _tied(_with_doubts(made), anchor)
@@ -119,13 +121,15 @@ def _with_doubts(run: xr.Dataset) -> xr.Dataset:
 
 
 def export_run(run: PathLike, output: PathLike, anchor: PathLike | None = None) -> Path:
-    """Export a stored run as CPHD; a file that exists is refused.
+    """Export a stored run as CPHD; another file there is refused.
 
     ``anchor`` (TOML) ties the lane to the Earth, else what the run tells of its place.
     """
-    _fresh(Path(output))
+    _check_home(Path(output))
     held = open_run(run)
-    return write_cphd(held, output, _tie(anchor, held.attrs.get("georeference"), run))
+    with whole_output(Path(output)) as made:
+        write_cphd(held, made, _tie(anchor, held.attrs.get("georeference"), run))
+    return Path(output)
 
 
 def export_table(
@@ -163,8 +167,9 @@ def export_result(
     held, chosen, identity = _chosen(result, detection)
     target, tie = Path(output), _tie(anchor, held.manifest["run"].get("georeference"), result)
     if to == "geotiff":
-        _fresh(target)
-        georeferenced.write_geotiff(chosen.view, target, tie, identity)
+        _check_home(target)
+        with whole_output(target) as made:
+            georeferenced.write_geotiff(chosen.view, made, tie, identity)
         return target
     return _write_points(chosen.alarms, target, to, tie, "alarms", identity, time)
 
@@ -186,7 +191,7 @@ def export_qgis(
     target = Path(output)
     if target.suffix != ".zip":
         raise ValueError(f"output must end in .zip, got {output}")
-    _fresh(target)
+    _check_home(target)
     held, chosen, identity = _chosen(result, detection)
     tie = _tie(anchor, held.manifest["run"].get("georeference"), result)
     scored = read_scored_truth(held, None if score is None else Path(score))
@@ -213,9 +218,11 @@ def export_qgis(
         title = f"{held.manifest['run'].get('title', held.folder.name)}: {chosen.title}"
         about = f"{georeferenced.STATEMENT} Processing {identity}."
         (home / "lane.qgs").write_bytes(qgis.project(title, about, tie.utm(), extent, layers))
-        with partial_of(target) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as bundle:
+        with whole_output(target) as made, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as bundle:
             for path in sorted(home.iterdir()):
-                bundle.write(path, f"{target.stem}/{path.name}")
+                entry = zipfile.ZipInfo(f"{target.stem}/{path.name}")  # tells no time: the same map, the same bytes
+                entry.external_attr = 0o644 << 16
+                bundle.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
     return target
 
 
@@ -252,20 +259,21 @@ def _write_points(
 ) -> Path:
     if to not in TABLE_FORMATS:
         raise ValueError(f"to must be one of {', '.join(TABLE_FORMATS)}, got {to!r}")
-    _fresh(output)
+    _check_home(output)
     points = georeferenced.georeference(rows, anchor, kind, identity, time)
-    if to == "geojson":
-        sigma = json_value(anchor.sigma)
-        about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": sigma, "processing_id": identity}
-        georeferenced.write_earth_geojson(points, output, about)
-    elif to == "gpkg":
-        georeferenced.write_geopackage(points, output, kind)
-    elif to == "kml":
-        georeferenced.write_kml(points, output, f"{kind} {identity}")
-    elif to == "gpx":
-        georeferenced.write_gpx(points, output)
-    else:
-        georeferenced.write_earth_csv(points, output)
+    with whole_output(output) as made:
+        if to == "geojson":
+            sigma = json_value(anchor.sigma)
+            about = {"kind": kind, "anchor_crs": anchor.crs, "anchor_sigma_m": sigma, "processing_id": identity}
+            georeferenced.write_earth_geojson(points, made, about)
+        elif to == "gpkg":
+            georeferenced.write_geopackage(points, made, kind)
+        elif to == "kml":
+            georeferenced.write_kml(points, made, f"{kind} {identity}")
+        elif to == "gpx":
+            georeferenced.write_gpx(points, made)
+        else:
+            georeferenced.write_earth_csv(points, made)
     return output
 
 
@@ -304,7 +312,6 @@ def _tie(anchor: PathLike | None, reference: Mapping[str, Any] | None, source: P
     return own_anchor(reference)
 
 
-def _fresh(path: Path) -> None:
-    check_new(path)
+def _check_home(path: Path) -> None:
     if not path.parent.is_dir():
         raise FileNotFoundError(f"the folder of the output must exist, got {path.parent}")

@@ -16,6 +16,7 @@ from flgpr.chain.recipe import Recipe, lane_of, load_recipe, recipe_names
 from flgpr.door import Folder
 from flgpr.imaging import count_looks
 from flgpr.io import open_run
+from flgpr.io.outputs import whole_output
 from flgpr.model import SPEED_OF_LIGHT, Grid, Lane, aperture_pose, complete_scans, scan_to_lane, unambiguous_path
 from flgpr.model.motion import judge_run, plausible_run
 from flgpr.results.description import describe_run, plausible_poses
@@ -66,7 +67,8 @@ def run_info(
         from flgpr.report import geometry_figure  # loads what draws, which words can do without
 
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
-        figure.savefig(plot, dpi=110, format="png", metadata={"Software": None})
+        with whole_output(Path(plot)) as made:
+            figure.savefig(made, dpi=110, format="png", metadata={"Software": None})
     return description | {
         "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
         "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),

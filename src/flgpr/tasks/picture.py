@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +20,8 @@ from flgpr.imaging import aperture_blocks, aperture_image
 from flgpr.io import open_run
 from flgpr.io.anchor import read_anchor
 from flgpr.io.extras import optional
-from flgpr.io.files import check_new, partial_of
 from flgpr.io.georeferenced import write_geotiff
+from flgpr.io.outputs import whole_output
 from flgpr.model import SPEED_OF_LIGHT, complete_scans, way_weights
 from flgpr.tasks.information import seen_ground
 
@@ -78,13 +77,13 @@ def make_picture(
     """Focus a stored run and write the picture to files: PNG, NumPy (.npz), Zarr (.zarr) or GeoTIFF (.tif, ``anchor``).
 
     The sum is coherent over the scans, each from its own pose and weighed by the way that it stands for. A view that
-    does not fit the run, a picture of too many pixels or a file of another kind is a ValueError.
+    does not fit the run, a picture of too many pixels or a file of another kind is a ValueError. A file that exists
+    stays if it is this very picture, else it is a FileExistsError.
     """
     files = [Path(one) for one in output]
     for path in files:
         if path.suffix.lower() not in ENDINGS:
             raise ValueError(f"output must end in {', '.join(ENDINGS)}, got {path.name!r}")
-        check_new(path)
     tie = read_anchor(anchor) if anchor is not None else None
     if any(path.suffix.lower() == ".tif" for path in files) and tie is None:
         raise ValueError("a GeoTIFF needs an anchor, got none")
@@ -294,14 +293,10 @@ def _width(axis: NDArray[np.float64], line: NDArray[np.float64], top: int) -> fl
 
 def _write(picture: Picture, path: Path, pose: NDArray[np.float64]) -> None:
     image = picture.image
-    if path.suffix.lower() == ".zarr":
-        partial = path.with_name(f".partial-{path.name}")
-        shutil.rmtree(partial, ignore_errors=True)
-        image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
-        partial.rename(path)
-        return
-    with partial_of(path) as partial:
-        if path.suffix.lower() == ".png":
+    with whole_output(path) as partial:
+        if path.suffix.lower() == ".zarr":
+            image.to_dataset("polarization").to_zarr(partial, zarr_format=2, consolidated=True)
+        elif path.suffix.lower() == ".png":
             from flgpr.report.figures import image_figure
 
             image_figure(image, picture.peaks, pose).savefig(
@@ -317,4 +312,5 @@ def _write_tiff(image: xr.DataArray, path: Path, tie: Any) -> None:
     optional("rasterio", "gis")
     level = image.isel(z=0).copy(data=np.abs(image.values[:, 0]))
     flat = level.expand_dims(subband=["all"], axis=1)
-    write_geotiff(flat, path, tie, str(image.attrs["title"]))
+    with whole_output(path) as partial:
+        write_geotiff(flat, partial, tie, str(image.attrs["title"]))

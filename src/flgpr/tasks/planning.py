@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +12,12 @@ import numpy as np
 import pandas as pd
 
 from flgpr.door import read_named
-from flgpr.io import read_anchor, write_table, write_whole
+from flgpr.io import read_anchor
 from flgpr.io.anchor import Anchor, transform_lonlat
 from flgpr.io.extras import optional
 from flgpr.io.files import check_new, existing, faults_of
-from flgpr.io.tables import parse_table, read_columns
+from flgpr.io.outputs import other_output, tell_finished, write_new
+from flgpr.io.tables import parse_table, read_columns, table_text
 from flgpr.model import check_truth
 from flgpr.report import sheet_html
 from flgpr.scoring import (
@@ -92,22 +94,19 @@ def plan_lane(
     crew, and a sheet that is filled in for :func:`survey_plan`; and, if an ``anchor`` (TOML) ties it to the Earth,
     the points as GeoPackage and GPX. The register ``book`` is ``<output>.register.jsonl`` by default; scoring will
     demand it, with ``halo``, m, and the operating point ``far``, per m². A ``recipe``'s hash is entered before anybody
-    can open the truth. If one of the files exists, or something is not valid, nothing is written.
+    can open the truth. If something is not valid or lies where a file is to be made, nothing is written. A plan that
+    was drawn of the same is left as it is; one that was stopped before it was registered is finished.
     """
     if Path(output).suffix != ".csv":
         raise ValueError(f"output must be a file name that ends in .csv, got {output}")
     files = plan_files(output, anchor is not None)
     book = Path(f"{output}.register.jsonl" if book is None else book)
-    if files["plan"].exists():
-        raise FileExistsError(f"{files['plan']} exists: a plan is drawn once")
-    for path in files.values():
-        check_new(path)
-    require_unopened(read_register(book), f"book must be one under which no truth was opened yet, got {book}")
+    too_late = f"book must be one under which no truth was opened yet, got {book}"
     path, where = existing(targets, "targets file"), read_lanes(lane)
     with faults_of(path):
-        plan = emplacement_plan(
-            where, read_columns(path), secrets.randbits(63) if seed is None else seed, spacing=spacing, edge=edge
-        )
+        drawn_by = secrets.randbits(63) if seed is None else seed
+        plan = emplacement_plan(where, read_columns(path), drawn_by, spacing=spacing, edge=edge)
+    plan[BOOK] = book.name
     tie = None if anchor is None else read_anchor(anchor)
     if tie is not None:
         optional("geopandas", "gis")
@@ -118,21 +117,60 @@ def plan_lane(
     entry |= {"spacing": float(spacing), "edge": float(edge)}
     if recipe is not None:
         entry["recipe"] = recipe_hash(recipe)[0]
-    plan[BOOK] = book.name
-    write_table(plan, files["plan"])
-    entry["plan"] = content_hash(files["plan"])
+    lines = read_register(book)
+    if os.path.lexists(files["plan"]):
+        plan = _plan_there(files["plan"], plan, seed)
+        entry["plan"] = content_hash(files["plan"])
+        registered = _line_of(lines, entry, files["plan"])
+        if registered is not None:
+            tell_finished(files["plan"], "choose another name for another plan")
+            return plan, registered
+        require_unopened(lines, too_late)
+    else:
+        for file in files.values():
+            check_new(file)
+        require_unopened(lines, too_late)
+        write_new(files["plan"], table_text(plan))
+        entry["plan"] = content_hash(files["plan"])
     sheet = _sheet(plan, tie)
-    write_table(sheet, files["sheet"])
-    write_whole(files["page"], sheet_html(sheet, as_lanes(where), files["plan"].name, entry["plan"], tie))
+    write_new(files["sheet"], table_text(sheet))
+    write_new(files["page"], sheet_html(sheet, as_lanes(where), files["plan"].name, entry["plan"], tie))
     if anchor is not None:
         for kind in ("gpkg", "gpx"):
             export_table(files["plan"], files[kind], kind, anchor)
 
-    def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
-        require_unopened(lines, f"book must be one under which no truth was opened yet, got {book}")
+    def unless_opened(now: list[dict[str, Any]]) -> dict[str, Any]:
+        require_unopened(now, too_late)
+        if _line_of(now, entry, files["plan"]) is not None:
+            raise other_output(files["plan"], "another process has just drawn and registered it")
         return entry
 
     return plan, enter(book, unless_opened)[-1]
+
+
+def _plan_there(path: Path, drawn: pd.DataFrame, seed: int | None) -> pd.DataFrame:
+    """Read a plan that is there, if it can be the one that was drawn; who gives no ``seed`` has any of its sorts."""
+    if seed is not None and read_named(path).decode("utf-8", "replace") == table_text(drawn):
+        return drawn
+    same = False
+    if seed is None:
+        plan, placed = parse_table(read_named(path), "truth", path), ["x", "y", "target_id", "lane"]
+        sorts = [table.drop(columns=placed, errors="ignore").astype(str).values.tolist() for table in (plan, drawn)]
+        same = list(plan.columns) == list(drawn.columns) and sorted(sorts[0]) == sorted(sorts[1])
+        plan.attrs = drawn.attrs | {"seed": None}
+    if not same:
+        raise other_output(path, "a plan is drawn once, choose another name for another")
+    return plan
+
+
+def _line_of(lines: Sequence[dict[str, Any]], entry: dict[str, Any], path: Path) -> dict[str, Any] | None:
+    """Find the line of a plan in its register; one that tells other rules of the same plan is a FileExistsError."""
+    for line in lines:
+        if line.get("event") == entry["event"] and line.get("plan") == entry["plan"]:
+            if {name: line.get(name) for name in entry} != entry:
+                raise other_output(path, "it was registered with other lanes or rules, choose another name")
+            return line
+    return None
 
 
 def _sheet(plan: pd.DataFrame, tie: Anchor | None) -> pd.DataFrame:
@@ -155,9 +193,8 @@ def survey_plan(
     it is as planned. A target more than ``within`` (m) from its plan, across, along or down, is refused, for that is
     rather a slip or another unit. It gives the truth and what was registered, the number of targets that were moved and
     the largest offset among it. Once a truth was opened under the register it is too late: a ValueError, as is a sheet
-    of other targets. Nothing is written then, nor over a file that exists.
+    of other targets. Nothing is written then, nor over another file; a survey that is there and registered stays.
     """
-    check_new(output)
     data = read_named(existing(plan, "truth file"))
     planned = parse_table(data, "truth", plan)
     own = own_book(plan, planned) if book is None else Path(book)
@@ -169,19 +206,25 @@ def survey_plan(
     if not entered:
         raise ValueError(f"plan must be one that stands in {own}, unaltered, got {plan}")
     too_late = f"what was emplaced must be entered before the truth is opened; {own} tells of an opening"
-    require_unopened(lines, too_late)
     path = existing(sheet, "sheet")
     with faults_of(path):
         truth = _emplaced(planned, read_columns(path, "target_id", "lane", "emplaced", "remark"), within)
     offset = np.hypot(truth["x"] - truth.pop("planned_x"), truth["y"] - truth.pop("planned_y"))
-    write_table(truth, Path(output))
+    text = table_text(truth)
     told: dict[str, Any] = {"moved": int((offset > 0).sum()), "largest_offset": round(float(offset.max()), 3)}
-    told |= {"left_out": len(planned) - len(truth), "truth": content_hash(Path(output))}
+    told |= {"left_out": len(planned) - len(truth), "truth": content_hash(text)}
     same = {name: entered[-1][name] for name in ("plan", "lanes", "rules") if name in entered[-1]}
+    entry = {"event": "survey"} | same | told
+    known = [line for line in lines if entry.items() <= line.items()]
+    if not known:
+        require_unopened(lines, too_late)
+    write_new(Path(output), text)
+    if known:
+        return truth, known[-1]
 
     def unless_opened(now: list[dict[str, Any]]) -> dict[str, Any]:
         require_unopened(now, too_late)
-        return {"event": "survey"} | same | told
+        return entry
 
     return truth, enter(own, unless_opened)[-1]
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from flgpr.clutter import band_pass, dewow, gate, remove_standing, shift_time, subtract_run, time_gain
 from flgpr.door import read_named
 from flgpr.io import MAX_MEMORY, open_run, save_run
-from flgpr.io.files import check_new, existing
+from flgpr.io.files import existing
 from flgpr.model.faults import first_fault, parse_entries
 
 PathLike = str | Path
@@ -141,7 +141,6 @@ def prepare_run(run: PathLike, steps: Sequence[Step], output: PathLike, max_memo
     Each stands in the attribute ``history`` after those of the run that was read. No step, a step that does not fit,
     or a run that takes more than ``max_memory`` bytes is a ValueError.
     """
-    check_new(output)
     if not steps:
         raise ValueError("prepare needs at least one step, got none")
     held = open_run(run)
@@ -156,5 +155,5 @@ def prepare_run(run: PathLike, steps: Sequence[Step], output: PathLike, max_memo
             raise ValueError(f"step {number}, {step.do}: {error}") from None
     done: list[dict[str, Any]] = [step.model_dump(exclude_none=True, mode="json") for step in steps]
     made = made.assign_attrs(held.attrs, history=[*held.attrs.get("history", []), *done])
-    save_run(made, output)
+    save_run(made, output, resume=True)
     return made

@@ -14,6 +14,7 @@ from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
 from flgpr.execution.lane_run import results_at
 from flgpr.io.files import existing, listed_files
+from flgpr.io.outputs import tell_finished
 from flgpr.io.tables import parse_table
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
@@ -98,7 +99,7 @@ def recipe_hash(recipe: PathLike) -> tuple[str, str]:
 
 
 def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None) -> dict[str, Any]:
-    """Enter a recipe, and the model that it is run with, into a register; give the line.
+    """Enter a recipe, and the model that it is run with, into a register; give the line, or that where it stands.
 
     ``recipe`` is a packaged recipe or any file that fixes a detector, ``model`` a folder that ``flgpr train`` wrote. If
     the register is missing, or a truth was opened under it, so that it is too late, that is a ValueError or a
@@ -110,6 +111,11 @@ def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None)
         existing(Path(model) / MODEL_FILE, "model")
         entry["model"] = content_hash(read_model(model))
 
+    known = [line for line in before_opening(read_book(book)) if _is_entry(line, entry)]
+    if known:
+        tell_finished(f"recipe {recipe} in {parts_of(book)[0]}", "a register only grows")
+        return known[-1]
+
     def unless_opened(lines: list[dict[str, Any]]) -> dict[str, Any]:
         early = before_opening(lines)
         if len(early) < len(lines):
@@ -117,6 +123,11 @@ def register_recipe(recipe: PathLike, book: Book, model: PathLike | None = None)
         return entry
 
     return enter(book, unless_opened)[-1]
+
+
+def _is_entry(line: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
+    """Tell whether a line enters just this recipe and model."""
+    return all(line.get(name) == entry.get(name) for name in ("event", "recipe", "model"))
 
 
 def check_register(

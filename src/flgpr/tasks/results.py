@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,21 +14,26 @@ from numpy.typing import NDArray
 from flgpr.chain.detect import detect
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.sections import noted_section
+from flgpr.execution.survey import How
 from flgpr.io import open_run, read_manifest, sample_lane
 from flgpr.results.description import describe_run
 from flgpr.results.result import Result, read_result, write_result
 from flgpr.scoring import Score
-from flgpr.tasks.detection import detect_run
+from flgpr.tasks.detection import detect_long
 from flgpr.tasks.scoring import score_result
 
 PathLike = str | Path
 
 
-def demo(output: PathLike, track: Track = silent) -> tuple[Result, list[Score]]:
-    """Detect on the packaged lane, then score it; a place where something that is no result lies is refused."""
+def demo(output: PathLike, track: Track = silent, overwrite: bool = True) -> tuple[Result, list[Score]]:
+    """Detect on the packaged lane, then score it; a place where something that is no result lies is refused.
+
+    So is another result without ``overwrite``, and that of the packaged lane then stays.
+    """
     lane = sample_lane()
-    detect_run(lane / "run.zarr", "demo", output, track=track, report=False)
-    return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track)
+    how = How(track=track)
+    detect_long(lane / "run.zarr", "demo", output, section=math.inf, report=False, how=how, overwrite=overwrite)
+    return score_result(output, lane / "truth.csv", lane / "objects.csv", track=track, overwrite=overwrite)
 
 
 def replay(

@@ -12,15 +12,17 @@ from typing import Any, Literal
 
 import pandas as pd
 
+import flgpr
 from flgpr.chain.progress import Track, silent
-from flgpr.door import Folder, parse_toml, read_named
+from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
 from flgpr.execution.lane_run import results_at
 from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
 from flgpr.io.files import existing, faults_of
+from flgpr.io.outputs import OVERWRITE, held_folder, other_output, tell_finished, whole_output
 from flgpr.io.tables import parse_table, read_columns
 from flgpr.model import Lane
 from flgpr.report import blind_html, comparison_html, score_files
-from flgpr.results.result import Result, add_files, join_sections, read_result
+from flgpr.results.result import Result, add_files, are_settled, join_sections, read_result
 from flgpr.results.score import (
     VIEW_SCORE,
     blind_roc_json,
@@ -44,7 +46,7 @@ from flgpr.scoring import (
     score,
     side_by_side,
 )
-from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth
+from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
 from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
 from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
@@ -80,6 +82,7 @@ def score_result(
     recipe: PathLike | None = None,
     book: Book | None = None,
     far: float = Rules.far,
+    overwrite: bool = True,
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
@@ -87,7 +90,8 @@ def score_result(
     files, by default :func:`score_home`. With ``score.area = "frames"`` in the recipe the score and its report are of
     the alarms of every frame, see :func:`flgpr.scoring.score_frames`; the viewer shows those of the lane. Targets count
     as found or missed at the operating point ``far``, per m²; ``recipe`` and ``book`` are as for :func:`score_alarms`.
-    If an input is not valid or altered, or the recipe is not registered, nothing is written.
+    If an input is not valid or altered, or the recipe is not registered, nothing is written; nor is it without
+    ``overwrite`` where another score is, a FileExistsError.
     """
     home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
@@ -109,9 +113,10 @@ def score_result(
         files[VIEW_SCORE] = view_score(result, scored, others)
     to.mkdir(parents=True, exist_ok=True)
     if to.resolve() == home.resolve():
-        add_files(to, files)
+        if _is_to_write(to, _last(files, "roc.json"), overwrite, decides="roc.json") or not are_settled(to):
+            add_files(to, _last(files, "roc.json"))
         return read_result(to), by_frames or scored
-    _write(to, files)
+    _write(to, files, overwrite)
     return result, by_frames or scored
 
 
@@ -129,19 +134,21 @@ def score_alarms(
     recipe: PathLike | None = None,
     book: Book | None = None,
     title: str = "Detection report",
+    overwrite: bool = True,
     **rules: Any,
 ) -> list[Score]:
     """Score an alarm list of any detector (CSV) and write the report; the list has the one score.
 
     ``lane`` is as for :func:`read_lanes`. ``output`` takes ``report.html``, ``roc.json`` and the figures as PNG and
     PDF. ``book`` is the register that must hold the hash of the ``recipe`` before the truth is first opened, and where
-    the opening is entered; a planned truth names its own. ``rules`` are those of :class:`flgpr.scoring.Rules`.
+    the opening is entered; a planned truth names its own. ``rules`` are those of :class:`flgpr.scoring.Rules`. Without
+    ``overwrite`` another score there is a FileExistsError.
     """
     one, where, how = find_entrant(alarms, recipe), read_lanes(lane), Rules(**rules)
     table = one.table()
     targets, (notes,) = open_truth(truth, [one], borders(where), {"halo": how.halo, "far": how.far}, book)
     scored = [score(table, targets, where, how)]
-    _write(Path(output), score_files(scored, notes, title=title))
+    _write(Path(output), score_files(scored, notes, title=title), overwrite)
     return scored
 
 
@@ -165,12 +172,13 @@ def compare_alarms(
     book: Book | None = None,
     halo: float | None = None,
     far: float = Rules.far,
+    overwrite: bool = True,
 ) -> SideBySide:
     """Set two alarm lists (CSV) or result folders side by side, or more, and write a page and ``comparison.json``.
 
     ``lane`` is as for :func:`read_lanes`; without it, and without a ``halo``, m, those of the results count, which must
     be the same. ``far`` is an operating point beside the usual ones, per m². ``recipes`` are as many as ``alarms`` or
-    none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`.
+    none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`, and so is ``overwrite``.
     """
     entrants = _entrants(alarms, recipes)
     results = [_lane_and_halo(one.path.parent) for one in entrants if one.of_result]
@@ -191,7 +199,7 @@ def compare_alarms(
     told = side_by_side({name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules)
     curves = {name: one.curve for name, one in zip(names, scored, strict=True)}
     about = {**scored[0].told_rules(), "far_max": rules.far_max}
-    _write_comparison(output, told, curves, about, dict(zip(names, notes, strict=True)))
+    _write_comparison(output, told, curves, about, dict(zip(names, notes, strict=True)), overwrite)
     return told
 
 
@@ -219,6 +227,7 @@ def compare_sealed(
         look = match_blind(table, place, phrase, log, registered=registration(one, book))
         matches[name] = look.matched
         notes[name] = one.notes(look.line) | {"looks": len(look.looks), **look.heads}
+        notes[name]["sealed_sha256"] = content_hash(place)
         rules = look.rules
     how = Rules(halo=rules["halo"], area=rules["area"])
     told = side_by_side(matches, FAR_GRID, how, means=False)
@@ -286,9 +295,10 @@ def _write_comparison(
     curves: Mapping[str, pd.DataFrame],
     rules: Mapping[str, Any],
     notes: Mapping[str, Any],
+    overwrite: bool = True,
 ) -> None:
     page = comparison_html(told, curves, rules, notes)
-    _write(Path(output), {"comparison.html": page, "comparison.json": comparison_json(told, rules, notes)})
+    _write(Path(output), {"comparison.html": page, "comparison.json": comparison_json(told, rules, notes)}, overwrite)
 
 
 def require_seal() -> None:
@@ -310,10 +320,11 @@ def seal(
     show: Literal["curve", "targets"] = "curve",
     book: Book | None = None,
 ) -> Path:
-    """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring; a file that exists is refused.
+    """Encrypt a truth (CSV) with its lane or lanes and rules for blind scoring.
 
-    The lane is as for :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`. A planned truth is sealed
-    with its register, or with the ``book`` that is given: scores then demand it, with the recipe in it.
+    A file that seals just this with the same passphrase stays, any other is a FileExistsError. The lane is as for
+    :func:`read_lanes`, the rest as for :func:`flgpr.scoring.seal_truth`. A planned truth is sealed with its register,
+    or with the ``book`` that is given: scores then demand it, with the recipe in it.
     """
     data = read_named(existing(truth, "truth file"))
     table, where = parse_table(data, "truth", truth), read_lanes(lane)
@@ -327,9 +338,19 @@ def seal(
             raise ValueError(f"book must hold a plan or a recipe, got the empty {place}")
         bound = {"truth": digest, "line": lines[-1]["hash"]}
     rules: dict[str, Any] = {"halo": halo, "area": area, "by": by, "show": show}
-    path = seal_truth(table, where, output, passphrase, **rules, book=bound)
-    if held is not None:
-        register(held, event="sealed", truth=bound and bound["truth"], sealed=content_hash(path))
+    path = Path(output)
+    if os.path.lexists(path):
+        phrase = passphrase() if callable(passphrase) else passphrase
+        same, before = seals(path, phrase, table, where, **rules)
+        if not same or (before is None) != (bound is None) or (bound and before and before["truth"] != bound["truth"]):
+            raise other_output(path, "or was sealed with another passphrase: choose another output")
+        tell_finished(path)
+    else:
+        with whole_output(path) as made:
+            seal_truth(table, where, made, passphrase, **rules, book=bound)
+    digest = content_hash(path)
+    if held is not None and not any(line.get("sealed") == digest for line in read_book(held)):
+        register(held, event="sealed", truth=bound and bound["truth"], sealed=digest)
     return path
 
 
@@ -359,13 +380,71 @@ def score_sealed(
     return told
 
 
+def holds_sealed_score(
+    alarms: Sequence[PathLike],
+    sealed: PathLike,
+    output: PathLike,
+    recipes: Sequence[PathLike] = (),
+    book: Book | None = None,
+) -> bool:
+    """Tell, before anybody looks, whether a folder has the score of these alarm lists against this sealed truth.
+
+    A folder with another score, one of other recipes in the register, or one of another version, is a FileExistsError.
+    """
+    home = Path(output)
+    file = home / ("comparison.json" if len(alarms) > 1 else "roc.json")
+    if not os.path.lexists(file):
+        return False
+    entrants, digest = _entrants(alarms, recipes), content_hash(existing(sealed, "sealed truth"))
+    wanted = sorted((content_hash(one.path), digest, "" if book is None else str(one.recipe)) for one in entrants)
+    try:
+        told = parse_json(Folder(home).read(file.name, MOST_JSON))
+        notes = list(told["notes"].values()) if len(alarms) > 1 else [told["notes"]]
+        there = sorted((one["alarms_sha256"], one["sealed_sha256"], one.get("recipe_sha256", "")) for one in notes)
+        same = there == wanted and told["flgpr"] == flgpr.__version__
+    except (ValueError, KeyError, TypeError, AttributeError):
+        same = False
+    if not same:
+        raise other_output(file, f"{OVERWRITE}, or choose another output")
+    tell_finished(home, f"{OVERWRITE}, which is another look")
+    return True
+
+
 def _page_of(section: Path, to: Path) -> str:
     """Tell the address of a section's page as seen from another folder; "" if it has none."""
     page = section / "report.html"
     return Path(os.path.relpath(page, to)).as_posix() if page.is_file() else ""
 
 
-def _write(home: Path, files: Mapping[str, bytes | str]) -> None:
+def _last(files: Mapping[str, bytes | str], name: str) -> dict[str, bytes | str]:
+    """Put a file behind the others: where it is, all of them are."""
+    return {key: files[key] for key in sorted(files, key=lambda key: key == name)}
+
+
+def _is_to_write(home: Path, files: Mapping[str, bytes | str], overwrite: bool, decides: str = "") -> bool:
+    """Tell whether files are to be written, and not there already; other content there is a FileExistsError.
+
+    Where the file is missing that ``decides``, the others are those of no score, or of one that was stopped.
+    """
+    if overwrite or (decides and not os.path.lexists(home / decides)):
+        return True
+    missing = False
     for name, data in files.items():
-        (home / name).parent.mkdir(parents=True, exist_ok=True)
-        write_whole(home / name, data)
+        if not os.path.lexists(home / name):
+            missing = True
+        elif (home / name).read_bytes() != (data.encode() if isinstance(data, str) else data):
+            raise other_output(home / name, f"{OVERWRITE}, or choose another output")
+    if not missing:
+        tell_finished(home, OVERWRITE)
+    return missing
+
+
+def _write(home: Path, files: Mapping[str, bytes | str], overwrite: bool = True) -> None:
+    """Write files into a folder, one process after the other."""
+    home.mkdir(parents=True, exist_ok=True)
+    with held_folder(home, wait=True):
+        if not _is_to_write(home, files, overwrite):
+            return
+        for name, data in files.items():
+            (home / name).parent.mkdir(parents=True, exist_ok=True)
+            write_whole(home / name, data)

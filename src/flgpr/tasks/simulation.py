@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import tomllib
 from collections.abc import Sequence
@@ -29,11 +30,22 @@ from flgpr.io import (
     write_table,
     write_whole,
 )
-from flgpr.io.files import check_new
 from flgpr.io.gprmax import GprmaxTold, import_gprmax_files
+from flgpr.io.outputs import held_folder, other_output, tell_finished, whole_output
+from flgpr.io.run_store import RunExistsError, is_stored
 from flgpr.model import Sensor, load_sensor
 from flgpr.simulate import Decks, Scene, Simulator, World, draw_world, load_scene, make_decks
-from flgpr.simulate.signature import FREQUENCY, PERMITTIVITY, build_table, load_body, packaged_bodies, save_table
+from flgpr.simulate.signature import (
+    FREQUENCY,
+    PERMITTIVITY,
+    Body,
+    SignatureTable,
+    build_table,
+    load_body,
+    load_table,
+    packaged_bodies,
+    save_table,
+)
 from flgpr.simulate.simulator import check_effort, warn_of_aliases
 
 PathLike = str | Path
@@ -57,9 +69,10 @@ def simulate_to_store(
 
     Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
     ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same arguments, to the
-    same bits; without ``resume`` it begins again. What another lane's call left is a RunStoreError. What would take too
-    much memory or time is a ValueError before anything is made, unless ``force`` is given; a footprint that reaches
-    beyond what the steps of the tones keep apart is a UserWarning.
+    same bits; without ``resume`` it begins again; and a whole lane of the same arguments stays as it is. What another
+    lane's call left is a RunStoreError. What would take too much memory or time is a ValueError before anything is
+    made, unless ``force`` is given; a footprint that reaches beyond what the steps of the tones keep apart is a
+    UserWarning.
     """
     check_effort(scene, sensor, force)
     warn_of_aliases(sensor)
@@ -69,7 +82,16 @@ def simulate_to_store(
     attrs = simulator.attributes() | {"source": "simulated by flgpr", "title": scene.name, "scene_sha256": _hash(scene)}
     inputs = {"flgpr": __version__, "sensor_sha256": _hash(sensor), "errors": errors}
     polarization = list(sensor.polarization)
-    with RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs) as writer:
+    try:
+        begun = RunWriter(store, simulator.frequency, polarization, tx, rx, attrs, resume=resume, inputs=inputs)
+    except RunExistsError as error:
+        if not error.same:
+            raise
+        tell_finished(store)
+        if truth is not None and not blind:
+            _write_own_truth(Path(truth), simulator)
+        return [store]
+    with begun as writer:
         written = [store, *([] if blind else _write_truth(store, simulator, truth)), _write_borders(store, simulator)]
         poses, done, total = simulator.reported_pose(), len(writer), len(simulator)
         label = f"simulating, {done} scans were there" if done else "simulating"
@@ -79,13 +101,23 @@ def simulate_to_store(
 
 
 def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) -> list[Path]:
-    written = []
+    written = [] if truth is None else [_write_own_truth(Path(truth), simulator)]
     for name, table in (("truth", simulator.truth), ("objects", simulator.objects)):
-        path = Path(truth) if name == "truth" and truth else store.with_name(f"{store.stem}-{name}.csv")
+        if name == "truth" and truth is not None:
+            continue
+        path = store.with_name(f"{store.stem}-{name}.csv")
         write_table(table, path)
         write_geojson(table, path.with_suffix(".geojson"))
         written.append(path)
     return written
+
+
+def _write_own_truth(path: Path, simulator: Simulator) -> Path:
+    """Write the truth to a file that the user named, where no other is yet."""
+    for file, write in ((path, write_table), (path.with_suffix(".geojson"), write_geojson)):
+        with whole_output(file) as made:
+            write(simulator.truth, made)
+    return path
 
 
 def _write_borders(store: Path, simulator: Simulator) -> Path:
@@ -146,14 +178,15 @@ def write_gprmax_decks(
     cells_per_wavelength: float = 10.0,
     max_cells: float = 3e8,
 ) -> Decks:
-    """Write a scene's gprMax decks (``make_decks``) into a new folder, with truth, objects and lane."""
+    """Write a scene's gprMax decks (``make_decks``) into a new folder, with truth, objects and lane.
+
+    A folder that holds these very decks, and perhaps their results, stays; anything else there is a FileExistsError.
+    """
     folder = Path(folder)
-    check_new(folder)
     decks = make_decks(scene, sensor, seed, cells_per_wavelength, max_cells)
-    partial = folder.with_name(folder.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    try:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole_output(folder, more=True) as partial:  # it may hold results as well
+        partial.mkdir()
         for name, text in decks.files.items():
             (partial / name).write_text(text, encoding="utf-8")
         (partial / "manifest.json").write_text(json.dumps(decks.manifest, indent=1), encoding="utf-8")
@@ -167,9 +200,6 @@ def write_gprmax_decks(
             write_table(table, partial / f"{name}.csv")
             write_geojson(table, partial / f"{name}.geojson")
         write_whole(partial / "lane.toml", lane_text(scene.lane))
-        partial.rename(folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
     return decks
 
 
@@ -191,7 +221,14 @@ def import_gprmax_results(
     }
     parts = (results.frequency, manifest["polarization"], manifest["tx_position"], manifest["rx_position"], attrs)
     written = [store]
-    with RunWriter.resumed(store, *parts, inputs={"results": results.digest(), "flgpr": __version__}) as writer:
+    try:
+        begun = RunWriter.resumed(store, *parts, inputs={"results": results.digest(), "flgpr": __version__})
+    except RunExistsError as error:
+        if not error.same:
+            raise
+        tell_finished(store)
+        return written
+    with begun as writer:
         done, total = len(writer), len(results)
         label = f"reading results, {done} scans were there" if done else "reading results"
         for scan in track(range(done, total), label, total - done):
@@ -216,7 +253,6 @@ def import_gprmax_models(
     waveform: tuple[str, float] | None = None,
 ) -> list[Path]:
     """Read results of anybody's gprMax models into a new run, a file per scan; the rest is as in ``GprmaxTold``."""
-    check_new(output)
     known = GprmaxTold(band, transmit, ground, horizontal, vertical, waveform)
     return [save_run(import_gprmax_files(paths, known), output, resume=True)]
 
@@ -253,15 +289,38 @@ def make_signature(
 ) -> list[Path]:
     """Compute the table of a body's scattering in the ground, which a scene's targets may name; a stopped call goes on.
 
-    It is written to the body's name with ``.npz`` unless told, which must not exist; ``OUTPUT.work`` keeps what is
-    done.
+    It is written to the body's name with ``.npz`` unless told; a table of this body there stays, another file is a
+    FileExistsError. ``OUTPUT.work`` keeps what is done.
     """
     described = load_body(body)
     path = Path(f"{described.name}.npz" if output is None else output)
-    check_new(path)
     work = path.with_name(path.name + ".work")
+    if os.path.lexists(path):
+        if not _is_table_of(described, path):
+            raise other_output(path)
+        shutil.rmtree(work, ignore_errors=True)
+        tell_finished(path)
+        return [path]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with held_folder(work):
+        table = _solve(described, work, workers, track)
+        with whole_output(path) as made:
+            save_table(table, made)
+        shutil.rmtree(work)
+    return [path]
+
+
+def _is_table_of(body: Body, path: Path) -> bool:
+    try:
+        return load_table(path).body == body
+    except ValueError:
+        return False
+
+
+def _solve(body: Body, work: Path, workers: int, track: Track) -> SignatureTable:
+    """Compute a body's table under a bar that counts the pieces."""
     pieces = PERMITTIVITY.size * FREQUENCY.size
-    bar = iter(track(range(pieces), f"signature of {described.name}", pieces))
+    bar = iter(track(range(pieces), f"signature of {body.name}", pieces))
     shown = 0
 
     def show(done: int, _: int) -> None:
@@ -270,13 +329,9 @@ def make_signature(
             next(bar, None)
             shown += 1
 
-    table = build_table(described, work, workers, show)
+    table = build_table(body, work, workers, show)
     next(bar, None)
-    part = path.with_name(path.name + ".part")
-    save_table(table, part)
-    part.rename(path)
-    shutil.rmtree(work)
-    return [path]
+    return table
 
 
 def list_bodies() -> list[str]:
@@ -313,7 +368,8 @@ def write_gprmax_lane(
 
 
 def _write_preview(scene: Scene, seed: int, path: PathLike, force: bool) -> Path:
-    preview_figure(scene, seed, force).savefig(path, dpi=100, format="png", metadata={"Software": None})
+    with whole_output(Path(path)) as made:
+        preview_figure(scene, seed, force).savefig(made, dpi=100, format="png", metadata={"Software": None})
     return Path(path)
 
 
@@ -323,8 +379,10 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
     ``NAME-truth.csv`` and ``NAME-objects.csv`` are written beside it if the archive tells of them.
     """
     store = Path(output)
-    check_new(store)
     lane, written = import_fullwave(archive), [store]
+    if is_stored(lane.run, store):
+        tell_finished(store)
+        return written
     store.parent.mkdir(parents=True, exist_ok=True)
     for name, table in (("truth", lane.truth), ("objects", lane.objects)):
         if table is not None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import glob
+import re
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -18,17 +20,18 @@ from flgpr.chain.classifier import CLASSIFIER_B, make_training_set, train
 from flgpr.chain.estimators import train_estimator
 from flgpr.chain.fitting import area_of
 from flgpr.chain.lane_chain import LaneChain
-from flgpr.chain.model import Model, check_free_model, save_model
+from flgpr.chain.model import MODEL_FILE, Model, check_free_model, load_model, save_model
 from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import TooFewExamplesError, cannot_be_trained, count_in_views, count_targets, share_changes
-from flgpr.execution.checkpoint import finish
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
-from flgpr.execution.lane_work import LaneJob, make_job, report
+from flgpr.execution.lane_work import code_versions, make_job, report
 from flgpr.execution.survey import PLAINLY, How
-from flgpr.io import describe_for_live, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.io import canonical_json, describe_for_live, open_run, read_lane, read_manifest, read_table, sha256
+from flgpr.io.files import replaced_by
+from flgpr.io.outputs import OVERWRITE, other_output, tell_finished, whole_output
 from flgpr.live import forecast
 from flgpr.live.detector import LiveDetector, LiveSettings
 from flgpr.model import Lane
@@ -46,6 +49,7 @@ def train_runs(
     label_radius: float = 1.0,
     others: Sequence[Mapping[str, PathLike]] | None = None,
     how: How = PLAINLY,
+    overwrite: bool = True,
 ) -> Model:
     """Train a recipe on stored runs and write its model.
 
@@ -67,6 +71,9 @@ def train_runs(
         Alarms this near to a target are its hits, m.
     how : How, optional
         Who does the work.
+    overwrite : bool
+        Replace a model that is there. Without it a model of the same inputs and versions is left as it is, and any
+        other is a FileExistsError.
     """
     if len(runs) != len(truths) or not runs or (lanes is not None and len(lanes) != len(runs)):
         raise ValueError(f"train needs one truth per run, got {len(runs)} runs and {len(truths)} truths")
@@ -84,17 +91,63 @@ def train_runs(
         areas.append(area_of(open_run(run, how.max_memory), parsed, given))
     beside = others or [{}] * len(runs)
     lanes_of = [_Lane(*one) for one in zip(runs, truths, tables, areas, beside, strict=True)]
-    with how.executor() as executor:
-        course = _Course(parsed, text, lanes_of, Path(output), executor, how)
+    folder = Path(output)
+    digests = [read_manifest(run)["sha256"] for run in runs]
+    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
+    notes["made_of"] = _made_of(lanes_of, features, label_radius)
+    if not overwrite and _holds_model(folder, notes):
+        _clear_beside(folder, how)
+        tell_finished(folder, OVERWRITE)
+        return load_model(folder)
+    with whole_output(folder, replace=True) as made, how.executor() as executor:  # one training at a time
+        course = _Course(parsed, text, lanes_of, folder, executor, how)
         course.learn_stages()
         if judges:
             course.train_detector(features, label_radius)
             course.learn_forecast()
-    digests = [read_manifest(run)["sha256"] for run in runs]
-    notes = {"recipe": parsed.name, "recipe_sha256": sha256(text.encode()), "runs": digests}
-    save_model(course.model, output, notes)
-    course.clear()
+        save_model(course.model, made, notes)
+    _clear_beside(folder, how)
     return course.model
+
+
+def _made_of(lanes: Sequence[_Lane], features: Sequence[str], label_radius: float) -> str:
+    """Tell what a model depends on, beside recipe and runs, apart from anything else."""
+    told = [
+        {
+            "truth": sha256(Path(lane.truth).read_bytes()),
+            "lane": asdict(lane.area),
+            "others": {name: read_manifest(run)["sha256"] for name, run in lane.others.items()},
+        }
+        for lane in lanes
+    ]
+    return sha256(canonical_json([told, list(features), label_radius, code_versions()]))
+
+
+def _holds_model(folder: Path, notes: Mapping[str, Any]) -> bool:
+    """Tell whether a model of these notes is there, whole; another one is a FileExistsError."""
+    if not (folder / MODEL_FILE).is_file():
+        return False
+    try:
+        there = load_model(folder).notes
+    except ValueError:
+        there = {}
+    if any(there.get(name) != value for name, value in notes.items()):
+        raise other_output(folder, f"{OVERWRITE}, or choose another output")
+    return True
+
+
+def _clear_beside(output: Path, how: How) -> None:
+    """Delete what a training kept beside its model, which is written."""
+    for work in output.parent.glob(f"{glob.escape(output.name)}-*-*.work*"):
+        if re.fullmatch(r"-\d+-\d+\.work(\.done)?", work.name.removeprefix(output.name)):
+            shutil.rmtree(work, ignore_errors=True)
+    shared = [] if how.kept is not None else [_beside(output, "images")]
+    for left in (_beside(output, "training"), replaced_by(output), *shared):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _beside(output: Path, kind: str) -> Path:
+    return output.with_name(f"{output.name}.{kind}")
 
 
 @dataclass(frozen=True)
@@ -117,19 +170,18 @@ class _Course:
         self.recipe, self.text, self.output, self.model = recipe, text, output, Model()
         self.lanes, self._executor, self._how = lanes, executor, how
         self._views: list[TrainingView] = []
-        self._jobs: list[LaneJob] = []
         self._step = 0
 
     @property
     def _kept(self) -> PathLike | None:
         """Folder of images that the steps share, if there are several."""
         several = bool(self.recipe.learning())
-        return self._how.kept or (self.output.with_name(f"{self.output.name}.images") if several else None)
+        return self._how.kept or (_beside(self.output, "images") if several else None)
 
     @property
     def _learnt(self) -> Path:
         """Folder of what the stages have learnt so far."""
-        return self.output.with_name(f"{self.output.name}.training")
+        return _beside(self.output, "training")
 
     def learn_stages(self) -> None:
         """Fit all learning stages, each with what those before it have learnt."""
@@ -229,18 +281,9 @@ class _Course:
                 lane.run, self.text, lane.area, beside, False, model, self._how.max_memory, lane.others,
                 lane.truth if truth else None, self._kept,
             )  # fmt: skip
-            self._jobs.append(job)
             name = f"{Path(lane.run).stem}: "
             with passes_of_lane(job, self._executor, self._how.track, self._how.note, name) as chain:
                 yield chain, lane
-
-    def clear(self) -> None:
-        """Delete what was kept; the model is written."""
-        for job in self._jobs:
-            finish(job.work)
-        shutil.rmtree(self._learnt, ignore_errors=True)
-        if self._kept is not None and self._how.kept is None:
-            shutil.rmtree(self._kept, ignore_errors=True)
 
 
 def _matching(wanted: list[str], columns: list[str]) -> list[str]:

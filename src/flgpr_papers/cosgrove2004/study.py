@@ -61,7 +61,8 @@ def reproduce(
     pictures = {name: draw(figure, quick) for name, figure in drawn.items()}
     for name, picture in pictures.items():
         write_whole(folder / f"{name}.png", picture)
-    pd.concat(tables, names=["world"]).reset_index("world").to_csv(folder / "pd.csv", index=False)
+    rows = pd.concat(tables, names=["world"]).reset_index("world")
+    write_whole(folder / "pd.csv", rows.to_csv(index=False))
     resolution = {name: response.resolution for name, response in responses.items()}
     judged = [replace(one, group=world) for world in WORLDS for one in found[world]]
     write_findings(folder, judged, quick, seeds=len(seeds), resolution_m=resolution)

@@ -1,0 +1,434 @@
+"""Every command that writes, on inputs that cost little, so that tests can call it twice, at once, or kill it."""
+
+import fnmatch
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from typer.testing import CliRunner
+
+import io_gpr
+from calibrate.echoes import echo
+from flgpr import tasks
+from flgpr.cli import app
+from flgpr.io import open_run, sample_lane, save_run, write_table
+from flgpr.io.anchor import fit_anchor
+from flgpr.io.cphd import write_cphd
+from flgpr.model import make_run
+from flgpr.model.track import make_track
+from flgpr.simulate.signature import build
+from flgpr.simulate.signature import table as nodes
+from flgpr.tasks import simulation
+from io_geodesy import LANE, on_the_ellipsoid
+from io_gprmax import lane_and_sensor, write_output
+from robust import digests
+from small_lane import LANE_TOML, small_recipe, small_run
+from systems.lanes import SENSOR
+
+DATA = Path(__file__).parent / "data"
+PHRASE = "correct horse battery"
+TRUTH = "target_id,kind,x,y,depth\na,metal,0.2,4.5,0.0\nb,metal,-0.4,6.3,0.0\nc,metal,0.3,8.4,0.0\n"
+
+
+@dataclass
+class Command:
+    """A command: ``{in}`` stands for the folder of inputs, ``{out}`` for that of outputs."""
+
+    name: str
+    words: str
+    #: the same command on another input, which must be refused; none where there is no other, or it may be added
+    other: str = ""
+    typed: str = ""
+    #: names in the folder of inputs that it works on in place, and which are copied to the folder of outputs
+    beside: tuple[str, ...] = ()
+    #: files that hold times or random numbers: they must be there, with whatever bytes
+    loose: tuple[str, ...] = ()
+    inputs: Path = field(default_factory=Path)
+
+    def start(self, output):
+        """Make the folder of outputs as it is before the command is first given."""
+        output.mkdir()
+        for name in self.beside:
+            source = self.inputs / name
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, output / name)
+
+    def run(self, output, words=None):
+        """Give the command in this process."""
+        text = (words or self.words).replace("{in}", str(self.inputs)).replace("{out}", str(output))
+        return CliRunner().invoke(app, text.split(), input=self.typed)
+
+    def __call__(self, output):
+        done = self.run(output)
+        assert done.exit_code == 0, (self.name, done.exit_code, done.output, done.exception)
+
+    def content(self, output):
+        """Digests of all files, but for those with times or random numbers: they are named."""
+        found = digests(output)
+        return {
+            name: "there" if any(fnmatch.fnmatch(name, one) for one in self.loose) else digest
+            for name, digest in found.items()
+        }
+
+
+def make_signatures_cheap(change=setattr):
+    """Let tables of signatures have six nodes, whose values cost nothing: what counts here is how they are written."""
+    for name, count in (("PERMITTIVITY", 2), ("LOSS", 2), ("FREQUENCY", 3)):
+        change(nodes, name, getattr(nodes, name)[:count])
+    change(simulation, "PERMITTIVITY", nodes.PERMITTIVITY)
+    change(simulation, "FREQUENCY", nodes.FREQUENCY)
+    change(build, "solve_piece", _made_up)
+
+
+def _made_up(body, soil, frequency):
+    rng = np.random.default_rng([soil, frequency, len(body.name)])
+    shape = (nodes.DEPTH.size, 1, nodes.SINE.size, nodes.SEPARATION.size, 4)
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+
+
+COMMANDS = [
+    Command(
+        "import fullwave",
+        "import fullwave {in}/lane_a.npz -o {out}/a.zarr",
+        "import fullwave {in}/louder.npz -o {out}/a.zarr",
+    ),
+    Command(
+        "import gprmax",
+        "import gprmax {in}/decks -o {out}/a.zarr",
+        "import gprmax {in}/decks -o {out}/a.zarr --keep-direct",
+    ),
+    Command(
+        "import mapped",
+        "import mapped {in}/mapped.toml --track {in}/track.csv -o {out}/a.zarr",
+        "import mapped {in}/mapped.toml --track {in}/track.csv --clock-offset 1 -o {out}/a.zarr",
+    ),
+    Command(
+        "import cphd",
+        "import cphd {in}/a.cphd -o {out}/a.zarr",
+        "import cphd {in}/a.cphd --anchor {in}/anchor.toml -o {out}/a.zarr",
+    ),
+    Command(
+        "import gpr",
+        "import gpr {in}/line.dt1 -o {out}/a.zarr",
+        "import gpr {in}/line.dt1 -o {out}/a.zarr --height 0.1",
+    ),
+    Command(
+        "simulate",
+        "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 3",
+        "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 4",
+    ),
+    Command(
+        "simulate preview",
+        "simulate {in}/scene.toml --preview {out}/a.png",
+    ),
+    Command(
+        "simulate gprmax",
+        "simulate {in}/scene.toml --sensor {in}/sensor.toml --engine gprmax -o {out}/decks --cells 4",
+        "simulate {in}/scene.toml --sensor {in}/sensor.toml --engine gprmax -o {out}/decks --cells 5",
+    ),
+    Command(
+        "simulate signature",
+        "simulate signature {in}/body.toml -o {out}/a.npz",
+        "simulate signature {in}/other-body.toml -o {out}/a.npz",
+    ),
+    Command(
+        "prepare",
+        "prepare {in}/run.zarr --background -o {out}/a.zarr",
+        "prepare {in}/run.zarr --background --agc 5 -o {out}/a.zarr",
+    ),
+    Command(
+        "image",
+        "image {in}/tied.zarr --spacing 0.2 --anchor {in}/anchor.toml -o {out}/a.png -o {out}/a.npz -o {out}/a.zarr "
+        "-o {out}/a.tif",
+        "image {in}/tied.zarr --spacing 0.3 --anchor {in}/anchor.toml -o {out}/a.npz",
+    ),
+    Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
+    Command("info", "info {in}/run.zarr --plot {out}/a.png"),
+    Command("recipe for", "recipe for {in}/run.zarr -o {out}/a.toml", "recipe for {in}/line.zarr -o {out}/a.toml"),
+    Command(
+        "anchor",
+        "anchor {in}/points.csv --crs EPSG:4326 --accuracy 0.02 --write {out}/a.toml --lane {in}/lane.toml "
+        "--outline {out}/a.geojson --run {in}/run.zarr -o {out}/a.zarr",
+        "anchor {in}/points.csv --crs EPSG:4326 --accuracy 0.03 --write {out}/a.toml --lane {in}/lane.toml",
+    ),
+    *(
+        Command(
+            f"export {to}",
+            f"export {{in}}/result -o {{out}}/a.{to} --to {to} --anchor {{in}}/anchor.toml",
+            f"export {{in}}/result -o {{out}}/a.{to} --to {to} --anchor {{in}}/turned.toml",
+        )
+        for to in ("geojson", "gpkg", "kml", "gpx", "geotiff")
+    ),
+    Command(
+        "export csv",
+        "export {in}/truth.csv -o {out}/a.csv --to csv --anchor {in}/anchor.toml",
+        "export {in}/truth.csv -o {out}/a.csv --to csv --anchor {in}/turned.toml",
+    ),
+    Command(
+        "export qgis",
+        "export {in}/result -o {out}/a.zip --to qgis --anchor {in}/anchor.toml",
+        "export {in}/result -o {out}/a.zip --to qgis --anchor {in}/turned.toml",
+    ),
+    Command(
+        "export cphd",
+        "export {in}/few.zarr -o {out}/a.cphd --to cphd --anchor {in}/anchor.toml",
+        "export {in}/few.zarr -o {out}/a.cphd --to cphd --anchor {in}/turned.toml",
+    ),
+    Command(
+        "detect",
+        "detect {in}/lane.zarr --recipe {in}/small.toml --lane {in}/lane.toml -o {out}/result",
+        "detect {in}/lane.zarr --recipe {in}/other.toml --lane {in}/lane.toml -o {out}/result",
+    ),
+    Command(
+        "detect in sections",
+        "detect {in}/lane.zarr --recipe {in}/small.toml --lane {in}/lane.toml --section 4 -o {out}/result",
+        "detect {in}/lane.zarr --recipe {in}/small.toml --lane {in}/lane.toml --section 3 -o {out}/result",
+    ),
+    Command(
+        "detect a survey",
+        "detect {in}/lane.zarr {in}/other-lane.zarr --recipe {in}/small.toml --lane {in}/lane.toml "
+        "--lane {in}/lane.toml -o {out}/survey",
+        "detect {in}/lane.zarr {in}/other-lane.zarr --recipe {in}/other.toml --lane {in}/lane.toml "
+        "--lane {in}/lane.toml -o {out}/survey",
+    ),
+    Command(
+        "train",
+        "train {in}/lane.zarr --truth {in}/truth.csv --recipe {in}/small.toml --lane {in}/lane.toml --feature C_HH_F1 "
+        "--feature M_VV_F1 -o {out}/model",
+        "train {in}/lane.zarr --truth {in}/truth.csv --recipe {in}/small.toml --lane {in}/lane.toml --feature C_HH_F1 "
+        "-o {out}/model",
+    ),
+    Command(
+        "score in a result",
+        "score {out}/result --truth {in}/truth.csv",
+        "score {out}/result --truth {in}/truth.csv --far 0.02",
+        beside=("result",),
+    ),
+    Command(
+        "score a list",
+        "score {in}/alarms.csv --truth {in}/truth.csv --lane {in}/lane.toml -o {out}/score",
+        "score {in}/alarms.csv --truth {in}/truth.csv --lane {in}/lane.toml --halo 0.5 -o {out}/score",
+    ),
+    Command(
+        "score side by side",
+        "score {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml -o {out}/score",
+        "score {in}/alarms.csv {in}/others.csv --truth {in}/truth.csv --lane {in}/lane.toml --halo 0.5 -o {out}/score",
+    ),
+    Command(
+        "score --seal",
+        "score {in}/truth.csv --seal --lane {in}/lane.toml -o {out}/sealed",
+        "score {in}/truth.csv --seal --lane {in}/lane.toml --halo 0.5 -o {out}/sealed",
+        typed=f"{PHRASE}\n{PHRASE}\n",
+        loose=("sealed",),
+    ),
+    Command(
+        "score --sealed",
+        "score {in}/alarms.csv --sealed {out}/sealed -o {out}/score",
+        "score {in}/others.csv --sealed {out}/sealed -o {out}/score",
+        typed=f"{PHRASE}\n",
+        beside=("sealed",),
+        loose=("sealed.log.jsonl", "score/*"),
+    ),
+    Command("demo", "demo -o {out}/result"),
+    Command(
+        "plan lane",
+        "plan lane {in}/lane.toml {in}/sorts.csv -o {out}/a.csv --seed 3 --spacing 0.5 --edge 0.1 --anchor "
+        "{in}/anchor.toml",
+        "plan lane {in}/lane.toml {in}/sorts.csv -o {out}/a.csv --seed 4 --spacing 0.5 --edge 0.1",
+        loose=("*.register.jsonl",),
+    ),
+    Command(
+        "plan lane of a seed that is drawn",
+        "plan lane {in}/lane.toml {in}/sorts.csv -o {out}/a.csv --spacing 0.5 --edge 0.1",
+        "plan lane {in}/lane.toml {in}/sorts.csv -o {out}/a.csv --spacing 0.6 --edge 0.1",
+        loose=("*",),
+    ),
+    Command(
+        "plan register",
+        "plan register {in}/small.toml --book {out}/plan.csv.register.jsonl",
+        beside=("plan.csv.register.jsonl",),
+        loose=("*.register.jsonl",),
+    ),
+    Command(
+        "plan survey",
+        "plan survey {out}/plan.csv {in}/sheet.csv -o {out}/truth.csv",
+        "plan survey {out}/plan.csv {in}/other-sheet.csv -o {out}/truth.csv",
+        beside=("plan.csv", "plan.csv.register.jsonl"),
+        loose=("*.register.jsonl",),
+    ),
+    Command(
+        "calibrate clock",
+        "calibrate clock {in}/rail.zarr --area -1.5 1.8 5.5 8.5 --spacing 0.15 --offsets 3.2 3.6 --step 0.1 "
+        "-o {out}/a.zarr",
+        "calibrate clock {in}/rail.zarr --area -1.5 1.8 5.5 8.0 --spacing 0.15 --offsets 3.2 3.6 --step 0.07 "
+        "-o {out}/a.zarr",
+    ),
+    Command(
+        "calibrate range-bias",
+        "calibrate range-bias {in}/posed.zarr --reflectors {in}/reflectors.csv -o {out}/a.zarr",
+        "calibrate range-bias {in}/posed.zarr --reflectors {in}/reflectors.csv --keep-standing -o {out}/a.zarr",
+    ),
+    Command(
+        "calibrate joint",
+        "calibrate joint {in}/rail.zarr --reflectors {in}/reflectors.csv --offsets 3.2 3.6 --step 0.1 --biases -0.5 1 "
+        "-o {out}/a.zarr",
+        "calibrate joint {in}/rail.zarr --reflectors {in}/reflectors.csv --offsets 3.2 3.6 --step 0.1 --biases -0.6 1 "
+        "-o {out}/a.zarr",
+    ),
+    Command(
+        "live",
+        "live {in}/incoming --recipe {in}/small.toml --snapshot 3 -o {out}/live",
+        "live {in}/other-incoming --recipe {in}/small.toml --snapshot 3 -o {out}/live",
+        loose=("live/live.jsonl", "live/live.json"),
+    ),
+    Command("feed", "feed {in}/lane.zarr {out}/in --rate 0 --lead 0", "feed {in}/run.zarr {out}/in --rate 0 --lead 0"),
+]
+"""What takes minutes, ``benchmark`` and ``reproduce``, has tests of its own."""
+
+
+def make_inputs(home):
+    """Make what the commands read, and give them."""
+    sample = sample_lane()
+    run = open_run(sample / "run.zarr").load()
+    shutil.copy(DATA / "lane_a.npz", home)
+    arrays = dict(np.load(home / "lane_a.npz"))
+    np.savez(home / "louder.npz", **{**arrays, "data": 2 * arrays["data"]})
+    _make_anchors(home)
+    save_run(run, home / "run.zarr")
+    save_run(run.assign_attrs(title="tied"), home / "tied.zarr")
+    save_run(run.isel(pair=slice(0, 2)), home / "few.zarr")
+    write_cphd(run.isel(pair=slice(0, 5)), home / "a.cphd", fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02))
+    io_gpr.write_dt1(home / "line.dt1", io_gpr.section(24))
+    tasks.import_gpr(home / "line.dt1", home / "line.zarr", height=0.5)
+    _make_mapped(home)
+    _make_decks(home)
+    _make_scenes(home)
+    _make_lane(home)
+    _make_rail(home)
+    _make_plan(home)
+    return {one.name: _with_inputs(one, home) for one in COMMANDS}
+
+
+def _with_inputs(command, home):
+    command.inputs = home
+    return command
+
+
+def _make_anchors(home):
+    places = on_the_ellipsoid(LANE)
+    rows = "".join(f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, places, strict=True))
+    (home / "points.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
+    tasks.write_anchor(tasks.anchor_from_points(home / "points.csv", "EPSG:4326", 0.02), home / "anchor.toml")
+    turned = on_the_ellipsoid(LANE, azimuth=0.3)
+    rows = "".join(f"{x},{y},{e:.9f},{n:.9f}\n" for (x, y, _), (e, n) in zip(LANE, turned, strict=True))
+    (home / "turned.csv").write_text("lane_x_m,lane_y_m,longitude_deg,latitude_deg\n" + rows)
+    tasks.write_anchor(tasks.anchor_from_points(home / "turned.csv", "EPSG:4326", 0.02), home / "turned.toml")
+
+
+MAPPED = """
+title = "made up"
+polarization = ["HH"]
+files.data = "mapped.npz"
+[signal]
+variable = "s"
+dims = ["scan", "frequency"]
+[frequency]
+span = [1.0, 1.2]
+unit = "GHz"
+[antenna_position]
+values = [[0, 0, 0]]
+unit = "m"
+[time]
+variable = "t"
+unit = "s"
+"""
+
+
+def _make_mapped(home):
+    rng = np.random.default_rng(4)
+    np.savez(home / "mapped.npz", s=rng.normal(size=(12, 20)) + 1j, t=np.arange(12.0))
+    (home / "mapped.toml").write_text(MAPPED)
+    fixes = "time_s,x_m,y_m,z_m,heading_deg,pitch_deg,roll_deg\n-10,0,0,2,0,0,0\n100,0,200,2,0,0,0\n"
+    (home / "track.csv").write_text(fixes)
+
+
+def _make_decks(home):
+    decks = simulation.write_gprmax_decks(*lane_and_sensor(), 1, home / "decks", cells_per_wavelength=12)
+    for name, text in decks.files.items():
+        if name.endswith(".in"):
+            write_output(home / "decks" / name.replace(".in", ".out"), text)
+
+
+def _make_scenes(home):
+    scene = (
+        'name = "yard"\nsite = "gravel"\nlength = {length}\n[surface]\ndensity = 2.0\n[track]\npositions = [{places}]\n'
+        '[[draws]]\nkind = "metal"\ndepth = 0.05\ncount = 1\n'
+    )
+    (home / "scene.toml").write_text(scene.format(length=6.0, places="0.0, 0.5, 1.0"))
+    (home / "other-scene.toml").write_text(scene.format(length=7.0, places="0.0"))
+    (home / "sensor.toml").write_text(SENSOR.replace("count = 81", "count = 21").replace("14e6", "56e6"))
+    body = 'name = "{name}"\n[[layers]]\nthickness = 0.02\nzones = [[0.03, 2.0]]\n'
+    (home / "body.toml").write_text(body.format(name="tiny"))
+    (home / "other-body.toml").write_text(body.format(name="other"))
+
+
+def _make_lane(home):
+    """Make a lane to detect on, its result, alarm lists, scans of it, and what a score needs."""
+    run = small_run(scans=24, step=0.3, tones=48).assign_attrs(title="small")
+    save_run(run, home / "lane.zarr")
+    text = small_recipe().replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]").replace("variants = true\n", "")
+    (home / "small.toml").write_text(text)
+    (home / "other.toml").write_text(text.replace("radius = 0.4", "radius = 0.5"))
+    (home / "lane.toml").write_text(LANE_TOML)
+    (home / "truth.csv").write_text(TRUTH)
+    result = tasks.detect_run(home / "lane.zarr", home / "small.toml", home / "result", home / "lane.toml")
+    alarms = result.detections[0].alarms
+    write_table(alarms[["x", "y", "confidence"]], home / "alarms.csv")
+    write_table(alarms[["x", "y", "confidence"]].iloc[::2], home / "others.csv")
+    tasks.feed(home / "lane.zarr", home / "incoming", rate=np.inf)
+    save_run(run.assign_attrs(title="another"), home / "other-lane.zarr")
+    tasks.feed(home / "other-lane.zarr", home / "other-incoming", rate=np.inf)
+    tasks.seal(home / "truth.csv", home / "lane.toml", home / "sealed", PHRASE)
+
+
+def _make_rail(home):
+    """Make a radar that goes sideways, with its track and reflectors, as ``flgpr calibrate`` takes them."""
+    frequency = np.linspace(1.0e9, 2.5e9, 30)
+    reflectors = np.array([[-0.6, 6.0, 0.0], [0.9, 7.5, 0.0]])
+    stamp = np.linspace(0, 14, 300)
+    way = -1.5 + 3.0 / (1 + np.exp(-(stamp - 7.5) / 0.8))
+    track = make_track(stamp, np.stack([way, np.zeros_like(way), np.full_like(way, 1.5)], axis=1))
+    time = np.arange(0, 9, 0.1)
+    place = np.stack([np.interp(time + 3.4, stamp, track[name]) for name in "xyz"], axis=1)
+    pose = np.zeros((time.size, 6))
+    signal = echo(place, place, reflectors, frequency)[:, None, None]
+    array = frequency, ["VV"], [[0, 0, 0]], [[0, 0, 0]]
+    save_run(make_run(signal, *array, pose, time), home / "rail.zarr")
+    pose[:, :3] = place
+    save_run(make_run(signal, *array, pose, time), home / "posed.zarr")
+    write_table(track, home / "rail-track.csv")
+    (home / "reflectors.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in reflectors))
+
+
+def _make_plan(home):
+    (home / "sorts.csv").write_text("kind,depth,count\nmetal,0.05,3\nplastic,0.1,2\n")
+    tasks.plan_lane(home / "lane.toml", home / "sorts.csv", 3, home / "plan.csv", spacing=0.5, edge=0.1)
+    rows = (home / "plan-sheet.csv").read_text().splitlines()
+    head = rows[0].split(",")
+    cells = [row.split(",") for row in rows[1:]]
+    for row in cells:
+        row[head.index("emplaced")] = "yes"
+    (home / "sheet.csv").write_text("\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n")
+    cells[0][head.index("emplaced")] = "no"
+    (home / "other-sheet.csv").write_text("\n".join([rows[0], *(",".join(row) for row in cells)]) + "\n")
+
+
+def names_of_commands():
+    """Name the commands of the command line, groups included."""
+    found = []
+    for command in app.registered_commands:
+        found.append(command.name or command.callback.__name__)
+    for group in app.registered_groups:
+        found += [f"{group.typer_instance.info.name} {one.name or one.callback.__name__.replace('_', '-')}"
+                  for one in group.typer_instance.registered_commands]  # fmt: skip
+    return found

@@ -1,0 +1,84 @@
+"""Every command that writes, given twice: its own output is told and left alone, another one there is refused."""
+
+import os
+
+import pytest
+
+from every_command import COMMANDS, make_inputs, make_signatures_cheap, names_of_commands
+from robust import digests
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    return make_inputs(tmp_path_factory.mktemp("inputs"))
+
+
+def stamps(folder):
+    """When each file was last written; a lock or a look leaves that alone."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+GROWS = ("live", "feed", "score --sealed")
+"""What tells of every start, plays again, or is looked at again."""
+
+
+SLOW = ("demo", "design", "simulate gprmax", "detect a survey")
+"""What ``make robustness`` tries alone."""
+GIVEN = [one.name for one in COMMANDS if one.name not in SLOW or "FLGPR_KILLS" in os.environ]
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_given_again_it_says_so_and_on_another_input_it_is_refused(name, commands, tmp_path, monkeypatch):
+    if name == "simulate signature":
+        make_signatures_cheap(monkeypatch.setattr)
+    command, output = commands[name], tmp_path / "out"
+    command.start(output)
+    command(output)
+    want, times = command.content(output), stamps(output)
+    again = command.run(output)
+    assert again.exit_code == 0, again.output
+    assert "Traceback" not in again.output
+    assert command.content(output) == want
+    if name not in GROWS:
+        assert "there already" in again.stderr
+        assert stamps(output) == times
+    if command.other:
+        before = digests(output)
+        other = command.run(output, command.other)
+        assert other.exit_code == 2, other.output
+        assert other.stderr.count("error: ") == 1
+        assert digests(output) == before
+    left = [path.name for path in output.rglob("*")]
+    assert not [one for one in left if ".partial" in one or ".replaced" in one or one.endswith(".work")]
+
+
+MADE_BY_WHOLE_FILES = [
+    one.name for one in COMMANDS if one.name.startswith(("export", "recipe", "info", "simulate preview", "image"))
+]
+
+
+@pytest.mark.parametrize("name", MADE_BY_WHOLE_FILES)
+def test_a_file_of_the_same_name_with_other_bytes_is_never_written_over(name, commands, tmp_path):
+    command, output = commands[name], tmp_path / "out"
+    command.start(output)
+    command(output)
+    for path in [one for one in output.iterdir() if one.is_file()]:
+        whole = path.read_bytes()
+        path.write_bytes(whole + b"\n")
+        before = digests(output)
+        told = command.run(output)
+        assert told.exit_code == 2, told.output
+        assert f"output must not exist yet, got {path}, which holds something else" in told.stderr
+        assert digests(output) == before
+        path.write_bytes(whole)
+    assert command.run(output).exit_code == 0
+
+
+def test_every_command_of_the_command_line_is_tried():
+    tried = {" ".join(one.words.split()[:2]) for one in COMMANDS} | {one.words.split()[0] for one in COMMANDS}
+    writes_nothing = {
+        "view", "replay", "recipe list", "recipe show", "recipe check", "bench imaging", "benchmark list", "plan mines",
+        "plan check", "calibrate permittivity",
+    }  # fmt: skip
+    elsewhere = {"reproduce", "benchmark run", "benchmark oracle", "benchmark table"}
+    assert set(names_of_commands()) - writes_nothing - elsewhere - tried == set()
