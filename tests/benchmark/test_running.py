@@ -18,6 +18,7 @@ from flgpr.cli import app
 from flgpr.io import read_manifest, read_table, sample_lane
 from flgpr.scoring import open_truth, read_register
 from flgpr.simulate import draw_world
+from robust import digests
 from systems import test_plugin
 from systems.lanes import SENSOR, small_recipe
 
@@ -348,6 +349,15 @@ def test_the_commands_run_and_tell(field):
     result = CliRunner().invoke(app, [*run, "--quiet"])
     assert result.exit_code == 0, result.output
     assert result.output == ""
+    before = digests(out)
+    result = CliRunner().invoke(app, run)
+    assert result.exit_code == 0, result.output
+    assert "index.html is there already" in result.stderr
+    assert digests(out) == before
+    result = CliRunner().invoke(app, ["benchmark", "run", "-o", str(out), "--quick"])
+    assert result.exit_code == 2
+    assert "got one of another ground" in result.stderr
+    assert digests(out) == before
     result = CliRunner().invoke(app, ["benchmark", "run", "no-such-entry", "-o", str(out)])
     assert result.exit_code == 2
     assert "no-such-entry" in result.output

@@ -1,10 +1,14 @@
 """Every command that writes, given twice: its own output is told and left alone, another one there is refused."""
 
 import os
+import shutil
 
 import pytest
 
 from every_command import COMMANDS, make_inputs, make_signatures_cheap, names_of_commands
+from flgpr.io.files import write_whole
+from flgpr.io.outputs import held_folder
+from flgpr.results.result import are_settled
 from robust import digests
 
 
@@ -82,3 +86,51 @@ def test_every_command_of_the_command_line_is_tried():
     }  # fmt: skip
     elsewhere = {"reproduce", "benchmark run", "benchmark oracle", "benchmark table"}
     assert set(names_of_commands()) - writes_nothing - elsewhere - tried == set()
+
+
+def test_a_live_run_takes_away_what_a_killed_one_left_and_refuses_a_second_one(commands, tmp_path):
+    command, output = commands["live"], tmp_path / "out"
+    command.start(output)
+    command(output)
+    want = command.content(output)
+    for name in ("snapshot.bundle.123-abcd.partial", "alarms.csv.partial", "live.json.partial"):
+        (output / "live" / name).write_bytes(b"half")
+    with held_folder(output / "live"):
+        told = command.run(output)
+        assert told.exit_code == 2
+        assert "another process is writing here" in told.stderr
+    command(output)
+    assert command.content(output) == want
+
+
+def test_a_score_that_was_stopped_before_its_last_step_is_finished(commands, tmp_path, monkeypatch):
+    """The manifest of the result still allows the files of before, too."""
+    command, output = commands["score in a result"], tmp_path / "out"
+    command.start(output)
+    command(output)
+    want = command.content(output)
+    shutil.rmtree(output)
+    command.start(output)
+    written = []
+
+    def stop(path, data):
+        written.append(path.name)
+        if written.count("manifest.json") == 2:
+            raise KeyboardInterrupt
+        write_whole(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("flgpr.results.result.write_whole", stop)
+        assert command.run(output).exit_code != 0
+    assert not are_settled(output / "result")
+    command(output)
+    assert command.content(output) == want
+
+
+def test_a_training_at_the_same_output_is_refused(commands, tmp_path):
+    command, output = commands["train"], tmp_path / "out"
+    command.start(output)
+    with held_folder(output / ".partial-model"):
+        told = command.run(output)
+    assert told.exit_code == 2
+    assert "another process is writing here" in told.stderr

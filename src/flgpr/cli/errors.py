@@ -50,6 +50,6 @@ def in_words(error: BaseException) -> str:
 
 
 def _system_error(error: OSError) -> str:
-    rule = _RULES.get(error.errno or 0, "files must be of use")
+    rule = _RULES.get(error.errno or 0, "the system must allow what is asked for")
     where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
     return f"{rule}, got {where}{error.strerror}"

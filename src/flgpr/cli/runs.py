@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from flgpr import tasks, viewer
 from flgpr.cli.common import Json, Output, Overwrite, Quiet, Scheduler, plain_errors, progress, tell_written
+from flgpr.cli.errors import MENDED, in_words
 from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
@@ -64,8 +65,8 @@ def view(
             shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw=raw,
             backdrop=backdrop, verdicts=verdicts, make_map=lambda *given: tasks.map_bytes(*given),
         )  # fmt: skip
-    except (ValueError, OSError) as error:
-        typer.echo(f"error: {error}", err=True)
+    except MENDED as error:
+        typer.echo(f"error: {in_words(error)}", err=True)
         raise typer.Exit(2) from None
 
 

@@ -146,7 +146,7 @@ class LiveRun:
         _check_output(self.output)
         self.output.mkdir(parents=True, exist_ok=True)
         with held_folder(self.output):
-            for left in self.output.glob(f"{SNAPSHOT_FILE}.*{PARTIAL}"):  # of a process that was killed
+            for left in self.output.glob(f"*{PARTIAL}"):  # of a process that was killed
                 left.unlink()
             return self._run()
 
