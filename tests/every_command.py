@@ -366,7 +366,7 @@ def _make_scenes(home):
     )
     (home / "scene.toml").write_text(scene.format(length=6.0, places="0.0, 0.5, 1.0"))
     (home / "other-scene.toml").write_text(scene.format(length=7.0, places="0.0"))
-    (home / "sensor.toml").write_text(SENSOR.replace("count = 81", "count = 21").replace("14e6", "56e6"))
+    (home / "sensor.toml").write_text(SENSOR.replace("count = 81", "count = 63").replace("14e6", "18e6"))
     body = 'name = "{name}"\n[[layers]]\nthickness = 0.02\nzones = [[0.03, 2.0]]\n'
     (home / "body.toml").write_text(body.format(name="tiny"))
     (home / "other-body.toml").write_text(body.format(name="other"))
@@ -374,7 +374,7 @@ def _make_scenes(home):
 
 def _make_lane(home):
     """Make a lane to detect on, its result, alarm lists, scans of it, and what a score needs."""
-    run = small_run(scans=24, step=0.3, tones=48).assign_attrs(title="small")
+    run = small_run(scans=24, step=0.3, tones=49).assign_attrs(title="small")
     save_run(run, home / "lane.zarr")
     text = small_recipe().replace("x = [-2.0, 2.0]", "x = [-1.5, 1.5]").replace("variants = true\n", "")
     (home / "small.toml").write_text(text)

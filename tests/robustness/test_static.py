@@ -113,6 +113,7 @@ DOORS = {"door.py", "archive.py", "append_log.py"}
 """Modules that open files for all others: regular ones, of a size that is looked at before."""
 OWN = "what comes with the package"
 JUST_WRITTEN = "it writes the file, or reads what it has just written"
+LOCKED = "a folder that is locked and not read"
 RECORDING = "a recording that a user named: `existing` refuses pipes, and its own headers bound what is read of it"
 GUARDED = "a library reads it, of a file that `existing` let pass; of damaged ones a child process tries that before"
 IN_HAND = "no file: text or bytes in hand, or what this process made"
@@ -131,14 +132,17 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "io/bundle.py write_bundle": ({"open"}, JUST_WRITTEN),
     "io/cphd.py write_cphd": ({"open"}, JUST_WRITTEN),
     "io/files.py sync_file": ({"open"}, JUST_WRITTEN),
-    "io/files.py write_whole": ({"open"}, JUST_WRITTEN),
+    "io/files.py _open_alone": ({"open"}, JUST_WRITTEN),
+    "io/georeferenced.py _check_written": ({"open"}, JUST_WRITTEN),
     "io/georeferenced.py write_geotiff": ({"open"}, JUST_WRITTEN),
+    "io/outputs.py _hold": ({"open"}, LOCKED),
     "io/run_store.py RunWriter.append": ({"read_bytes"}, JUST_WRITTEN),
     "io/run_store.py _write_manifest": ({"read_bytes"}, JUST_WRITTEN),
     "kernels/compiled.py _held": ({"open"}, JUST_WRITTEN),
     "results/result.py _listing": ({"read_bytes"}, JUST_WRITTEN),
     "scoring/blind.py seal_truth": ({"open"}, JUST_WRITTEN),
     "simulate/signature/build.py _work": ({"open"}, JUST_WRITTEN),
+    "tasks/exchange.py export_qgis": ({"read_bytes"}, JUST_WRITTEN),
     "tasks/exchange.py map_bytes": ({"read_bytes"}, JUST_WRITTEN),
     "io/cphd.py read_cphd": ({"open"}, RECORDING),
     "io/explain.py explain_file": ({"open"}, RECORDING),
@@ -162,6 +166,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "cli/show.py score_summary": ({"json.loads"}, IN_HAND),
     "io/recording.py _from_json": ({"json.loads"}, IN_HAND),
     "io/run_store.py RunWriter.__init__": ({"json.loads"}, IN_HAND),
+    "scoring/blind.py seals": ({"json.loads"}, IN_HAND),
     "tasks/simulation.py _hash": ({"json.loads"}, IN_HAND),
 }
 READS = {"read_bytes", "read_text", "open", "read_csv", "fromfile", "memmap", "File", "loadtxt", "genfromtxt"}

@@ -20,7 +20,7 @@ TOLD = "1 of 13 scans have positions that no vehicle reaches, which images leave
 def call(*arguments):
     done = CliRunner().invoke(app, [str(one) for one in arguments])
     assert done.exit_code == 0, done.output
-    return done.output
+    return done.stdout if "--json" in arguments else done.output
 
 
 def with_pose(by, component=1, scans=(WRONG,)):

@@ -27,7 +27,7 @@ from flgpr.benchmark.running import (
     read_costs,
     read_ground,
 )
-from flgpr.door import Folder
+from flgpr.door import Folder, read_named
 from flgpr.io import sha256, write_whole
 from flgpr.io.files import existing
 from flgpr.io.outputs import tell_finished
@@ -256,7 +256,7 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     }
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     page = _page(ground, scores, costs, titles)
-    if (to / "index.html").is_file() and (to / "index.html").read_text("utf-8") == page:
+    if (to / "index.html").is_file() and read_named(to / "index.html").decode("utf-8", "replace") == page:
         tell_finished(to / "index.html")
     write_whole(to / "index.html", page)
     faults = [f"{name} did not finish: {one['fault']}" for name, one in about.items() if one["fault"]]

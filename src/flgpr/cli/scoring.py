@@ -13,7 +13,7 @@ from typer import Argument, Option
 from flgpr import tasks
 from flgpr.cli.common import Json, Overwrite, Quiet, plain_errors, progress, tell_written, with_witness
 from flgpr.cli.show import agreement_json, agreement_lines, comparison_lines, print_scores, score_summary
-from flgpr.door import Folder
+from flgpr.door import MOST_JSON, Folder, parse_json
 
 
 class Show(StrEnum):
@@ -90,7 +90,7 @@ def score(
             if not overwrite and tasks.holds_sealed_score(alarms, sealed, home, recipes, watched):
                 if as_json:
                     name = "comparison.json" if several else "roc.json"
-                    typer.echo(json.dumps(json.loads((home / name).read_text(encoding="utf-8"))))
+                    typer.echo(json.dumps(parse_json(Folder(home).read(name, MOST_JSON))))
                 return
             if several:
                 pairs = tasks.compare_sealed(alarms, sealed, _passphrase, home, **how)

@@ -13,6 +13,7 @@ from flgpr.chain.fitting import area_of
 from flgpr.chain.memory import plan_sections, sizes_of
 from flgpr.chain.progress import Track, silent
 from flgpr.chain.recipe import as_imaged, parse_recipe
+from flgpr.door import read_named
 from flgpr.execution.cluster import Cluster
 from flgpr.execution.executors import Executor, Here, Processes
 from flgpr.execution.lane_run import Note, detect_lane, holds_result, is_done, results_at, unnoted
@@ -111,7 +112,7 @@ def detect_survey(
                     raise
     folders = [Path(job.output) for job in jobs]
     path, text = survey / "survey.json", json.dumps(_summary(runs, folders), indent=1) + "\n"
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+    if not path.is_file() or read_named(path).decode("utf-8", "replace") != text:
         write_whole(path, text)
     return folders
 

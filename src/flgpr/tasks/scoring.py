@@ -432,7 +432,7 @@ def _is_to_write(home: Path, files: Mapping[str, bytes | str], overwrite: bool, 
     for name, data in files.items():
         if not os.path.lexists(home / name):
             missing = True
-        elif (home / name).read_bytes() != (data.encode() if isinstance(data, str) else data):
+        elif read_named(home / name) != (data.encode() if isinstance(data, str) else data):
             raise other_output(home / name, f"{OVERWRITE}, or choose another output")
     if not missing:
         tell_finished(home, OVERWRITE)

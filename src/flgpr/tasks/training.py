@@ -25,6 +25,7 @@ from flgpr.chain.passes import Arrays
 from flgpr.chain.recipe import RANKS, DetectorTable, Recipe, parse_recipe, recipe_text
 from flgpr.chain.stages import TrainingView
 from flgpr.chain.too_few import TooFewExamplesError, cannot_be_trained, count_in_views, count_targets, share_changes
+from flgpr.door import read_named
 from flgpr.execution.executors import Executor
 from flgpr.execution.lane_run import passes_of_lane
 from flgpr.execution.lane_work import code_versions, make_job, report
@@ -114,7 +115,7 @@ def _made_of(lanes: Sequence[_Lane], features: Sequence[str], label_radius: floa
     """Tell what a model depends on, beside recipe and runs, apart from anything else."""
     told = [
         {
-            "truth": sha256(Path(lane.truth).read_bytes()),
+            "truth": sha256(read_named(lane.truth)),
             "lane": asdict(lane.area),
             "others": {name: read_manifest(run)["sha256"] for name, run in lane.others.items()},
         }
