@@ -11,7 +11,6 @@ from typer import Argument, Option
 
 from flgpr import tasks, viewer
 from flgpr.cli.common import Json, Output, Overwrite, Quiet, Scheduler, plain_errors, progress, tell_written
-from flgpr.cli.errors import MENDED, in_words
 from flgpr.cli.show import info_lines, model_lines, print_scores, score_summary
 
 if TYPE_CHECKING:
@@ -58,16 +57,13 @@ def view(
     ] = None,
 ) -> None:
     """Show results in the browser, on this machine; nothing is written but what --verdicts asks for."""
-    try:
+    with plain_errors():
         shown = paths or []
         raw = lambda path: tasks.RawRun(path)  # noqa: E731 - what computes is loaded when it is asked
         viewer.serve(
             shown, host, port, not no_browser, allow_remote, live, None, anchor, typer.echo, raw=raw,
             backdrop=backdrop, verdicts=verdicts, make_map=lambda *given: tasks.map_bytes(*given),
         )  # fmt: skip
-    except MENDED as error:
-        typer.echo(f"error: {in_words(error)}", err=True)
-        raise typer.Exit(2) from None
 
 
 @app.command()
