@@ -30,6 +30,7 @@ suppress_warnings = ["toc.not_included", "ref.python"]  # short type names of do
 nitpicky = True  # a reference that leads nowhere is an error
 # The step-by-step pages of the papers name the very function or entry of a recipe; not all of them have a page of their
 # own. That each exists is tested with the names of all pages.
+nitpick_ignore = [("py:class", "collections.abc.Mapping")]  # an alias in an annotation, printed whole
 nitpick_ignore_regex = [
     ("py:obj", r"flgpr\.(kernels|features|detect|clutter)\.\w+(\.\w+)*"),
     ("py:obj", r"flgpr\.chain\.(recipe|classifier|stages)\.\w+(\.\w+)*"),

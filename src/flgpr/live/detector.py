@@ -91,7 +91,7 @@ class LiveAlarm:
 class LiveUpdate:
     """What a scan changed: it was "taken", "warm-up", "still" (not moved) or "late" (its ground is passed).
 
-    A scan whose pose is not plausible, see :class:`flgpr.model.plausible.PoseGate`, is "held" back or, when others
+    A scan whose pose is not plausible, see ``PoseGate``, is "held" back or, when others
     tell against it, "implausible": left out. ``alarms`` are all that changed, those of ``released`` included. ``view``
     is the prescreener's run-view, (y, x), where it may have changed, from ``row`` of the lane on; NaN is unseen.
     """

@@ -47,7 +47,7 @@ def unroll_frames(
     area : Lane
         Detection area of a frame, in its scan frame (Sec. 4: -7 to 7 m, 5 to 10 m ahead).
     halo : float
-        Radius of the halo, m, at most half of :data:`GAP`: targets so far outside the area are kept, since an alarm
+        Radius of the halo, m, at most half of ``GAP``: targets so far outside the area are kept, since an alarm
         beside one of them is not false.
 
     Raises

@@ -64,7 +64,7 @@ def register(path: Book, /, **entry: Any) -> dict[str, Any]:
     """Append a line to a register, made if missing, with the time and the hash of the line before; give the line.
 
     The register holds one JSON object per line; an entry is e.g. ``recipe=content_hash(Path("recipe.toml"))``. One that
-    was altered is a ValueError. The rest is as for :func:`enter`.
+    was altered is a ValueError. The rest is as for ``enter``.
     """
     return enter(path, lambda _: entry)[-1]
 
