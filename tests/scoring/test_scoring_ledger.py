@@ -293,44 +293,30 @@ def test_a_cost_that_is_cheap_or_endless_is_refused(trial, tmp_path, cost):
         open_truth(bent, lambda: pytest.fail("a passphrase was asked for in vain"))
 
 
+def seal_on_the_command_line(folder, typed):
+    """Seal a truth into ``folder / "s"``, a passphrase being typed as asked for."""
+    TRUTH.to_csv(folder / "truth.csv", index=False)
+    (folder / "lane.toml").write_text("x_min = 0\nx_max = 4\ny_min = 0\ny_max = 30\n")
+    words = ["score", "--seal", folder / "truth.csv", "--lane", folder / "lane.toml", "-o", folder / "s"]
+    return CliRunner().invoke(app, [str(word) for word in words], input=typed)
+
+
 @pytest.mark.parametrize("weak", ["aaaaaaaa", " " * 8, "12345678", "password1", "qwertyuiop", "abcabcabc", "short"])
 def test_a_weak_passphrase_is_refused_before_it_is_typed_again(tmp_path, weak):
     with pytest.raises(ValueError, match=r"hard to guess|at least 8 characters") as told:
         check_passphrase(weak)
     assert weak.strip() == "" or weak not in str(told.value)
-    TRUTH.to_csv(tmp_path / "truth.csv", index=False)
-    (tmp_path / "lane.toml").write_text("x_min = 0\nx_max = 4\ny_min = 0\ny_max = 30\n")
-    words = [
-        "score",
-        "--seal",
-        str(tmp_path / "truth.csv"),
-        "--lane",
-        str(tmp_path / "lane.toml"),
-        "-o",
-        str(tmp_path / "s"),
-    ]
-    ran = CliRunner().invoke(app, words, input=f"{weak}\n{weak}\n")
+    ran = seal_on_the_command_line(tmp_path, f"{weak}\n{weak}\n")
     assert ran.exit_code == 2
     assert "Repeat for confirmation" not in ran.output
     assert not (tmp_path / "s").exists()
 
 
 def test_a_passphrase_typed_twice_differently_seals_nothing(tmp_path):
-    TRUTH.to_csv(tmp_path / "truth.csv", index=False)
-    (tmp_path / "lane.toml").write_text("x_min = 0\nx_max = 4\ny_min = 0\ny_max = 30\n")
-    words = [
-        "score",
-        "--seal",
-        str(tmp_path / "truth.csv"),
-        "--lane",
-        str(tmp_path / "lane.toml"),
-        "-o",
-        str(tmp_path / "s"),
-    ]
-    ran = CliRunner().invoke(app, words, input=f"{PHRASE}\n{PHRASE}x\n")
+    ran = seal_on_the_command_line(tmp_path, f"{PHRASE}\n{PHRASE}x\n")
     assert (ran.exit_code, (tmp_path / "s").exists()) == (2, False)
     assert "nothing was sealed" in ran.output
-    assert CliRunner().invoke(app, words, input=f"{PHRASE}\n{PHRASE}\n").exit_code == 0
+    assert seal_on_the_command_line(tmp_path, f"{PHRASE}\n{PHRASE}\n").exit_code == 0
 
 
 def test_the_command_checks_a_register_beside_reports_and_a_witness(tmp_path, trial):
