@@ -67,7 +67,7 @@ class IntakeMachine(RuleBasedStateMachine):
             self.intake.judged(number, "taken", None)
 
     def check_filled(self, number, scan):
-        near = sorted(sorted(self.poses)[-8:])
+        near = [known for known in sorted(self.poses)[-8:] if known != number]  # its own came with a bad signal
         before, after = ([n for n in near if n < number] or [None])[-1], ([n for n in near if n > number] or [None])[0]
         pair = (before, after) if None not in (before, after) else tuple(near[-2:] if after is None else near[:2])
         if len(near) < 2 or min(abs(number - n) for n in pair) > 3:
