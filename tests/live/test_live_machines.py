@@ -114,6 +114,16 @@ TestIntake = IntakeMachine.TestCase
 TestIntake.settings = MACHINE
 
 
+@pytest.mark.parametrize("neighbours", [(4, 3), (0,)])
+def test_a_pose_that_came_with_a_bad_signal_fills_no_scan_of_its_own_number(neighbours):
+    machine = IntakeMachine()
+    for number in neighbours:
+        machine.give(number, pose=True, whole=True)
+    machine.give(2, pose=True, whole=False)
+    machine.give(2, pose=False, whole=True)
+    machine.counts_add_up()
+
+
 class WatchMachine(RuleBasedStateMachine):
     """A file is handed over once when it is whole, or damaged and no longer growing, in the order of names."""
 
