@@ -211,8 +211,8 @@ def test_simulated_scatterers_have_the_sigma0_of_small_perturbation(site, quiet)
     """Six worlds of 3,000 scatterers on the site's own terrain, from below F1 to F4.
 
     Texture of shape 8 over 0.6 m and speckle leave an error of some 2 %; the slight tilt adds at most 2 % more. The
-    simulator carries a site's spectrum by two functions of frequency, fitted where the echo is strong: at 0.6 GHz, where
-    gravel is 15 dB weaker than at 2.55 GHz, it is 0.5 dB off.
+    simulator carries a site's spectrum by three functions of frequency, fitted where the echo is strong. At 0.6 GHz,
+    where gravel is 16 dB weaker than at 2.55 GHz, it is 0.5 dB off.
     """
     scene = Scene(
         site=site, length=30.0, track=STILL, clutter=BARE, holes={"on": False}, stones={"on": False},
