@@ -42,6 +42,15 @@ def test_the_figure_holds_all_sites_and_is_shown(program):
     assert "(images/sites.png)" in PAGE
 
 
+def test_prepared_surfaces_return_as_much_less_as_the_page_says(program):
+    assert "returns 7 to 13 dB less in F1 HH" in WORDS
+    less = []
+    for pair in program.PAIRS.items():
+        natural, prepared = (program.sigma(Scene(site=site), program.BANDS[0], program.LEVEL)[0] for site in pair)
+        less.append(natural - prepared)
+    assert (round(min(less)), round(max(less))) == (7, 13)
+
+
 def roughness_index(unevenness):
     """IRI of ``G0·(n/0.1)^-2``, m/km: mean travel of the quarter car at 80 km/h (Sayers, Gillespie & Paterson 1986)."""
     tyre, spring, damper, wheel = 653.0, 63.3, 6.0, 0.15  # over the sprung mass
