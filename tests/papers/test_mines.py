@@ -94,7 +94,7 @@ def test_mines_are_dealt_by_the_largest_remainder_and_the_first_wins_a_tie():
     assert mix_counts("metal", 3) == {"tm-62m": 2, "metal-at": 1}
     assert mix_counts("metal", 2) == {"tm-62m": 1, "metal-at": 1}
     assert mix_counts("metal", 1) == {"tm-62m": 1}
-    assert mix_counts("plastic-large-gap", 5) == {"plastic-at": 3, "plastic-at-cavity": 2}
+    assert mix_counts("plastic-large-gap", 5) == {"plastic-at": 2, "plastic-at-cavity": 2, "vs-2.2-hollow": 1}
     assert mix_counts("plastic", 0) == {}
 
 
