@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pydantic import Field
+
 from flgpr.model.faults import no_preset
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.settings import Table, packaged_text
@@ -26,13 +28,20 @@ class Description(Table):
     place: str  #: section or paragraph
     here: str  #: site, mines or roadside that it gives
 
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """Cells of the page's table."""
+        return self.paper, self.place, self.here
+
 
 class StudyWorld(Table):
     """Lanes of a study in one world, as its file ``lanes.toml`` declares them."""
 
     title: str  #: in words, for pages
     sites: dict[str, str]  #: packaged site of each lane of the study, by the study's own name of the lane
-    mixes: dict[str, str] = {}  #: mix of bodies by kind of target; without one the kind's generic body
+    mixes: dict[str, str] = Field(
+        default_factory=dict
+    )  #: mix of bodies by kind of target; without one the kind's generic body
     described: tuple[Description, ...] = ()
 
 

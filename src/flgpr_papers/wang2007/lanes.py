@@ -87,9 +87,7 @@ def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes,
     return scenes(calibration, 101), scenes(blind, 201)
 
 
-def deal_bodies(
-    lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]
-) -> dict[str, list[dict[str, Any]]]:
+def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]) -> dict[str, list[dict[str, Any]]]:
     """Give the draws of several lanes the bodies of mixes, dealt over all lanes and depths in turn.
 
     So the shares of a mix hold over all lanes together, where a draw of three mines can never hold those of four
