@@ -10,7 +10,6 @@ from pathlib import Path
 
 from pydantic import Field
 
-from flgpr.model.faults import no_preset
 from flgpr_papers.kit.findings import read_findings
 from flgpr_papers.kit.settings import Table, packaged_text
 
@@ -57,7 +56,7 @@ class OtherWorld:
 def check_study_world(world: str) -> None:
     """Refuse a world that no study has, with a ValueError."""
     if world not in STUDY_WORLDS:
-        raise ValueError(no_preset("world", world, list(STUDY_WORLDS)))
+        raise ValueError(f"world must be one of {', '.join(STUDY_WORLDS)}, got {world!r}")
 
 
 def study_world(paper: str, world: str = OWN) -> StudyWorld:
