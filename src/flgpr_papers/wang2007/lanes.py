@@ -107,7 +107,7 @@ def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, s
         The draws of each lane, one per body at a depth.
     """
     stacks = {key: _stack(mixes[key[0]], count) for key, count in _counts(lanes).items() if key[0] in mixes}
-    dealt = {}
+    dealt: dict[str, list[dict[str, Any]]] = {}
     for name, draws in lanes.items():
         dealt[name] = []
         for draw in draws:
