@@ -103,7 +103,7 @@ def _cost_rows(costs: pd.DataFrame) -> list[Row]:
     rows: list[Row] = []
     for (entry, where), some in costs.groupby(["difference", "lanes"], sort=False):
         one = some.iloc[0]
-        cells = [f"{row['cost']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})" for _, row in some.iterrows()]
+        cells = [f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})" for _, row in some.iterrows()]
         alarms = f"{one['alarms']} and {one['alarms_changed']}"
         rows.append((entry, f"{one['printed']} to {one['changed']}", where, *cells, alarms))
     return rows
