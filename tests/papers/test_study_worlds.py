@@ -16,7 +16,7 @@ from flgpr_papers.fuse2018 import lanes as fuse
 from flgpr_papers.fuse2018.results import result_key
 from flgpr_papers.kit.cache import key_of
 from flgpr_papers.kit.findings import measured, write_findings
-from flgpr_papers.kit.mines import MIXES
+from flgpr_papers.kit.mines import MIXES, mix_counts
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, STUDY_WORLDS, other_world, study_world, world_folder
 from flgpr_papers.wang2007 import lanes as wang
@@ -127,12 +127,13 @@ def test_bodies_of_a_mix_are_dealt_over_all_lanes_in_their_shares():
             if lies:
                 assert target.depth == pytest.approx(-body_size(target.body)["height"], abs=0.03)
     plastic = {body: count for (kind, body), count in buried.items() if kind == "plastic"}
-    assert plastic == dict.fromkeys(MIXES["plastic"].parts, 5)
+    assert plastic == mix_counts("plastic", 20)
     assert sum(count for (kind, _), count in buried.items() if kind == "simulant") == 16
-    assert {body for kind, body in surface if kind == "plastic"} == set(MIXES["plastic"].parts)
+    lying = {body: count for (kind, body), count in surface.items() if kind == "plastic"}
+    assert lying == mix_counts("plastic", 7)
     assert sum(surface.values()) == 15
     for scene, _ in wang.blind_scenes().values():
-        assert {draw.count for draw in scene.draws if draw.kind == "plastic"} == {3}
+        assert sum(draw.count for draw in scene.draws if draw.kind == "plastic") == 12
 
 
 def test_a_road_as_found_stands_beside_if_it_is_there_in_the_same_form(tmp_path):
