@@ -71,7 +71,12 @@ def test_the_chain_equals_its_plain_parts(run, recipe, found):
 def test_every_alarm_has_its_features_and_their_variants(found):
     names = [f"{name}_{band}" for band in ("F1", "F2") for name in FEATURES]
     polarimetric = [f"paper.{name}" for name in names if "P_" in name]
-    assert list(found.features.columns) == ["scans", *names, *[f"swapped.{n}" for n in names], *polarimetric]
+    own, paper = (f"linear.P_psi_{band}" for band in ("F1", "F2")), (f"paper.circular.P_psi_{b}" for b in ("F1", "F2"))
+    swapped = [f"swapped.{n}" for n in names]
+    assert list(found.features.columns) == ["scans", *names, *own, *swapped, *polarimetric, *paper]
+    turned = found.features[["P_psi_F1", "paper.circular.P_psi_F1"]]
+    assert (turned.abs() <= np.pi / 2).all().all()
+    assert not np.allclose(found.features["P_psi_F1"], found.features["linear.P_psi_F1"])
     assert len(found.features) == len(found.alarms) > 5
     np.testing.assert_array_equal(found.features["C_HH_F1"], found.alarms["confidence"])
     assert found.features[names].notna().all().all()

@@ -41,6 +41,7 @@ from flgpr_papers.cosgrove2004.signature import (
     visible_mines,
 )
 from flgpr_papers.kit.findings import NO_VERDICT
+from flgpr_papers.kit.study_worlds import AS_FOUND
 from flgpr_papers.kit.worlds import changed
 from reference.cosgrove2004 import equations_7_to_12
 
@@ -55,8 +56,11 @@ def folded_ranges():
 
 @pytest.fixture(scope="module")
 def recipe():
-    """The packaged study on few tones, coarse pixels and thin ground; ranges fold, which no test here minds."""
-    packaged = study_recipe()
+    """The packaged study on few tones, coarse pixels and thin ground; ranges fold, which no test here minds.
+
+    On roads as found, which have bushes on short lanes too.
+    """
+    packaged = study_recipe(world=AS_FOUND)
     radar = packaged.radar.model_copy(update={"tone_step": 40e6, "scatterers": 5.0})
     image = packaged.image.model_copy(update={"y": (12.0, 17.2), "spacing": (0.1, 0.02)})
     study = packaged.study.model_copy(update={"seeds": 2, "share": 0.01})

@@ -36,6 +36,7 @@ from flgpr_papers.fuse2018.page import page_html
 from flgpr_papers.fuse2018.poses import pose_study
 from flgpr_papers.fuse2018.process import VARIANTS, calibrate, clean, process_lane, stage_forms, suppressed_alone
 from flgpr_papers.kit.findings import NO_VERDICT, OPEN, VERDICTS, clustered, without_paper
+from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 
 TX = np.repeat(np.column_stack([np.linspace(-1, 1, 4), np.zeros(4), np.zeros(4)]), 4, axis=0)
 RX = np.tile(np.column_stack([np.linspace(-1.1, 1.1, 4), np.zeros(4), np.full(4, -0.2)]), (4, 1))
@@ -365,8 +366,11 @@ def test_the_page_tells_all(lanes, calibration, fullwave, tmp_path):
     assert sum("ROC better with suppression" in one.claim for one in found) == 4
     poses = pose_study(RECIPE, draws=2)
     html = page_html(
-        RECIPE, results, loose, calibration, lanes["A"][2], poses, fullwave, found, True, tmp_path
+        RECIPE, results, loose, calibration, lanes["A"][2], poses, fullwave, found, True, tmp_path,
+        study_world("fuse2018"), OtherWorld(),
     )  # fmt: skip
+    assert "<code>prepared-sand</code>" in html
+    assert "on roads as found" not in html
     assert html.count("data:image/png;base64,") == 14
     assert all(f"Fig. {number}. " in html for number in range(1, 10))
     assert without_paper(found) == []

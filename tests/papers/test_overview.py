@@ -1,6 +1,7 @@
 """The overview of all papers: made-up findings through the very files that the studies write."""
 
 import csv
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +30,10 @@ def made_up(monkeypatch):
     """Studies that only write their findings."""
     order = []
 
-    def run(paper, folder, quick, *_):
+    def run(paper, folder, quick, track=None, world="own"):
         order.append((paper, quick))
-        folder.mkdir(exist_ok=True)
-        write_findings(folder, MADE_UP[paper], quick)
+        folder.mkdir(exist_ok=True, parents=True)
+        write_findings(folder, MADE_UP[paper], quick, world=world)
         return folder / f"{paper}.html"
 
     monkeypatch.setattr(overview, "run_study", run)
@@ -137,9 +138,9 @@ def test_reproduce_names_the_papers_it_knows(tmp_path):
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):
     class Study:
         @staticmethod
-        def reproduce(folder, quick, _):
-            folder.mkdir(exist_ok=True)
-            write_findings(folder, MADE_UP["wang2007"], quick)
+        def reproduce(folder, quick, _, world):
+            folder.mkdir(exist_ok=True, parents=True)
+            write_findings(folder, MADE_UP["wang2007"], quick, world=world)
             (folder / "index.html").write_text("quick" if quick else "full")
             return folder / "index.html"
 
@@ -153,3 +154,31 @@ def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, m
     assert full.exit_code == 2
     assert "with the quick form: choose another output" in full.stderr
     assert (tmp_path / "w" / "index.html").read_text() == "quick"
+    as_found = CliRunner().invoke(app, [*words, "--quick", "--world", "as-found"])
+    assert as_found.exit_code == 0
+    assert json.loads((tmp_path / "w" / "as-found" / "findings.json").read_text())["world"] == "as-found"
+    assert json.loads((tmp_path / "w" / "findings.json").read_text())["world"] == "own"
+
+
+def test_results_of_another_world_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(overview, "study_of", lambda _: pytest.fail("ran"))
+    write_findings(tmp_path, MADE_UP["wang2007"], False)  # as before there were two worlds
+    with pytest.raises(FileExistsError, match="lanes of the world 'as-found': choose another output"):
+        overview.reproduce("wang2007", tmp_path)
+    with pytest.raises(ValueError, match="world must be one of own, as-found, got 'mars'"):
+        overview.reproduce("wang2007", tmp_path, world="mars")
+    told = CliRunner().invoke(app, ["reproduce", "worlds", "--world", "as-found", "-o", str(tmp_path / "x")])
+    assert told.exit_code == 2
+    assert "worlds has worlds of its own" in told.stderr
+
+
+def test_both_worlds_of_all_papers_have_an_overview(made_up, tmp_path):
+    folder = tmp_path / "all"
+    assert overview.reproduce("all", folder, world="as-found") == folder / "as-found.html"
+    assert overview.reproduce("all", folder) == folder / "index.html"
+    own, as_found = ((folder / name).read_text("utf-8") for name in ("index.html", "as-found.html"))
+    assert 'href="wang2007/wang2007.html"' in own
+    assert 'href="as-found.html"' in own
+    assert 'href="wang2007/as-found/wang2007.html"' in as_found
+    assert "roads as found" in as_found
+    assert (folder / "verdicts.csv").read_bytes() == (folder / "verdicts-as-found.csv").read_bytes()

@@ -21,6 +21,7 @@ from flgpr.simulate import Simulator, draw_world
 from flgpr_papers.kit.cache import store_lane
 from flgpr_papers.kit.findings import NO_VERDICT, all_of
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.study_worlds import OtherWorld, study_world
 from flgpr_papers.wang2007 import lanes, study
 from flgpr_papers.wang2007.analysis import (
     MINES,
@@ -31,6 +32,7 @@ from flgpr_papers.wang2007.analysis import (
     matched,
     table_one,
 )
+from flgpr_papers.wang2007.costs import DIFFERENCES, Lanes, cost_table, paired_cost, pd_mean_of
 from flgpr_papers.wang2007.findings import blind_scores, contrast_lead
 from flgpr_papers.wang2007.page import page_html
 from flgpr_papers.wang2007.twins import likeness
@@ -62,6 +64,7 @@ def fake_lane(name, seed):
     mine = np.arange(len(places)) < 7
     columns = [f"{p}{f}_{b}" for p in ("", "swapped.") for b in BANDS for f in FEATURES]
     columns += [f"shared.{f}_{b}" for b in BANDS for f in POLARIMETRIC]
+    columns += [f"{gain}.P_psi_{b}" for gain in ("circular", "shared.linear") for b in BANDS]
     table = rng.gamma(2, size=(len(places), len(columns))) + 1.5 * mine[:, None] * rng.random(len(columns))
     features = pd.DataFrame(table, columns=columns).assign(scans=3)
     features["C_HH_F1"] += 3 * mine
@@ -225,7 +228,15 @@ def test_the_page_holds_every_table_figure_and_finding(tmp_path, results, pool, 
     blind = [fake_lane("b1", 5)]
     blind = [replace(blind[0], truth=blind[0].truth[blind[0].truth["kind"] != "simulant"].reset_index(drop=True))]
     recipe = load_recipe("wang2007-printed")
-    page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent)
+    costs = cost_table(Lanes(results, blind), Lanes(results, blind), 5)
+    beside = {("C_HH is the best single feature", "", ""): ("no", "disagrees")}
+    worlds = study_world("wang2007"), OtherWorld("as-found/wang2007.html", beside)
+    page, judged = page_html(tmp_path, results, blind, recipe, lanes.sensor(), True, silent, costs, *worlds)
+    assert "The world of this page: prepared test lanes" in page
+    assert "<code>prepared-earth</code>" in page
+    assert page.count("<td>no</td>") == 1  # no verdicts in a quick run
+    assert page.count("<td>not asked</td>") == len(judged) - 1
+    assert "Cost of each difference" in page
     assert page.count("<img src=") == 14
     assert all(f"Table {number}." in page for number in ("I", "II", "III", "IV"))
     assert page.count(f"<b>{NO_VERDICT}</b>") == len(judged) >= 25
@@ -250,6 +261,72 @@ def test_blind_lanes_are_scored_by_a_classifier_trained_elsewhere(results):
     a = roc_of(blind_scores(results, blind)["A"], MINES)
     np.testing.assert_allclose(a["pd"], roc_of(plain, MINES)["pd"])  # one feature: monotone
     np.testing.assert_allclose(a["far"], roc_of(plain, MINES)["far"])
+
+
+def test_a_difference_reads_the_columns_that_it_changes():
+    _, gain, psi, area, everything = DIFFERENCES
+    names = ["C_HH_F1", "P_alpha_F1", "P_psi_F1"]
+    assert [gain.column(name) for name in names] == ["C_HH_F1", "shared.P_alpha_F1", "shared.linear.P_psi_F1"]
+    assert [psi.column(name) for name in names] == ["C_HH_F1", "P_alpha_F1", "circular.P_psi_F1"]
+    assert [area.column(name) for name in names] == names
+    assert [everything.column(name) for name in names] == ["C_HH_F1", "shared.P_alpha_F1", "shared.P_psi_F1"]
+
+
+def test_the_differences_are_those_of_the_two_recipes():
+    printed, changed = load_recipe("wang2007-printed"), load_recipe("wang2007")
+    told = {one.entry: (one.printed, one.changed) for one in DIFFERENCES}
+    for entry in ("background.median_step", "features.gain", "features.psi", "score.area"):
+        table, name = entry.split(".")
+        assert told[entry] == tuple(str(getattr(getattr(one, table), name)) for one in (printed, changed))
+
+
+def one_lane(places, confidence):
+    """Two mines 20 m apart on a lane of 100 m², and alarms."""
+    lane = Lane(-1.0, 1.0, 0.0, 50.0)
+    truth = pd.DataFrame({"target_id": ["T0", "T1"], "x": 0.0, "y": [10.0, 30.0], "kind": "metal", "depth": 0.1})
+    alarms = pd.DataFrame({"x": 0.0, "y": places, "magnitude": 1.0, "confidence": confidence})
+    one = LaneResult("c1", lane, truth, alarms, pd.DataFrame(), None, None)
+    return matched([one], [alarms])
+
+
+def test_the_cost_is_the_difference_of_pd_mean_with_either_area():
+    # Both mines before the false alarm: PD_mean is 1. One behind it: the false alarm takes its share of the 0.1 per m².
+    first, second = one_lane([10.0, 30.0, 45.0], [3.0, 2.0, 1.0]), one_lane([10.0, 30.0, 45.0], [3.0, 1.0, 2.0])
+    assert pd_mean_of(first, MINES, "paper") == 1
+    left = 100 - 2 * np.pi  # m², halos of 1 m lie within the lane: both rules agree
+    behind = 1 - 1 / left / 0.1
+    assert pd_mean_of(second, MINES, "paper") == pytest.approx((1 + behind) / 2)
+    value, low, high = paired_cost(first, second, MINES, "paper", "paper", 200)
+    assert value == pytest.approx((1 - behind) / 2)
+    assert 0 <= low <= value <= high <= 1
+    assert paired_cost(first, first, MINES, "paper", "paper", 50) == (0, 0, 0)
+    # Mines on the edge: the paper counts halos whole, the union what of them lies in the lane: its area is larger.
+    edge = second.truth.assign(x=1.0)
+    placed = replace(second, truth=edge)
+    value, *_ = paired_cost(placed, placed, MINES, "paper", "union", 50)
+    assert value == pytest.approx((1 / (100 - np.pi) - 1 / left) / 0.1 / 2, abs=1e-3)
+
+
+def test_the_costs_of_what_nobody_reads_are_zero(results):
+    blind = [fake_lane("b1", 5)]
+    lanes_of = Lanes(results, blind)
+    table = cost_table(lanes_of, lanes_of, 20).set_index(["difference", "detector", "lanes"])
+    assert len(table) == 5 * 4 * 2
+    untouched = {
+        "background.median_step": ("C_HH", "A", "B", "all ten"),  # the very same lanes stand for the coarse ones
+        "features.gain": ("C_HH", "A"),
+        "features.psi": ("C_HH", "A", "B"),
+    }
+    for entry, names in untouched.items():
+        for detector in names:
+            for where in ("calibration", "blind"):
+                assert table.loc[(entry, detector, where), ["cost", "low", "high"]].tolist() == [0, 0, 0]
+    assert table.loc[("features.gain", "B", "calibration"), "cost"] != 0
+    assert table.loc[("features.psi", "all ten", "calibration"), "cost"] != 0
+    both = table.loc[("score.area", "C_HH", "blind")]
+    assert both["cost"] == pytest.approx(both["pd_mean"] - both["pd_mean_changed"])
+    assert table["targets"].xs("calibration", level="lanes").eq(21).all()
+    assert table["targets"].xs("blind", level="lanes").eq(7).all()
 
 
 def test_the_study_takes_the_packaged_recipe_and_the_other_readings_beside_it():

@@ -28,6 +28,8 @@ OTHER_GAIN = {"shared": "paper.", "own": "shared."}
 
 ``paper.`` are those with a gain of each polarization's own.
 """
+OTHER_PSI: dict[str, Literal["circular", "linear"]] = {"circular": "linear", "linear": "circular"}
+"""The other mean of ψ; before P_psi, behind what names the gain, it marks the variants' columns of it."""
 _PSI_OF_GAIN: dict[str, Literal["circular", "linear"]] = {"shared": "circular", "own": "linear"}
 
 
@@ -218,12 +220,19 @@ class AlarmSums:
             one.merge(theirs | {"row": np.searchsorted(self.rows, theirs["row"])})
 
     def table(self) -> pd.DataFrame:
-        """Compute ``scans`` and the features of every sub-band; with the other gain only the polarimetric ones."""
+        """Compute ``scans`` and the features of every sub-band; with the other gain only the polarimetric ones.
+
+        Variants have P_psi by the other mean too, such as ``circular.P_psi_F1``.
+        """
         tables = [] if self._contrast is None else [self._contrast.table()]
         for prefix, ten in self._ten.items():
             columns = ten.table()
             if prefix in OTHER_GAIN.values():
                 columns = columns[[f"{p}_{band}" for band in self._how.subbands for p in POLARIMETRIC]]
+            if len(self._ten) > 1 and prefix != SWAPPED:
+                other = OTHER_PSI[ten.settings.psi]
+                names = [f"{other}.P_psi_{band}" for band in self._how.subbands]
+                columns = columns.join(pd.DataFrame(ten.psi(other), columns.index, names))
             tables.append((columns.drop(columns="scans") if prefix == SWAPPED else columns).add_prefix(prefix))
         return pd.concat([*tables, *(stage.table() for stage in self._stages.values())], axis=1)
 

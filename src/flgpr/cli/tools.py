@@ -184,6 +184,9 @@ def reproduce(
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
     workers: Annotated[int | None, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = None,
     scheduler: Scheduler = None,
+    world: Annotated[
+        str, Option(help="Lanes of the studies: own, prepared as each paper says, or as-found, roads as found.")
+    ] = "own",
     quiet: Quiet = False,
 ) -> None:
     """Run a paper's experiment again on simulated lanes and write its page; goes on where it was stopped."""
@@ -194,9 +197,11 @@ def reproduce(
         papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
         if paper == "worlds" and quick:
             raise ValueError("worlds has no quick form: its studies are small already")
+        if paper == "worlds" and world != "own":
+            raise ValueError(f"worlds has worlds of its own: world must be left out, got {world!r}")
         if paper == "worlds":
             page = papers.map_worlds(folder, tasks.How(workers, scheduler, track=track))
         else:
-            page = papers.reproduce(paper, folder, quick, track, workers or 1)
+            page = papers.reproduce(paper, folder, quick, track, workers or 1, world)
     if not quiet:
         typer.echo(f"page: {page.resolve()}")

@@ -120,6 +120,13 @@ class FeatureSums:
         self._turn[row] += state["turn"]
         self._scans[row] += state["scans"]
 
+    def psi(self, mean: Literal["circular", "linear"]) -> FloatArray:
+        """Compute P_psi (alarm, subband) by a mean of directions or of numbers, rad; NaN where no scan counts."""
+        weight = self._angle["weight"]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            values = np.angle(self._turn) / 2 if mean == "circular" else self._angle["P_psi"] / weight
+        return np.where(weight > 0, values, np.nan)
+
     def table(self) -> pd.DataFrame:
         """Compute the features from the sums, with the index of the alarms; NaN where no scan counts.
 
@@ -133,8 +140,7 @@ class FeatureSums:
                 **{f"R_{pol}_HV": self._sum[f"R_{pol}_HV"] / self._sum[pol] for pol in ("HH", "VV")},
                 **{name: self._angle[name] / self._angle["weight"] for name in POLARIMETRIC},
             }
-            if self.settings.psi == "circular":
-                ten["P_psi"] = np.where(self._angle["weight"] > 0, np.angle(self._turn) / 2, np.nan)
+            ten["P_psi"] = self.psi(self.settings.psi)
         names = [f"{name}_{subband}" for subband in self.subbands for name in FEATURES]
         values = np.stack([ten[name] for name in FEATURES], axis=2).reshape(len(self._index), len(names))
         table = pd.DataFrame(values, self._index, names)

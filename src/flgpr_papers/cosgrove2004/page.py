@@ -13,6 +13,7 @@ from flgpr_papers.cosgrove2004.recipe import StudyRecipe
 from flgpr_papers.cosgrove2004.twins import BESIDE, own_twins, paper_twins
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import study_html
+from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
 
 Row = tuple[Any, ...]
 
@@ -25,11 +26,15 @@ def page_html(
     responses: Mapping[str, PointResponse],
     pictures: Mapping[str, bytes],
     quick: bool,
+    study_world: StudyWorld,
+    other: OtherWorld,
 ) -> str:
     """Write the page, which needs nothing beside it."""
     return study_html(
         "cosgrove2004.html",
         quick=quick,
+        study_world=study_world,
+        other=other,
         recipe=recipe,
         found=found,
         by_chance={world: by_chance(all_) for world, all_ in found.items()},

@@ -11,6 +11,7 @@ from pydantic import Field
 from flgpr.chain.stages.forms import CutSettings
 from flgpr.model import Grid
 from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.study_worlds import OWN, study_world
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -145,6 +146,7 @@ class StudyRecipe(Table):
         return CutSettings(**(self.cut.model_dump() | self.training.model_dump()))
 
 
-def study_recipe(quick: bool = False) -> StudyRecipe:
-    """Load the packaged recipe of the study."""
-    return packaged("cosgrove2004", StudyRecipe, quick)
+def study_recipe(quick: bool = False, world: str = OWN) -> StudyRecipe:
+    """Load the packaged recipe of the study, on the lanes of a world."""
+    sites = {name: {"scene": site} for name, site in study_world("cosgrove2004", world).sites.items()}
+    return packaged("cosgrove2004", StudyRecipe, quick, {"sites": sites})

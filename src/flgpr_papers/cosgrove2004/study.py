@@ -34,9 +34,11 @@ from flgpr_papers.cosgrove2004.signature import look_measures, signature_humps, 
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import OPEN, Finding, measured, write_findings
 from flgpr_papers.kit.page import draw
+from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.worlds import World
 
 ComplexArray = NDArray[np.complex128]
+PAGE = "index.html"
 Cases = Mapping[str, Mapping[str, Sequence[Case]]]
 
 
@@ -45,12 +47,13 @@ def reproduce(
     quick: bool = False,
     track: Track = silent,
     recipe: StudyRecipe | None = None,
+    world: str = OWN,
 ) -> Path:
     """Run the study and write its page, figures, findings and trained detectors; ``recipe`` stands in for the packaged.
 
     Every lane's scores are kept in ``output/lanes``, so that a broken run goes on where it stopped.
     """
-    study = recipe or study_recipe(quick)
+    study = recipe or study_recipe(quick, world)
     folder = Path(output)
     seeds = _seeds(study)
     cases = _run_cases(study, folder, seeds, track)
@@ -65,9 +68,11 @@ def reproduce(
     write_whole(folder / "pd.csv", rows.to_csv(index=False))
     resolution = {name: response.resolution for name, response in responses.items()}
     judged = [replace(one, group=world) for world in WORLDS for one in found[world]]
-    write_findings(folder, judged, quick, seeds=len(seeds), resolution_m=resolution)
-    page = folder / "index.html"
-    write_whole(page, page_html(study, cases, tables, found, responses, pictures, quick))
+    write_findings(folder, judged, quick, world=world, seeds=len(seeds), resolution_m=resolution)
+    page = folder / PAGE
+    grouped = {name: [one for one in judged if one.group == name] for name in WORLDS}
+    worlds = study_world("cosgrove2004", world), other_world(folder, PAGE, world, quick)
+    write_whole(page, page_html(study, cases, tables, grouped, responses, pictures, quick, *worlds))
     return page
 
 
@@ -132,9 +137,9 @@ def parts(quick: bool) -> list[str]:
     return [str(seed) for seed in _seeds(study_recipe(quick))]
 
 
-def make_part(folder: Path, seed: str, quick: bool) -> None:
+def make_part(folder: Path, seed: str, quick: bool, world: str = OWN) -> None:
     """Work on a seed."""
-    _seed_cases(study_recipe(quick), folder, int(seed))
+    _seed_cases(study_recipe(quick, world), folder, int(seed))
 
 
 def _seeds(recipe: StudyRecipe) -> range:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field
 
 from flgpr.chain.progress import Track, silent
 from flgpr.clutter import self_signature
@@ -23,6 +22,7 @@ from flgpr.simulate.scene import Track as Drive
 from flgpr.simulate.simulator import Simulator
 from flgpr_papers.kit.cache import key_of, read_arrays, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.study_worlds import OWN, study_world
 from flgpr_papers.kit.worlds import turned
 
 FloatArray = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Classify(Table):
 
 
 class Settings(Table):
-    """All that the experiment depends on; ``scenes`` gives sites that are called otherwise than what they are of."""
+    """All that the experiment depends on; ``scenes`` gives the packaged site, or the path of one, of every site."""
 
     name: str
     seed: int
@@ -78,7 +78,7 @@ class Settings(Table):
     footprint: tuple[float, float, float, float]
     window: str
     sites: tuple[str, ...]
-    scenes: dict[str, str] = Field(default_factory=dict)
+    scenes: dict[str, str]
     ranges: tuple[float, ...]
     step: float
     lane: tuple[float, float]
@@ -99,9 +99,12 @@ class Settings(Table):
         return self.pitch * sum(mines.metal + mines.plastic for mines in self.mines)
 
 
-def load_settings(quick: bool = False) -> Settings:
-    """Read the packaged settings; ``quick`` takes few mines, tones and draws, which only show that all of it runs."""
-    return packaged("flsar2004", Settings, quick)
+def load_settings(quick: bool = False, world: str = OWN) -> Settings:
+    """Read the packaged settings on the lanes of a world.
+
+    ``quick`` takes few mines, tones and draws, which only show that all of it runs.
+    """
+    return packaged("flsar2004", Settings, quick, {"scenes": study_world("flsar2004", world).sites})
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,7 @@ def _scene(settings: Settings, site: str) -> Scene:
         for side in (-1, 1)
     )
     return Scene(
-        name=site, site=settings.scenes.get(site, site),
+        name=site, site=settings.scenes[site],
         x_min=settings.lane[0], x_max=settings.lane[1], length=settings.length,
         draws=tuple(draws), objects=fiducials, track=_track(settings), surface=Surface(density=settings.density),
     )  # fmt: skip

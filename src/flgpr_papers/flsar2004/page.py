@@ -11,18 +11,28 @@ from flgpr_papers.flsar2004.lanes import Settings
 from flgpr_papers.kit.findings import Finding, by_chance, in_words
 from flgpr_papers.kit.page import Twin, study_html
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
 
 Row = tuple[Any, ...]
 _CAPTIONS: dict[str, dict[str, Any]] = tomllib.loads(packaged_text("flsar2004", "captions"))
 
 
-def page_html(settings: Settings, results: Results, pictures: Mapping[str, bytes], quick: bool) -> str:
+def page_html(
+    settings: Settings,
+    results: Results,
+    pictures: Mapping[str, bytes],
+    quick: bool,
+    study_world: StudyWorld,
+    other: OtherWorld,
+) -> str:
     """Write the page, which needs nothing beside it."""
     notes = results.notes
     twins = list(_twins(results.findings, pictures))
     return study_html(
         "flsar2004.html",
         quick=quick,
+        study_world=study_world,
+        other=other,
         settings=settings,
         found=results.findings,
         chance=by_chance(results.findings),

@@ -20,31 +20,33 @@ from flgpr_papers.flsar2004.page import page_html
 from flgpr_papers.kit.cache import kept, key_of
 from flgpr_papers.kit.findings import Finding, finding_of, write_findings
 from flgpr_papers.kit.page import draw
+from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.worlds import World
 
 PAGE = "flsar2004.html"
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
     """Simulate the lanes, run the experiments on them, and write the page, the figures and the findings.
 
     Lane images and every part's results are kept in ``output``, so that a run that was stopped goes on where it was.
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
-    settings = load_settings(quick)
+    settings = load_settings(quick, world)
     drives = [drive(settings, site, folder / "images", track) for site in settings.sites]
     sites = [join(settings, passes) for passes in drives]
     key = key_of(settings.model_dump(mode="json"), [one.key for passes in drives for one in passes], flgpr.__version__)
     results = _parts(prepare(settings, sites), folder / "parts", key, track)
-    write_findings(folder, results.findings, quick)
+    write_findings(folder, results.findings, quick, world=world)
     write_whole(folder / "results.json", json.dumps(_as_json(results, curves=False), indent=1) + "\n")
     drawn = figures.draw(settings, sites, results.curves, results.notes)
     pictures = {name: draw(figure, quick) for name, figure in track(drawn, "drawing the page", 14)}
     for name, picture in pictures.items():
         write_whole(folder / f"{name}.png", picture)
     page = folder / PAGE
-    write_whole(page, page_html(settings, results, pictures, quick))
+    worlds = study_world("flsar2004", world), other_world(folder, PAGE, world, quick)
+    write_whole(page, page_html(settings, results, pictures, quick, *worlds))
     return page
 
 

@@ -25,6 +25,7 @@ from flgpr.model import Grid, Lane, Sensor, check_tones, ground_points, lane_to_
 from flgpr.simulate import EVEN, Scene, Simulator, draw_world, told
 from flgpr_papers.kit.cache import key_of, read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.settings import Table, packaged
+from flgpr_papers.kit.study_worlds import OWN, study_world
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -152,9 +153,10 @@ class FuseRecipe(Table):
         return Recipe.model_validate(held)
 
 
-def fuse_recipe(quick: bool = False) -> FuseRecipe:
-    """Load the packaged recipe of the study."""
-    return packaged("fuse2018", FuseRecipe, quick)
+def fuse_recipe(quick: bool = False, world: str = OWN) -> FuseRecipe:
+    """Load the packaged recipe of the study, on the lanes of a world."""
+    site = study_world("fuse2018", world).sites["lane"]
+    return packaged("fuse2018", FuseRecipe, quick, {"lanes": {"site": site}})
 
 
 def band_sensor(recipe: FuseRecipe, band: str) -> Sensor:

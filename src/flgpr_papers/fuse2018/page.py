@@ -22,6 +22,7 @@ from flgpr_papers.fuse2018.results import LaneResult
 from flgpr_papers.fuse2018.twins import Drawing, Shown, own_drawings, paper_drawings
 from flgpr_papers.kit.findings import Finding, by_chance
 from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
+from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
 
 Row = tuple[Any, ...]
 
@@ -37,6 +38,8 @@ def page_html(
     found: Sequence[Finding],
     quick: bool,
     folder: Path,
+    study_world: StudyWorld,
+    other: OtherWorld,
 ) -> str:
     """Write the page, which needs nothing beside it; its figures are left in the folder as PNG too."""
     shown = {**example, "box side": np.asarray(recipe.boxes.side)}
@@ -47,6 +50,8 @@ def page_html(
     return study_html(
         "fuse2018.html",
         quick=quick,
+        study_world=study_world,
+        other=other,
         recipe=recipe,
         lanes=[_lane_row(recipe, lane) for lane in lanes],
         found=found,

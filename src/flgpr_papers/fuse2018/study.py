@@ -25,19 +25,20 @@ from flgpr_papers.fuse2018.results import (
 )
 from flgpr_papers.kit.cache import read_arrays, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
+from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.worlds import World
 
 PAGE = "fuse2018.html"
 LANES = ("A", "B")
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
     """Simulate the calibration lane and lanes A and B, clean them, and write the page, the findings and the tables.
 
     What is finished already (a simulated lane, the thresholds, a lane's results) is taken as it is if it was made by
     the same recipe, so that a run that was stopped goes on where it was.
     """
-    folder, recipe = Path(output), fuse_recipe(quick)
+    folder, recipe = Path(output), fuse_recipe(quick, world)
     stores, results = folder / "lanes", folder / "results"
     for each in (stores, results):
         each.mkdir(parents=True, exist_ok=True)
@@ -52,9 +53,10 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     example = read_arrays(results / f"example-{result_key(recipe, quick, calibration)}.bundle")
     fullwave = fullwave_study(quick)
     found = all_findings(lanes, loose, recipe)
-    write_findings(folder, found, quick)
+    write_findings(folder, found, quick, world=world)
     page = folder / PAGE
-    html = page_html(recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder)
+    worlds = study_world("fuse2018", world), other_world(folder, PAGE, world, quick)
+    html = page_html(recipe, lanes, loose, calibration, example, poses, fullwave, found, quick, folder, *worlds)
     write_whole(page, html)
     return page
 

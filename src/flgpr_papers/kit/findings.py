@@ -322,7 +322,8 @@ def spread(value: float, draws: ArrayLike, level: float = 0.95, bounds: Bounds |
 def write_findings(folder: Path, found: Sequence[Finding], quick: bool, **more: Any) -> None:
     """Write ``findings.json``, in which a number that is not finite is null, and whatever else is told of the run.
 
-    The findings of a quick run have no verdicts.
+    The findings of a quick run have no verdicts. What else is told holds the ``world`` of the lanes, which
+    :func:`flgpr_papers.overview.run_study` asks for.
     """
     told = {"quick": quick, **more, "findings": [row_of(one) for one in for_run(found, quick)]}
     write_whole(folder / "findings.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
@@ -31,8 +32,11 @@ def packaged_text(paper: str, name: str = "study") -> str:
     return (resources.files(f"flgpr_papers.{paper}") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def packaged(paper: str, kind: type[T], quick: bool = False) -> T:
-    """Load the packaged settings of a paper's study; for a quick run the table ``quick`` is laid over the others."""
-    tables = tomllib.loads(packaged_text(paper))
+def packaged(paper: str, kind: type[T], quick: bool = False, more: Mapping[str, Any] | None = None) -> T:
+    """Load the packaged settings of a paper's study.
+
+    For a quick run the table ``quick`` is laid over the others, and ``more``, entries of nested tables, in any case.
+    """
+    tables = laid_over(tomllib.loads(packaged_text(paper)), more or {})
     small = tables.pop("quick", {})
     return kind.model_validate(laid_over(tables, small) if quick else tables)

@@ -102,11 +102,15 @@ def all_findings(
     return found, Tables(pool, by_band, searches, sets, blind_matches)
 
 
-def blind_scores(calibration: Sequence[LaneResult], blind: Sequence[LaneResult]) -> dict[str, Match]:
-    """Score the blind lanes with classifiers A and B, trained on all calibration lanes and frozen."""
+def blind_scores(
+    calibration: Sequence[LaneResult],
+    blind: Sequence[LaneResult],
+    sets: Mapping[str, tuple[str, ...]] = SETS,
+) -> dict[str, Match]:
+    """Score the blind lanes with classifiers of sets of features, trained on all calibration lanes and frozen."""
     lanes = [(one.name, one.alarms, one.features, one.truth, one.lane) for one in calibration]
     scores = {}
-    for name, columns in SETS.items():
+    for name, columns in sets.items():
         classifier = train(make_training_set(lanes, columns=columns), columns)
         tables = [one.alarms.assign(confidence=classifier.confidence(one.features)) for one in blind]
         scores[name] = matched(blind, [table.dropna(subset=["confidence"]) for table in tables])

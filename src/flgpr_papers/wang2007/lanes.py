@@ -1,17 +1,23 @@
 """The lanes of Wang et al. 2007 as far as the paper describes them, simulated.
 
-What the paper leaves open is fixed here, before anything is scored, and stated on the page: the soil, how the targets
-are spread over the lanes, how many mines the blind lanes hold, and how the vehicle drives.
+What the paper leaves open is fixed here and in ``lanes.toml``, before anything is scored, and stated on the page: the
+soil, the mines' bodies, how the targets are spread over the lanes, how many mines the blind lanes hold, and how the
+vehicle drives.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from flgpr.model import load_sensor
 from flgpr.simulate import Scene, Sensor
+from flgpr.simulate.signature.table import body_size
+from flgpr_papers.kit.mines import mix_draws
+from flgpr_papers.kit.study_worlds import AS_FOUND, OWN, study_world
 
-SITE = "arid-sand"
+LaneScenes = dict[str, tuple[Scene, int]]
+"""Scene and seed of each lane by its name."""
 TRACK = {"step": (1.0, 3.0), "wander": 0.1, "attitude": 0.004, "bounce": 0.005}
 DEPARTURE = {"start": 150.0, "length": 8.0}  # "the vehicle moved out of the mine lane to avoid obstacles"
 BLIND_MINES = 12  # of either kind per blind lane; the paper's authors never learned how many there were
@@ -28,38 +34,119 @@ _BLIND = ("b1", "b2", "b3", "b4")
 _BLIND_DENSITY = 100.0  # scatterers per m²: ten per finest cell of F1, where a sensor takes three of its own by default
 
 
-def calibration_scenes() -> dict[str, tuple[Scene, int]]:
-    """Give the three calibration lanes."""
-    scenes = {}
-    for seed, (name, (length, surface, metal, plastic, simulant)) in enumerate(_CALIBRATION.items(), start=101):
+def calibration_scenes(world: str = OWN) -> LaneScenes:
+    """Return the three calibration lanes of a world."""
+    lanes: dict[str, list[dict[str, Any]]] = {}
+    for name, (_, surface, metal, plastic, simulant) in _CALIBRATION.items():
         draws = [_draw("metal", _SURFACE, surface[0]), _draw("plastic", _SURFACE, surface[1])]
         draws += [_draw("metal", depth, n) for depth, n in zip((0.05, 0.10, 0.15), metal, strict=True)]
         draws += [_draw("plastic", depth, n) for depth, n in zip((0.05, 0.10), plastic, strict=True)]
         draws += [_draw("simulant", depth, n) for depth, n in zip((0.05, 0.10), simulant, strict=True)]
+        lanes[name] = draws
+    told = study_world("wang2007", world)
+    lanes = deal_bodies(lanes, told.mixes)
+    scenes = {}
+    for seed, (name, draws) in enumerate(lanes.items(), start=101):
         track = {**TRACK, "departures": [DEPARTURE]} if name == "c2" else TRACK
-        scenes[name] = (_scene(name, length, draws, track), seed)
+        scenes[name] = (_scene(name, _CALIBRATION[name][0], draws, track, told.sites["lane"]), seed)
     return scenes
 
 
-def blind_scenes() -> dict[str, tuple[Scene, int]]:
-    """Give the four blind lanes, with mines at 7.5 cm."""
+def blind_scenes(world: str = OWN) -> LaneScenes:
+    """Return the four blind lanes of a world, with mines at 7.5 cm."""
+    told = study_world("wang2007", world)
     draws = [_draw("metal", 0.075, BLIND_MINES), _draw("plastic", 0.075, BLIND_MINES)]
+    lanes = deal_bodies({name: draws for name in _BLIND}, told.mixes)
     surface = {"density": _BLIND_DENSITY}
-    return {name: (_scene(name, 1200.0, draws, TRACK, surface), seed) for seed, name in enumerate(_BLIND, start=201)}
+    return {
+        name: (_scene(name, 1200.0, lanes[name], TRACK, told.sites["lane"], surface), seed)
+        for seed, name in enumerate(_BLIND, start=201)
+    }
 
 
-def quick_scenes(site: str = SITE) -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
-    """Give small lanes that only show that everything runs: few targets, thinned surface clutter."""
+def quick_scenes(site: str | None = None, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    """Return small lanes that only show that everything runs: few targets, thinned surface clutter.
+
+    With a ``site``, a packaged one or the path of a file, they lie there with generic bodies, as of roads as found.
+    """
+    told = study_world("wang2007", world if site is None else AS_FOUND)
     track = {**TRACK, "step": (2.6, 3.0), "start": -14.0}
     surface = {"density": 20.0}
     few = [("metal", _SURFACE), ("metal", 0.05), ("plastic", _SURFACE), ("plastic", 0.05), ("simulant", 0.05)]
     draws = [_draw(kind, depth, 1) for kind, depth in few]
-    calibration = {
-        name: (_scene(name, 36.0, draws, track, surface, site), seed)
-        for seed, name in enumerate(_CALIBRATION, start=101)
-    }
-    blind = [_draw("metal", 0.075, 2), _draw("plastic", 0.075, 2)]
-    return calibration, {"b1": (_scene("b1", 36.0, blind, track, surface, site), 201)}
+    calibration = deal_bodies({name: draws for name in _CALIBRATION}, told.mixes)
+    blind = deal_bodies({"b1": [_draw("metal", 0.075, 2), _draw("plastic", 0.075, 2)]}, told.mixes)
+    place = told.sites["lane"] if site is None else site
+
+    def scenes(lanes: Mapping[str, list[dict[str, Any]]], first: int) -> LaneScenes:
+        return {
+            name: (_scene(name, 36.0, own, track, place, surface), seed)
+            for seed, (name, own) in enumerate(lanes.items(), start=first)
+        }
+
+    return scenes(calibration, 101), scenes(blind, 201)
+
+
+def deal_bodies(lanes: Mapping[str, list[dict[str, Any]]], mixes: Mapping[str, str]) -> dict[str, list[dict[str, Any]]]:
+    """Give the draws of several lanes the bodies of mixes, dealt over all lanes and depths in turn.
+
+    So the shares of a mix hold over all lanes together, where a draw of three mines can never hold those of four
+    bodies; mines on the surface and buried ones are dealt apart. A body that lies on the ground has the depth of its
+    own height.
+
+    Parameters
+    ----------
+    lanes : dict of list
+        Draws of each lane, with ``kind``, ``depth`` and ``count``.
+    mixes : dict
+        Mix by kind of target; kinds without one keep their generic body.
+
+    Returns
+    -------
+    dict of list
+        The draws of each lane, one per body at a depth.
+    """
+    stacks = {key: _stack(mixes[key[0]], count) for key, count in _counts(lanes).items() if key[0] in mixes}
+    dealt: dict[str, list[dict[str, Any]]] = {}
+    for name, draws in lanes.items():
+        dealt[name] = []
+        for draw in draws:
+            stack = stacks.get(_pool(draw))
+            if stack is None:
+                dealt[name].append(draw)
+                continue
+            bodies = [next(stack) for _ in range(draw["count"])]
+            dealt[name] += [_body_draw(draw, body, bodies.count(body)) for body in dict.fromkeys(bodies)]
+    return dealt
+
+
+def _pool(draw: Mapping[str, Any]) -> tuple[str, bool]:
+    """Tell among which mines a draw's bodies are dealt: kind, and whether they lie on the surface."""
+    return draw["kind"], draw["depth"] < 0
+
+
+def _counts(lanes: Mapping[str, list[dict[str, Any]]]) -> dict[tuple[str, bool], int]:
+    counts: dict[tuple[str, bool], int] = {}
+    for draws in lanes.values():
+        for draw in draws:
+            counts[_pool(draw)] = counts.get(_pool(draw), 0) + draw["count"]
+    return counts
+
+
+def _stack(mix: str, count: int) -> Iterator[str]:
+    """Give the bodies of ``count`` mines of a mix, one of each in turn as long as there are any."""
+    left = {draw["body"]: draw["count"] for draw in mix_draws(mix, 0.0, count)}
+    while left:
+        for body in list(left):
+            yield body
+            left[body] -= 1
+            if not left[body]:
+                del left[body]
+
+
+def _body_draw(draw: Mapping[str, Any], body: str, count: int) -> dict[str, Any]:
+    depth = -body_size(body)["height"] if draw["depth"] < 0 else draw["depth"]
+    return {**draw, "body": body, "depth": depth, "count": count}
 
 
 def sensor(band: tuple[float, float] | None = None) -> Sensor:
@@ -77,8 +164,8 @@ def _scene(
     length: float,
     draws: list[dict[str, Any]],
     track: dict[str, Any],
+    site: str,
     surface: dict[str, Any] | None = None,
-    site: str = SITE,
 ) -> Scene:
     parts = {"name": name, "site": site, "length": length, "draws": draws, "track": track, "surface": surface or {}}
     return Scene.model_validate(parts)

@@ -18,6 +18,7 @@ from flgpr_papers.kit.cache import read_arrays
 from flgpr_papers.kit.findings import SHARE, Finding, by_chance, spread
 from flgpr_papers.kit.page import HEADER, Twin, draw, point_rows, study_html
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.study_worlds import OtherWorld, StudyWorld
 from flgpr_papers.wang2007.analysis import (
     AREA,
     BURIED_METAL,
@@ -33,7 +34,6 @@ from flgpr_papers.wang2007.analysis import (
     table_one,
 )
 from flgpr_papers.wang2007.findings import SETS, all_findings, retrainings
-from flgpr_papers.wang2007.lanes import SITE
 from flgpr_papers.wang2007.twins import Shown, drawings
 
 Row = tuple[Any, ...]
@@ -49,6 +49,9 @@ def page_html(
     radar: Sensor,
     quick: bool,
     track: Track,
+    costs: pd.DataFrame,
+    study_world: StudyWorld,
+    other: OtherWorld,
 ) -> tuple[str, list[Finding]]:
     """Judge the findings and write the page, which needs nothing beside it."""
     draws = 100 if quick else 1000
@@ -71,8 +74,9 @@ def page_html(
     html = study_html(
         "wang2007.html",
         quick=quick,
+        study_world=study_world,
+        other=other,
         radar=radar,
-        site=SITE,
         lanes=[_lane_row(one) for one in (*calibration, *blind)],
         found=findings,
         chance=by_chance(findings),
@@ -81,6 +85,7 @@ def page_html(
         retrained=_retrained_rows(pool, draws),
         features=list(FEATURES),
         numbered=[f"#{i + 1} {name}" for i, name in enumerate(FEATURES)],
+        costs=_cost_rows(costs),
         singles=_single_rows(by_band["F1"]),
         variants=_variant_rows(pool),
         bands=[(band, *_two_digits(table.loc["A"])) for band, table in by_band.items()],
@@ -91,6 +96,17 @@ def page_html(
         twins=twins,
     )
     return html, findings
+
+
+def _cost_rows(costs: pd.DataFrame) -> list[Row]:
+    """Tabulate what each difference costs: a row per difference and kind of lanes, a column per detector."""
+    rows: list[Row] = []
+    for (entry, where), some in costs.groupby(["difference", "lanes"], sort=False):
+        one = some.iloc[0]
+        cells = [f"{row['cost']:+z.3f} ({row['low']:+z.3f} to {row['high']:+z.3f})" for _, row in some.iterrows()]
+        alarms = f"{one['alarms']} and {one['alarms_changed']}"
+        rows.append((entry, f"{one['printed']} to {one['changed']}", where, *cells, alarms))
+    return rows
 
 
 def _retrained_rows(pool: Pool, draws: int) -> list[Row]:

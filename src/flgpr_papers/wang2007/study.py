@@ -27,16 +27,19 @@ from flgpr.simulate import Scene, Sensor
 from flgpr_papers.kit.cache import read_arrays, store_lane, write_arrays
 from flgpr_papers.kit.findings import Finding, write_findings
 from flgpr_papers.kit.settings import packaged_text
+from flgpr_papers.kit.study_worlds import OWN, other_world, study_world
 from flgpr_papers.kit.worlds import World
 from flgpr_papers.wang2007.analysis import LaneResult
+from flgpr_papers.wang2007.costs import MEDIAN_STEP, Lanes, cost_table
 from flgpr_papers.wang2007.findings import all_findings
-from flgpr_papers.wang2007.lanes import blind_scenes, calibration_scenes, quick_scenes, sensor
+from flgpr_papers.wang2007.lanes import LaneScenes, blind_scenes, calibration_scenes, quick_scenes, sensor
 from flgpr_papers.wang2007.page import page_html
 
 PAGE = "wang2007.html"
+_F1_BAND = (0.75e9, 1.35e9)  # Hz, F1 (Sec. II)
 
 
-def reproduce(output: str | Path, quick: bool = False, track: Track = silent) -> Path:
+def reproduce(output: str | Path, quick: bool = False, track: Track = silent, world: str = OWN) -> Path:
     """Simulate the lanes, run the chain on them, and write the page.
 
     What is finished already (a simulated lane, a lane's result) is taken as it is if it was made from the same scene,
@@ -44,10 +47,15 @@ def reproduce(output: str | Path, quick: bool = False, track: Track = silent) ->
     """
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
-    calibration, blind = ([make_part(folder, name, quick, track) for name in lanes] for lanes in _lanes(quick))
+    names = _lanes(quick, world)
+    calibration, blind = ([make_part(folder, name, quick, world, track) for name in lanes] for lanes in names)
+    coarse = Lanes(*([coarse_part(folder, name, quick, world, track) for name in lanes] for lanes in names))
+    costs = cost_table(Lanes(calibration, blind), coarse, draws=100 if quick else 1000)
+    write_whole(folder / "costs.csv", costs.round(4).to_csv(index=False))
     recipe = parse_recipe(packaged_text("wang2007"))
-    html, findings = page_html(folder, calibration, blind, recipe, sensor(), quick, track)
-    write_findings(folder, findings, quick)
+    worlds = study_world("wang2007", world), other_world(folder, PAGE, world, quick)
+    html, findings = page_html(folder, calibration, blind, recipe, sensor(), quick, track, costs, *worlds)
+    write_findings(folder, findings, quick, world=world)
     write_whole(folder / PAGE, html)
     return folder / PAGE
 
@@ -57,20 +65,38 @@ def parts(quick: bool) -> list[str]:
     return [name for lanes in reversed(_lanes(quick)) for name in lanes]
 
 
-def make_part(folder: Path, name: str, quick: bool, track: Track = silent) -> LaneResult:
-    """Work on a lane, a blind one in the sub-band alone that the classifiers look at, which were frozen before."""
-    calibration, blind = _lanes(quick)
+def make_part(folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent) -> LaneResult:
+    """Work on a lane, a blind one in the sub-band alone that the classifiers look at, which were frozen before.
+
+    What the coarse median of the recipe wang2007 gives on it is worked out beside, for the table of costs.
+    """
+    calibration, blind = _lanes(quick, world)
     scene, seed = (calibration | blind)[name]
-    text = packaged_text("wang2007")
     if name in calibration:
-        return lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
-    text = re.sub(r"(?m)^F[0234] .*\n", "", text)
-    radar = sensor(parse_recipe(text).image.subbands["F1"])
-    return lane_result(folder, scene, seed, radar, text, track, wide=False)
+        text = packaged_text("wang2007")
+        result = lane_result(folder, scene, seed, sensor(), text, track, examples=name == "c1")
+    else:
+        result = lane_result(folder, scene, seed, sensor(_F1_BAND), _text_of_f1(), track, wide=False)
+    coarse_part(folder, name, quick, world, track)
+    return result
 
 
-def _lanes(quick: bool) -> tuple[dict[str, tuple[Scene, int]], dict[str, tuple[Scene, int]]]:
-    return quick_scenes() if quick else (calibration_scenes(), blind_scenes())
+def coarse_part(folder: Path, name: str, quick: bool, world: str = OWN, track: Track = silent) -> LaneResult:
+    """Work on the stored run of a lane with the coarse median of the recipe wang2007, in F1 alone."""
+    calibration, blind = _lanes(quick, world)
+    scene, seed = (calibration | blind)[name]
+    radar = sensor() if name in calibration else sensor(_F1_BAND)
+    text = _text_of_f1().replace("median_step = 1\n", f"median_step = {MEDIAN_STEP}\n")
+    return lane_result(folder, scene, seed, radar, text, track, wide=False, suffix="-coarse")
+
+
+def _text_of_f1() -> str:
+    """Give the study's recipe with the sub-band F1 alone."""
+    return re.sub(r"(?m)^F[0234] .*\n", "", packaged_text("wang2007"))
+
+
+def _lanes(quick: bool, world: str = OWN) -> tuple[LaneScenes, LaneScenes]:
+    return quick_scenes(world=world) if quick else (calibration_scenes(world), blind_scenes(world))
 
 
 def lane_result(
@@ -82,9 +108,13 @@ def lane_result(
     track: Track,
     examples: bool = False,
     wide: bool = True,
+    suffix: str = "",
 ) -> LaneResult:
-    """Simulate a lane and run the chain on it, with all that the figures need if wanted, or take what is there."""
-    home, recipe = folder / "results" / scene.name, parse_recipe(text)
+    """Simulate a lane and run the chain on it, with all that the figures need if wanted, or take what is there.
+
+    ``suffix`` names results of another recipe on the same lane.
+    """
+    home, recipe = folder / "results" / f"{scene.name}{suffix}", parse_recipe(text)
     check_tones(radar, recipe.image.x, recipe.image.y)
     store, truth, lane = store_lane(folder / "lanes", scene, seed, radar, track)
     extras = folder / "results" / f"{scene.name}-wide.bundle"
