@@ -75,6 +75,8 @@ FloatArray = NDArray[np.float64]
 Examples = tuple[pd.DataFrame, FloatArray]
 SHALLOW = 0.06
 """Depth up to which the paper's first three depths lie, m, with their scatter."""
+FEWEST_EXAMPLES = 6
+"""Looks at mines, and clutter regions, that a classifier of Fig. 5 needs past the prescreeners."""
 SURFACE = -0.05
 """Depth above which a mine lies on the surface, m."""
 FIG5_FAR = 0.04
@@ -236,8 +238,13 @@ def screened(material: Material) -> Results:
                 passed[site.name] = (examples[0], _offered(site))
             chosen = _pick(examples, ("metal",), (SURFACE, SHALLOW), label)
             mine = chosen[0]["kind"] == "metal"
-            if mine.sum() < 6 or (~mine).sum() < 6:
-                results.notes[f"fig5 {site.name} {label}"] = "too few examples pass the prescreeners"
+            mines = int(mine.sum())
+            clutter = int((~mine).sum())
+            if min(mines, clutter) < FEWEST_EXAMPLES:
+                results.notes[f"fig5 {site.name} {label}"] = (
+                    f"{mines} of {len(offered)} looks at mines and {clutter} clutter regions pass;"
+                    f" a classifier needs {FEWEST_EXAMPLES} of each"
+                )
                 continue
             seen = leave_one_out(*chosen, rvm(options), options.folds)
             figure[label] = roc(seen, site.area, len(offered))

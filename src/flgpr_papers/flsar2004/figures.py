@@ -34,11 +34,11 @@ def draw(settings: Settings, sites: list[Site], curves: Curves, notes: dict[str,
         yield "fig4", margin_figure()
         for number in range(5, 11):
             names = [name for name in TITLES if name.split()[0] == f"fig{number}"]
-            yield f"fig{number}", _rocs(curves, names, (1, len(names)))
-        yield "machines", _rocs(curves, ["machines"], (1, 1))
+            yield f"fig{number}", _rocs(curves, names, (1, len(names)), notes)
+        yield "machines", _rocs(curves, ["machines"], (1, 1), notes)
         yield "vectors", _vectors(notes["vectors by fold"])
         yield "one-class-width", kernel_width_figure()
-        yield "rocs", _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3))
+        yield "rocs", _rocs(curves, [name for name in TITLES if name != "machines"], (3, 3), notes)
 
 
 def _lane(settings: Settings, site: Site) -> Figure:
@@ -141,7 +141,7 @@ def margin_figure() -> Figure:
     return figure
 
 
-def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int]) -> Figure:
+def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int], notes: dict[str, Any]) -> Figure:
     size = (11, 10) if shape[0] > 1 else (5.2 * shape[1], 3.8)
     figure = Figure(figsize=size, layout="constrained")
     for axes, name in zip(np.ravel(figure.subplots(*shape, squeeze=False)), names, strict=True):
@@ -154,7 +154,8 @@ def _rocs(curves: Curves, names: Sequence[str], shape: tuple[int, int]) -> Figur
         if curves.get(name):
             axes.legend(fontsize=7, loc="lower right")
         else:
-            axes.text(0.5, 0.5, "too few examples pass", transform=axes.transAxes, ha="center")
+            reason = notes.get(f"{name} both", "too few examples")
+            axes.text(0.5, 0.5, reason.replace("; ", ";\n"), transform=axes.transAxes, ha="center", fontsize=8)
     return figure
 
 
