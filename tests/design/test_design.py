@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.design.array import PointSpread, Question, half_power, study
+from flgpr.design.array import Question, study
+from flgpr.design.point_spread import PointSpread, half_power
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 

@@ -7,17 +7,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
+from flgpr.design.point_spread import PointSpread, ground_plane
 from flgpr.imaging import ScanImager
-from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
 KINDS = ("metal", "plastic")
-_OVERSAMPLING = 32
 _LOOKS = 4  # bare stretches of ground whose mean power is the clutter
 _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
 
@@ -55,89 +54,6 @@ class Design:
     ratio: dict[tuple[str, str], FloatArray] = field(default_factory=dict)
     ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))
     ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
-
-
-class PointSpread:
-    """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
-
-    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once, for it depends on the
-    difference of paths alone; without antenna patterns and spreading, as in image formation.
-    """
-
-    def __init__(self, sensor: Sensor, band: tuple[float, float] | None = None, window: str = "hann") -> None:
-        if window not in WINDOWS:
-            raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
-        tones = sensor.tones.axis()
-        low, high = band or (float(tones[0]), float(tones[-1]))
-        chosen = (tones >= low) & (tones <= high)
-        if np.count_nonzero(chosen) < 2:
-            raise ValueError(f"band must hold at least two tones, got {low:g} to {high:g} Hz")
-        self.tones = tones[chosen]
-        weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
-        up = np.array([0.0, 0.0, sensor.height])
-        tx, rx = sensor.pairs()
-        self.tx, self.rx = tx + up, rx + up
-        count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
-        middle = self.tones.size // 2
-        spectrum = np.zeros(count, complex)
-        spectrum[(np.arange(self.tones.size) - middle) % count] = weight
-        self._table = np.append(np.fft.ifft(spectrum) * count, 0)
-        self._table[-1] = self._table[0]
-        self._period, self._carrier = SPEED_OF_LIGHT / sensor.tones.step, float(self.tones[middle])
-        self._peak = weight.sum() * len(tx)
-
-    def paths(self, points: ArrayLike) -> FloatArray:
-        """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
-        p = np.asarray(points, dtype=np.float64)
-        ends = (np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1) for end in (self.tx, self.rx))
-        return np.asarray(sum(ends), dtype=np.float64)
-
-    def __call__(self, points: ArrayLike, source: ArrayLike) -> FloatArray:
-        """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak."""
-        p = np.asarray(points, dtype=np.float64)
-        at = self.paths(np.asarray(source, dtype=np.float64))
-        total = np.zeros(p.shape[:-1], complex)
-        for tx, rx, there in zip(self.tx, self.rx, at, strict=True):
-            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - there
-            place = path / self._period % 1.0 * (self._table.size - 1)
-            cell = np.minimum(place.astype(np.intp), self._table.size - 2)
-            value = self._table[cell] + (place - cell) * (self._table[cell + 1] - self._table[cell])
-            total += value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
-        return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
-
-    def expected_widths(self, source: FloatArray) -> tuple[float, float]:
-        """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
-        middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
-        slant, ground = float(np.linalg.norm(source - middle)), float(np.hypot(*(source - middle)[:2]))
-        down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
-        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
-        return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
-
-    def widths(self, source: ArrayLike) -> tuple[float, float]:
-        """Half-power widths along y and x through a point of the ground (3,), m; NaN where none is met."""
-        place = np.asarray(source, dtype=np.float64)
-        found = []
-        for axis, expected in zip((1, 0), self.expected_widths(place), strict=True):
-            offset = np.linspace(-4, 4, 401) * expected
-            line = np.repeat(place[None], offset.size, axis=0)
-            line[:, axis] += offset
-            found.append(half_power(offset, self(line, place)))
-        return found[0], found[1]
-
-
-def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
-    """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
-    middle, level = offset.size // 2, math.sqrt(0.5)
-    edges = []
-    for side in (1, -1):
-        values, places = amplitude[middle::side], offset[middle::side]
-        under = np.flatnonzero(values < level)
-        if not under.size or under[0] == 0:
-            return math.nan
-        k = int(under[0])
-        part = (values[k - 1] - level) / (values[k - 1] - values[k])
-        edges.append(places[k - 1] + part * (places[k] - places[k - 1]))
-    return float(abs(edges[0] - edges[1]))
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
@@ -189,7 +105,7 @@ def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
 def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     down, cross = spread.expected_widths(source)
     y, x = np.linspace(-5, 5, 161) * down, np.linspace(-5, 5, 161) * cross
-    return y, x, _decibels(spread(_plane(x + source[0], y + source[1]), source))
+    return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
 
 
 def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -197,7 +113,7 @@ def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tup
     down, cross = spread.expected_widths(np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0]))
     y = np.linspace(y_min, y_max, min(400, math.ceil((y_max - y_min) / (0.4 * down))))
     x = np.linspace(x_min, x_max, min(400, math.ceil((x_max - x_min) / (0.4 * cross))))
-    return y, x, _decibels(spread(_plane(x, y), source))
+    return y, x, _decibels(spread(ground_plane(x, y), source))
 
 
 def _highest_lobe(
@@ -218,10 +134,6 @@ def _highest_lobe(
         "x": float(x[j] - source[0]),
         "y": float(y[i] - source[1]),
     }
-
-
-def _plane(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
 
 
 def _decibels(amplitude: FloatArray) -> FloatArray:
