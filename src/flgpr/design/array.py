@@ -7,16 +7,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.point_spread import PointSpread, ground_plane
+from flgpr.design.signal_to_clutter import GroundModel, expected_signal_to_clutter, ground_model
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
 KINDS = ("metal", "plastic")
+BODIES = {"metal": "metal-at", "plastic": "plastic-at"}
+"""Packaged bodies that the kinds stand for."""
 _LOOKS = 4  # bare stretches of ground whose mean power is the clutter
 _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
 
@@ -29,6 +33,7 @@ class Question:
     window: str = "hann"
     site: str = "arid-sand"  #: packaged site whose soil and surface the mines lie in
     depth: float = 0.05  #: depth of the mines' top, m
+    rms_height: float | None = None  #: of the surface, m; None takes the site's
 
 
 @dataclass
@@ -39,7 +44,9 @@ class Design:
     ``down`` and ``cross`` are the half-power widths of the point spread along y and x, m, NaN where no half-power point
     was met; ``lobes`` the place and level of the highest lobe at each distance; ``responses`` the ground around a point
     at each distance as (y, x, power), dB below its peak, and ``close`` the same with offsets from the point; ``ratio``
-    the expected signal to clutter of a mine by kind and polarization, dB.
+    the simulated signal to clutter of a mine by kind and polarization, dB; ``expected`` that by formula at the middle
+    distance straight ahead, as :func:`flgpr.design.expected_signal_to_clutter` gives it, empty where ``not_expected``
+    says why there is none.
     """
 
     sensor: Sensor
@@ -54,6 +61,9 @@ class Design:
     ratio: dict[tuple[str, str], FloatArray] = field(default_factory=dict)
     ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))
     ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
+    distance: float = 0.0
+    expected: pd.DataFrame = field(default_factory=pd.DataFrame)
+    not_expected: str = ""
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
@@ -61,6 +71,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     asked = question or Question()
     if asked.site not in sites():
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
+    ground = ground_model(asked.site, rms_height=asked.rms_height)
     spread = PointSpread(sensor, asked.band, asked.window)
     x_min, x_max, y_min, y_max = sensor.footprint
     near = max(y_min, 1.2 * sensor.height)
@@ -77,8 +88,50 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         design.close[distance] = _close(spread, source)
         design.responses[distance] = _over_ground(spread, source, sensor)
         design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
-    _expect(design, sensor, asked, track)
+    _simulate_ratio(design, sensor, ground, asked, track)
+    _expect(design, ground, asked)
     return design
+
+
+def expected_in_words(design: Design) -> str:
+    """Tell in a sentence by how much mines are expected to stand above the clutter."""
+    if design.expected.empty:
+        return f"{design.sensor.name}: no signal to clutter by formula, for {design.not_expected}."
+    first = design.expected.iloc[0]
+    mines = []
+    for kind, body in BODIES.items():
+        rows = design.expected[design.expected["body"] == body]
+        levels = zip(rows["signal_to_clutter_db"], rows["polarization"], strict=True)
+        mines.append(f"a {kind} mine {' and '.join(_level_in_words(*level) for level in levels)}")
+    return (
+        f"{design.sensor.name}, {design.distance:.0f} m ahead, {100 * first['depth']:.3g} cm deep in {first['ground']} "
+        f"with a surface of {1000 * first['rms_height']:.3g} mm rms: against the mean clutter the image is expected to "
+        f"show {' and '.join(mines)}."
+    )
+
+
+def _level_in_words(level: float, polarization: str) -> str:
+    side = "stronger" if round(level) >= 0 else "weaker"
+    return f"{abs(round(level))} dB {side} in {polarization}"
+
+
+def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
+    """Find the signal to clutter by formula at the middle distance, or why there is none."""
+    design.distance = float(design.y[design.y.size // 2])
+    bodies = list(BODIES.values())
+    bands = None if asked.band is None else {"all": asked.band}
+    try:
+        design.expected = expected_signal_to_clutter(
+            design.sensor,
+            ground,
+            bodies,
+            [asked.depth],
+            distance=design.distance,
+            subbands=bands,
+            window=asked.window,
+        )
+    except ValueError as error:
+        design.not_expected = str(error)
 
 
 def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
@@ -140,7 +193,7 @@ def _decibels(amplitude: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
 
 
-def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> None:
+def _simulate_ratio(design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track) -> None:
     """Simulate single mines and bare ground, image both, and divide peak by mean power."""
     still = sensor.model_copy(update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])})
     if not still.polarization:
@@ -148,27 +201,30 @@ def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> No
     band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
-    clutter = _clutter(design, still, asked, band)
+    clutter = _clutter(design, still, ground, asked, band)
     steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
     for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
-        peaks = _peaks(design, still, asked, band, kind, float(design.ratio_x[column]))
+        peaks = _peaks(design, still, ground, asked, band, kind, float(design.ratio_x[column]))
         for p, label in enumerate(still.polarization):
             grid = design.ratio.setdefault((kind, label), np.empty((design.ratio_y.size, design.ratio_x.size)))
             grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
 
-def _quiet(asked: Question, **parts: Any) -> Scene:
-    none = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
-    return Scene.model_validate({"site": asked.site, "clutter": none} | parts)
+def _bare(ground: GroundModel, surface: dict[str, Any], **parts: Any) -> Scene:
+    """Make a lane of a ground's soil and surface and nothing else but ``parts``."""
+    own = ground.surface.model_copy(update=surface)
+    return Scene.model_validate({"soil": ground.soil, "surface": own} | parts)
 
 
-def _clutter(design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]]) -> FloatArray:
+def _clutter(
+    design: Design, sensor: Sensor, ground: GroundModel, asked: Question, band: dict[str, tuple[float, float]]
+) -> FloatArray:
     """Mean power (polarization, y, x) of bare ground around every position of the ratio map."""
     apart = design.y[-1] + 60.0
-    scene = _quiet(
-        asked,
+    scene = _bare(
+        ground,
+        {"texture_shape": None},
         length=_LOOKS * apart,
-        surface={"texture_shape": None},
         track={"positions": tuple(k * apart for k in range(_LOOKS))},
     )
     run = Simulator(scene, sensor, 1, errors=False).run()
@@ -187,15 +243,21 @@ def _clutter(design: Design, sensor: Sensor, asked: Question, band: dict[str, tu
 
 
 def _peaks(
-    design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]], kind: str, x: float
+    design: Design,
+    sensor: Sensor,
+    ground: GroundModel,
+    asked: Question,
+    band: dict[str, tuple[float, float]],
+    kind: str,
+    x: float,
 ) -> FloatArray:
     """Peak power (y, polarization) in the image of a mine on its own at a cross-track place, from every distance."""
     far = float(design.ratio_y[-1]) + 5.0
-    scene = _quiet(
-        asked,
+    scene = _bare(
+        ground,
+        {"phase_screen": False},
         length=far + 10.0,
         targets=[{"kind": kind, "x": x, "y": far, "depth": asked.depth}],
-        surface={"phase_screen": False},
         track={"positions": tuple(far - float(y) for y in design.ratio_y)},
     )
     run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)

@@ -17,22 +17,23 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.special import stdtrit
 
-from flgpr.chain.progress import Track, silent
+from flgpr.chain.progress import Track as Progress
+from flgpr.chain.progress import silent
 from flgpr.design.point_spread import PointSpread
-from flgpr.imaging import ScanImager
+from flgpr.imaging import ImagingOperator
 from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import Grid, Sensor
+from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.echoes import Ground, incidence
 from flgpr.simulate.roughness import surface_backscatter
-from flgpr.simulate.scene import Soil, Surface, Target
+from flgpr.simulate.scene import Soil, Surface, Target, Track
 from flgpr.simulate.signature import FREQUENCY, find_table
 from flgpr.simulate.simulator import array_state, system_response
 from flgpr.simulate.spread import ArrayState
 from flgpr.simulate.targets import mean_amplitude
 
-FloatArray = NDArray[np.float64]
 Subbands = Mapping[str, tuple[float, float]]
 
 DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
@@ -46,6 +47,8 @@ _AROUND = 0.5  # m around the body in which its peak is looked for
 _BEHIND = 0.8  # m behind it, where deeper bodies appear
 _CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
 _CLUTTER_ACROSS = 1.5  # m to each side
+_CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
+_LOOKS_APART = 60.0  # m
 _PEAK_STEPS = 8.0  # pixels of the body's image per expected width of the point spread
 _CONFIDENCE = 0.95
 
@@ -103,8 +106,10 @@ def ground_model(
         scene = Scene.model_validate({"site": site, "soil": soil, "surface": surface})
     except ValidationError as error:
         raise ValueError(first_fault(error, Scene)) from None
-    name = str(site) if permittivity is None else f"permittivity {permittivity:g}, loss tangent {loss_tangent:g}"
-    return GroundModel(name, scene.soil, scene.surface)
+    parts = [] if permittivity is None else [f"permittivity {permittivity:g}"]
+    parts += [] if loss_tangent is None else [f"loss tangent {loss_tangent:g}"]
+    name = str(site) if permittivity is None else "soil"
+    return GroundModel(f"{name} of {' and '.join(parts)}" if parts else name, scene.soil, scene.surface)
 
 
 @dataclass(frozen=True)
@@ -185,8 +190,8 @@ def expected_signal_to_clutter(
     Returns
     -------
     pandas.DataFrame
-        A row for each body, depth, sub-band and polarization, in this order, with ``sensor``, ``ground``,
-        ``rms_height`` and the columns above.
+        A row for each body, depth, sub-band and polarization, in this order, with ``sensor``, ``height``,
+        ``distance``, ``ground``, ``rms_height`` and the columns above.
 
     Raises
     ------
@@ -195,6 +200,7 @@ def expected_signal_to_clutter(
         signature tables, at 3.225 GHz, are one of the cases.
     """
     view = _view(sensor, distance, height, subbands, polarizations, window)
+    _check_ground(ground)
     _check_bodies(bodies, depths)
     rows = []
     for subband, edges in view.subbands.items():
@@ -208,7 +214,7 @@ def expected_signal_to_clutter(
                     parts = {name: float(value[_COPOLAR.index(polarization)]) for name, value in factors.items()}
                     noise = float(sigma0[_COPOLAR.index(polarization)])
                     total = sum(parts.values()) - noise - 10 * math.log10(cell)
-                    key = _key(sensor, ground, body, depth, subband, polarization)
+                    key = _key(view, ground, body, depth, subband, polarization)
                     rows.append(key | parts | {"sigma0_db": noise, "cell_m2": cell, "signal_to_clutter_db": total})
     return _in_order(pd.DataFrame(rows), bodies, depths)
 
@@ -220,37 +226,64 @@ def measure_signal_to_clutter(
     depths: Sequence[float] = DEPTHS,
     *,
     seeds: int = 6,
+    looks: int = 4,
     distance: float = DISTANCE,
     height: float | None = None,
     subbands: Subbands | None = None,
     polarizations: Sequence[str] | None = None,
     window: str = "boxcar",
     heading: float = 0.0,
-    track: Track = silent,
+    track: Progress = silent,
 ) -> pd.DataFrame:
-    """Measure the signal to clutter of level bodies on simulated images, over ``seeds`` grounds.
+    """Measure the signal to clutter of level bodies on simulated images, over several random grounds.
 
     The signal is the peak power around the body, which alone echoes but is seen through the rough surface of each
-    seed; the clutter is the mean power of the bare ground there. ``signal_to_clutter_db`` is the ratio of the means
-    over the seeds, ``low_db`` and ``high_db`` the ends of its interval of 95 %, from the spread between seeds by
-    Student's distribution. The other parameters, the rows and the errors are those of
-    :func:`expected_signal_to_clutter`; at least two seeds are needed.
+    seed; the clutter is the mean power of the bare ground there.
+
+    Parameters
+    ----------
+    sensor, ground, bodies, depths, distance, height, subbands, polarizations, window, heading
+        As of :func:`expected_signal_to_clutter`.
+    seeds : int
+        Number of grounds, at least two.
+    looks : int
+        Bare stretches of each ground, 60 m apart, that its clutter is the mean of.
+    track : callable
+        Told of the progress.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Rows as of :func:`expected_signal_to_clutter`; ``signal_to_clutter_db`` is the ratio of the means over the
+        seeds, ``low_db`` and ``high_db`` are the ends of its interval of 95 %, from the spread between the seeds by
+        Student's distribution.
+
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule: names it, the rule and the value.
     """
     view = _view(sensor, distance, height, subbands, polarizations, window)
+    _check_ground(ground)
     _check_bodies(bodies, depths)
     if seeds < 2:
         raise ValueError(f"seeds must be at least 2, to tell an interval, got {seeds}")
-    clutter = np.stack([_clutter_power(view, ground, seed) for seed in track(range(seeds), "bare ground", seeds)])
+    if looks < 1:
+        raise ValueError(f"looks must be at least 1, got {looks}")
+    wide = _imager(view, _CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
+    close = _imager(view, _AROUND, _AROUND, _BEHIND, view.step)
+    grounds = track(range(seeds), "bare ground", seeds)
+    clutter = np.stack([_clutter_power(view, ground, seed, looks, wide) for seed in grounds])
     cases = [(body, depth) for body in bodies for depth in depths]
     rows = []
     for body, depth in track(cases, "bodies", len(cases)):
         target = _target(view, body, depth, heading)
-        signal = np.stack([_peak_power(view, ground, target, seed) for seed in range(seeds)])
+        signal = np.stack([_peak_power(view, ground, target, seed, close) for seed in range(seeds)])
         ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
         margin = _margin_db(signal, clutter)
         for s, subband in enumerate(view.subbands):
             for p, polarization in enumerate(view.polarizations):
-                key = _key(sensor, ground, body, depth, subband, polarization)
+                key = _key(view, ground, body, depth, subband, polarization)
                 found = {"signal_to_clutter_db": ratio[p, s], "low_db": ratio[p, s] - margin[p, s]}
                 rows.append(key | found | {"high_db": ratio[p, s] + margin[p, s], "seeds": seeds})
     return _in_order(pd.DataFrame(rows), bodies, depths)
@@ -272,7 +305,7 @@ class _Band:
         self._sine = incidence(view.x, view.distance, 0.0, view.array)
 
     def _radar(self, tones: FloatArray) -> FloatArray:
-        """What the radar and the beams of its antennas make of a level echo at the place (frequency,)."""
+        """Compute what the radar and the beams of its antennas make of a level echo at the place (frequency,)."""
         response = np.abs(system_response(self._view.sensor, tones))
         beams = np.stack([self._beams(self._place[None], tone)[:, 0].mean() for tone in tones])
         return np.asarray(response * beams)
@@ -322,7 +355,7 @@ class _Band:
             "attenuation_db": whole - entered,
         }
 
-    def _peak(self, amplitude: FloatArray) -> FloatArray:
+    def _peak(self, amplitude: ComplexArray) -> FloatArray:
         """Peak power over delay of the band's range profile of spectra (2, frequency), over its weights', dB (2,)."""
         count = _DELAYS * self._tones.size
         profile = np.fft.ifft(amplitude * self._weights, count, axis=-1) * count
@@ -374,6 +407,12 @@ def _view(
     return _View(still, (x_min + x_max) / 2, float(distance), bands, tuple(wanted), window)
 
 
+def _check_ground(ground: GroundModel) -> None:
+    """Refuse a smooth surface."""
+    if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
+        raise ValueError("rms_height or unevenness must be greater than 0, for a smooth surface has no clutter, got 0")
+
+
 def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
     """Refuse unknown bodies and depths that are none."""
     if isinstance(bodies, str) or not len(bodies):
@@ -391,11 +430,11 @@ def _target(view: _View, body: str, depth: float, heading: float) -> Target:
     return Target(kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=heading)
 
 
-def _key(
-    sensor: Sensor, ground: GroundModel, body: str, depth: float, subband: str, polarization: str
-) -> dict[str, Any]:
+def _key(view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
     return {
-        "sensor": sensor.name,
+        "sensor": view.sensor.name,
+        "height": view.sensor.height,
+        "distance": view.distance,
         "ground": ground.name,
         "rms_height": ground.surface.rms_height,
         "body": body,
@@ -411,39 +450,58 @@ def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float
     return table.iloc[np.argsort(place.to_numpy(), kind="stable")].reset_index(drop=True)
 
 
-def _scene(view: _View, ground: GroundModel, surface: dict[str, Any], targets: tuple[Target, ...] = ()) -> Scene:
-    """A lane with a ground's soil and surface and nothing else, seen from one place."""
-    return Scene.model_validate(
-        {
-            "length": view.distance + 10.0,
-            "soil": ground.soil,
-            "surface": ground.surface.model_copy(update=surface),
-            "track": {"positions": (0.0,)},
-            "targets": targets,
-        }
+def _simulator(
+    view: _View,
+    ground: GroundModel,
+    seed: int,
+    *,
+    echo: bool,
+    positions: tuple[float, ...] = (0.0,),
+    targets: tuple[Target, ...] = (),
+) -> Simulator:
+    """Simulate a lane with a ground's soil and surface and nothing else, without the radar's errors."""
+    scene = Scene(
+        length=positions[-1] + view.distance + 10.0,
+        soil=ground.soil,
+        surface=ground.surface.model_copy(update={"echo": echo}),
+        track=Track(positions=positions),
+        targets=targets,
     )
+    return Simulator(scene, view.sensor, seed, errors=False)
 
 
-def _clutter_power(view: _View, ground: GroundModel, seed: int) -> FloatArray:
-    """Mean power (polarization, subband) of the image of bare ground around the body's place."""
-    across = (view.x - _CLUTTER_ACROSS, view.x + _CLUTTER_ACROSS)
-    along = (view.distance - _CLUTTER_ALONG, view.distance + _CLUTTER_ALONG)
-    simulator = Simulator(_scene(view, ground, {"echo": True}), view.sensor, seed, errors=False)
-    return _image_power(view, simulator, Grid.spanning(across, along, 0.05), bodies=False).mean(axis=(2, 3))
+def _clutter_power(view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator) -> FloatArray:
+    """Mean power (polarization, subband) of the images of bare ground around the body's place."""
+    positions = tuple(_LOOKS_APART * look for look in range(looks))
+    simulator = _simulator(view, ground, seed, echo=True, positions=positions)
+    power = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
+    return np.asarray(np.mean(power, axis=0))
 
 
-def _peak_power(view: _View, ground: GroundModel, target: Target, seed: int) -> FloatArray:
+def _peak_power(view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
     """Peak power (polarization, subband) of the image of a body that alone echoes, under a rough surface."""
-    across = (view.x - _AROUND, view.x + _AROUND)
-    along = (view.distance - _AROUND, view.distance + _BEHIND)
-    simulator = Simulator(_scene(view, ground, {"echo": False}, (target,)), view.sensor, seed, errors=False)
-    return _image_power(view, simulator, Grid.spanning(across, along, view.step), bodies=True).max(axis=(2, 3))
+    simulator = _simulator(view, ground, seed, echo=False, targets=(target,))
+    return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
 
 
-def _image_power(view: _View, simulator: Simulator, grid: Grid, bodies: bool) -> FloatArray:
-    """Power (polarization, subband, y, x) of the image of the only scan."""
-    image = ScanImager(simulator.run(bodies), grid, view.subbands, view.window).image(0)
-    return np.asarray(np.abs(image.values.astype(np.complex128)) ** 2)
+def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
+    """Power of the image of a scan, (polarization, subband, y, x)."""
+    return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
+
+
+def _imager(view: _View, across: float, before: float, behind: float, step: float) -> ImagingOperator:
+    """Make the operator that images the ground around the body's place."""
+    x_edges = (view.x - across, view.x + across)
+    y_edges = (view.distance - before, view.distance + behind)
+    array = view.array
+    return ImagingOperator(
+        view.sensor.tones.axis(),
+        array.position[array.tx],
+        array.position[array.rx],
+        Grid.spanning(x_edges, y_edges, step).points(),
+        list(view.subbands.values()),
+        window=view.window,
+    )
 
 
 def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
