@@ -15,66 +15,131 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from flgpr.design import expected_signal_to_clutter, ground_model, measure_signal_to_clutter
+from flgpr.design import Viewing, expected_signal_to_clutter, ground_model, measure_signal_to_clutter
 from flgpr.imaging import ScanImager
 from flgpr.model import Grid, load_sensor
 from flgpr.simulate import Scene, Simulator, sites
-from flgpr.simulate.signature import packaged_bodies
+from flgpr.simulate.signature import load_body, packaged_bodies
 
 DOCS = Path(__file__).parents[1] / "docs"
 TABLE = DOCS / "evidence" / "signal-to-clutter.csv"
-FIGURE = DOCS / "images" / "signal-to-clutter.png"
+IMAGES = DOCS / "images"
 BANDS = {"F1": (0.75e9, 1.35e9), "F2": (1.25e9, 1.85e9), "F3": (1.75e9, 2.35e9), "F4": (2.25e9, 2.85e9)}
 CHANNELS = (("F1", "HH"), ("F1", "VV"), ("F4", "HH"))
 ROUGHNESSES = (0.001, 0.002, 0.004, 0.008)
 SEEDS = 6
+FIGURES = ("formula_db", "measured_db", "margin_db")
+SHOWN_SITES = ("prepared-earth", "prepared-sand", "temperate")
+SHOWN_DEPTH, SHOWN_ROUGHNESS = 7.5, 2.0  # cm, mm
+ANTI_PERSONNEL = ("pma-1", "pmn")
+COLOURS, LINES = ("#c1440e", "#1b5e9b", "#3a7d44"), ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 KEY = ["site", "body", "depth_cm", "rms_mm"]
 
 
-def measure_site(site: str, bodies: list[str]) -> pd.DataFrame:
-    """Table of a site, a row for every body, depth and roughness."""
+def site_table(site: str, bodies: list[str], measured: bool) -> pd.DataFrame:
+    """Table of a site, a row for every body, depth and roughness; without measuring its columns are empty."""
     sensor = load_sensor("sri-array")
-    bands = {name: BANDS[name] for name in ("F1", "F4")}
+    viewing = Viewing(subbands={name: BANDS[name] for name in ("F1", "F4")})
     parts = []
     for rms_height in ROUGHNESSES:
         ground = ground_model(site, rms_height=rms_height)
-        expected = expected_signal_to_clutter(sensor, ground, bodies, subbands=bands)
-        measured = measure_signal_to_clutter(sensor, ground, bodies, subbands=bands, seeds=SEEDS)
-        parts.append(one_row_per_case(site, expected, measured))
+        cases = expected_signal_to_clutter(sensor, ground, bodies, viewing=viewing)
+        cases = cases.rename(columns={"signal_to_clutter_db": "formula_db"})
+        cases["measured_db"] = cases["margin_db"] = np.nan
+        if measured:
+            found = measure_signal_to_clutter(sensor, ground, bodies, viewing=viewing, seeds=SEEDS)
+            cases["measured_db"] = found["signal_to_clutter_db"]
+            cases["margin_db"] = found["high_db"] - found["signal_to_clutter_db"]
+        parts.append(one_row_per_case(site, cases))
     return pd.concat(parts)
 
 
-def one_row_per_case(site: str, expected: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
+def one_row_per_case(site: str, cases: pd.DataFrame) -> pd.DataFrame:
     """Bring the channels of a case side by side: by formula, measured, and half of its interval, dB."""
     rows: dict[tuple[str, float], dict[str, object]] = {}
-    for formula, found in zip(expected.to_dict("records"), measured.to_dict("records"), strict=True):
-        channel = formula["subband"], formula["polarization"]
+    for case in cases.to_dict("records"):
+        channel = case["subband"], case["polarization"]
         if channel not in CHANNELS:
             continue
-        case = formula["body"], formula["depth"]
-        row = rows.setdefault(case, {"site": site, "body": case[0], "depth_cm": round(100 * case[1], 1)})
-        row["rms_mm"] = round(1000 * formula["rms_height"], 1)
-        name = "_".join(channel).lower()
-        row[f"{name}_formula_db"] = round(formula["signal_to_clutter_db"], 1)
-        row[f"{name}_measured_db"] = round(found["signal_to_clutter_db"], 1)
-        row[f"{name}_margin_db"] = round(found["high_db"] - found["signal_to_clutter_db"], 1)
+        key = case["body"], case["depth"]
+        row = rows.setdefault(key, {"site": site, "body": key[0], "depth_cm": round(100 * key[1], 1)})
+        row["rms_mm"] = round(1000 * case["rms_height"], 1)
+        for figure in FIGURES:
+            row[f"{'_'.join(channel).lower()}_{figure}"] = round(case[figure], 1)
     return pd.DataFrame(list(rows.values()))
 
 
-def write_table(bodies: list[str]) -> pd.DataFrame:
-    """Measure what the table has not yet, site by site, and write it after each."""
+def write_table(bodies: list[str], measured: bool) -> pd.DataFrame:
+    """Add what the table has not yet, site by site, and write it after each."""
     table = pd.read_csv(TABLE) if TABLE.is_file() else pd.DataFrame(columns=KEY)
     for site in sites():
-        there = set(table.loc[table["site"] == site, "body"])
-        missing = [body for body in bodies if body not in there]
+        there = table[table["site"] == site]
+        if measured and len(there):
+            there = there[there["f1_hh_measured_db"].notna()]
+        missing = [body for body in bodies if body not in set(there["body"])]
         if missing:
-            new = measure_site(site, missing)
-            table = new if table.empty else pd.concat([table, new])
+            new = site_table(site, missing, measured)
+            others = table[(table["site"] != site) | ~table["body"].isin(missing)]
+            table = pd.concat([others, new]) if len(others) else new
             table = table.sort_values(KEY, kind="stable").reset_index(drop=True)
             TABLE.parent.mkdir(parents=True, exist_ok=True)
             table.to_csv(TABLE, index=False)
-            print(f"{site}: {len(missing)} bodies measured", flush=True)
+            print(f"{site}: {', '.join(missing)}", flush=True)
     return table
+
+
+def group_of(body: str) -> int:
+    """Tell anti-tank mines with metal (0) and without (1) and anti-personnel mines (2) apart."""
+    if body in ANTI_PERSONNEL:
+        return 2
+    return 0 if load_body(body).metal else 1
+
+
+def draw_roughness(table: pd.DataFrame) -> Figure:
+    """Draw signal to clutter over roughness, sites as rows, channels as columns: lines by formula, dots measured."""
+    figure = Figure(figsize=(13, 9.5), layout="constrained")
+    panels = figure.subplots(len(SHOWN_SITES), len(CHANNELS), sharex=True, sharey=True)
+    bodies = sorted(table["body"].unique(), key=lambda body: (group_of(body), body))
+    for row, site in zip(panels, SHOWN_SITES, strict=True):
+        for axes, (subband, polarization) in zip(row, CHANNELS, strict=True):
+            channel = f"{subband}_{polarization}".lower()
+            for body in bodies:
+                part = table[(table["site"] == site) & (table["body"] == body) & (table["depth_cm"] == SHOWN_DEPTH)]
+                style = LINES[[one for one in bodies if group_of(one) == group_of(body)].index(body) % len(LINES)]
+                colour = COLOURS[group_of(body)]
+                axes.plot(part["rms_mm"], part[f"{channel}_formula_db"], ls=style, color=colour, lw=1.4, label=body)
+                axes.plot(part["rms_mm"], part[f"{channel}_measured_db"], ".", color=colour, ms=7)
+            axes.axhline(0, color="0.5", lw=0.8)
+            axes.set_title(f"{site}, {subband} {polarization}", fontsize=11)
+            axes.set_xscale("log", base=2)
+            axes.set_xticks([1, 2, 4, 8], ["1", "2", "4", "8"])
+            axes.grid(alpha=0.25)
+    for axes in panels[-1]:
+        axes.set_xlabel("rms height of the surface (mm)")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("signal to clutter (dB)")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right center", fontsize=9, handlelength=3)
+    return figure
+
+
+def draw_sites(table: pd.DataFrame) -> Figure:
+    """Draw the signal to clutter of every body on every site as a heat map, a channel each."""
+    part = table[(table["depth_cm"] == SHOWN_DEPTH) & (table["rms_mm"] == SHOWN_ROUGHNESS)]
+    bodies = sorted(part["body"].unique(), key=lambda body: (group_of(body), body))
+    figure = Figure(figsize=(15, 0.42 * len(bodies) + 2.2), layout="constrained")
+    panels = figure.subplots(1, len(CHANNELS), sharey=True)
+    for axes, (subband, polarization) in zip(panels, CHANNELS, strict=True):
+        levels = part.pivot_table(f"{subband}_{polarization}_formula_db".lower(), "body", "site").loc[bodies]
+        image = axes.imshow(levels, cmap="RdBu", vmin=-25, vmax=25, aspect="auto")
+        for (i, j), level in np.ndenumerate(levels.to_numpy()):
+            colour = "white" if abs(level) > 16 else "black"
+            axes.text(j, i, f"{level:.0f}", ha="center", va="center", fontsize=9, color=colour)
+        axes.set_xticks(range(levels.shape[1]), levels.columns, rotation=40, ha="right")
+        axes.set_yticks(range(len(bodies)), bodies)
+        axes.set_title(f"{subband} {polarization}")
+    figure.colorbar(image, ax=list(panels), label="signal to clutter (dB)")
+    return figure
 
 
 def power(scene: Scene, seed: int) -> np.ndarray:
@@ -119,13 +184,20 @@ def print_independent() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--independent", action="store_true", help="print the table of independent estimates instead")
-    parser.add_argument("--figure", action="store_true", help="only draw the figure of the table that is there")
-    parser.add_argument("--bodies", nargs="*", help="packaged bodies to measure; all by default")
+    parser.add_argument("--formula", action="store_true", help="do not measure: fill in the formula's figures alone")
+    parser.add_argument("--bodies", nargs="*", help="packaged bodies to add; all by default")
     arguments = parser.parse_args()
     if arguments.independent:
         print_independent()
         return
-    table = pd.read_csv(TABLE) if arguments.figure else write_table(arguments.bodies or packaged_bodies())
+    table = write_table(arguments.bodies or packaged_bodies(), not arguments.formula)
+    draw_roughness(table).savefig(IMAGES / "signal-to-clutter-roughness.png", dpi=90)
+    draw_sites(table).savefig(IMAGES / "signal-to-clutter-sites.png", dpi=90)
+    for subband, polarization in CHANNELS:
+        channel = f"{subband}_{polarization}".lower()
+        off = (table[f"{channel}_measured_db"] - table[f"{channel}_formula_db"]).dropna()
+        spread = f"{off.mean():+.2f} dB, {off.min():+.1f} to {off.max():+.1f}"
+        print(f"{subband} {polarization}: measured less formula {spread}")
 
 
 if __name__ == "__main__":

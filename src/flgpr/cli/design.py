@@ -60,22 +60,19 @@ def design(
     sensors = [sensor, *(compare or [])]
     with plain_errors(quiet), progress(quiet or as_json) as track:
         if signal_to_clutter:
-            tables = tasks.signal_to_clutter_tables(
-                sensors,
+            ground = tasks.ground_model(
                 site,
+                permittivity=permittivity,
+                loss_tangent=loss_tangent,
                 rms_height=rms,
                 correlation_length=correlation_length,
                 unevenness=unevenness,
-                permittivity=permittivity,
-                loss_tangent=loss_tangent,
-                bodies=body,
-                depths=depth,
-                distance=distance,
-                height=height,
-                subbands=None if band is None else {"band": band},
-                window=window,
-                seeds=measure,
-                track=track,
+            )
+            ahead = tasks.Viewing.distance if distance is None else distance
+            bands = None if band is None else {"band": band}
+            viewing = tasks.Viewing(distance=ahead, height=height, subbands=bands, window=window)
+            tables = tasks.signal_to_clutter_tables(
+                sensors, ground, viewing, bodies=body, depths=depth, seeds=measure, track=track
             )
         else:
             only_for_table = {

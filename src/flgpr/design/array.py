@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
 from flgpr.design.point_spread import PointSpread, ground_plane
-from flgpr.design.signal_to_clutter import GroundModel, expected_signal_to_clutter, ground_model
+from flgpr.design.signal_to_clutter import GroundModel, Viewing, expected_signal_to_clutter, ground_model
 from flgpr.imaging import ScanImager
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
@@ -120,16 +120,9 @@ def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
     design.distance = float(design.y[design.y.size // 2])
     bodies = list(BODIES.values())
     bands = None if asked.band is None else {"all": asked.band}
+    viewing = Viewing(distance=design.distance, subbands=bands, window=asked.window)
     try:
-        design.expected = expected_signal_to_clutter(
-            design.sensor,
-            ground,
-            bodies,
-            [asked.depth],
-            distance=design.distance,
-            subbands=bands,
-            window=asked.window,
-        )
+        design.expected = expected_signal_to_clutter(design.sensor, ground, bodies, [asked.depth], viewing)
     except ValueError as error:
         design.not_expected = str(error)
 

@@ -27,6 +27,7 @@ from flgpr.model.arrays import ComplexArray, FloatArray
 from flgpr.model.faults import first_fault
 from flgpr.simulate import Scene, Simulator
 from flgpr.simulate.echoes import Ground, incidence
+from flgpr.simulate.refraction import apparent_shift
 from flgpr.simulate.roughness import surface_backscatter
 from flgpr.simulate.scene import Soil, Surface, Target, Track
 from flgpr.simulate.signature import FREQUENCY, find_table
@@ -38,13 +39,10 @@ Subbands = Mapping[str, tuple[float, float]]
 
 DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
 """Depths of a body's top that a table of signal to clutter has by default, m."""
-DISTANCE = 12.0
-"""Ground range from the array to the body by default, m."""
 _COPOLAR = ("HH", "VV")
 _DEEPEST = 1.0  # m
 _DELAYS = 16  # delays per tone at which the range profile of a body is looked at
-_AROUND = 0.5  # m around the body in which its peak is looked for
-_BEHIND = 0.8  # m behind it, where deeper bodies appear
+_AROUND = 0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
 _CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
 _CLUTTER_ACROSS = 1.5  # m to each side
 _CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
@@ -113,6 +111,20 @@ def ground_model(
 
 
 @dataclass(frozen=True)
+class Viewing:
+    """How a body is looked at."""
+
+    distance: float = 12.0  #: from the array to the body along the ground, m
+    height: float | None = None  #: of the array over the ground, m; None takes the sensor's
+    #: names and edges (lo, hi) of the sub-bands, Hz; None takes all tones, as ``all``
+    subbands: Subbands | None = None
+    #: of HH and VV; None takes those of the two that the sensor has. A level round body has no HV
+    polarizations: Sequence[str] | None = None
+    window: str = "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    heading: float = 0.0  #: direction of a box's long side, clockwise from ahead, rad
+
+
+@dataclass(frozen=True)
 class _View:
     """A sensor in front of a place on level ground, and the bands and channels in which it looks at it."""
 
@@ -122,6 +134,7 @@ class _View:
     subbands: dict[str, tuple[float, float]]
     polarizations: tuple[str, ...]
     window: str
+    heading: float  # of boxes, rad
 
     @property
     def array(self) -> ArrayState:
@@ -141,13 +154,7 @@ def expected_signal_to_clutter(
     ground: GroundModel,
     bodies: Sequence[str],
     depths: Sequence[float] = DEPTHS,
-    *,
-    distance: float = DISTANCE,
-    height: float | None = None,
-    subbands: Subbands | None = None,
-    polarizations: Sequence[str] | None = None,
-    window: str = "boxcar",
-    heading: float = 0.0,
+    viewing: Viewing | None = None,
 ) -> pd.DataFrame:
     """Return the expected signal to clutter of level bodies by formula, and the factors that it is the product of.
 
@@ -174,18 +181,8 @@ def expected_signal_to_clutter(
         Packaged bodies ("tm-62m"; ``flgpr simulate signature`` lists them), or files of signature tables.
     depths : sequence of float
         Soil over the top of each, m, from 0 (flush) to 1.
-    distance : float
-        From the array to the body along the ground, m.
-    height : float, optional
-        Of the array over the ground in place of the sensor's, m.
-    subbands : mapping of str to (lo, hi), optional
-        Names and edges, Hz. None takes all tones, as ``all``.
-    polarizations : sequence of {"HH", "VV"}, optional
-        None takes those of the two that the sensor has. A level round body has no HV.
-    window : str
-        Window over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`.
-    heading : float
-        Direction of a box's long side, clockwise from ahead, rad.
+    viewing : Viewing, optional
+        Distance, height, sub-bands, polarizations, window and heading.
 
     Returns
     -------
@@ -199,7 +196,7 @@ def expected_signal_to_clutter(
         If a parameter breaks its rule: names it, the rule and the value. Sub-bands whose middle is beyond the
         signature tables, at 3.225 GHz, are one of the cases.
     """
-    view = _view(sensor, distance, height, subbands, polarizations, window)
+    view = _view(sensor, viewing or Viewing())
     _check_ground(ground)
     _check_bodies(bodies, depths)
     rows = []
@@ -209,7 +206,7 @@ def expected_signal_to_clutter(
         cell = band.cell_area()
         for body in bodies:
             for depth in depths:
-                factors = band.signal(_target(view, body, depth, heading), ground.soil)
+                factors = band.signal(_target(view, body, depth), ground.soil)
                 for polarization in view.polarizations:
                     parts = {name: float(value[_COPOLAR.index(polarization)]) for name, value in factors.items()}
                     noise = float(sigma0[_COPOLAR.index(polarization)])
@@ -224,15 +221,10 @@ def measure_signal_to_clutter(
     ground: GroundModel,
     bodies: Sequence[str],
     depths: Sequence[float] = DEPTHS,
+    viewing: Viewing | None = None,
     *,
     seeds: int = 6,
     looks: int = 4,
-    distance: float = DISTANCE,
-    height: float | None = None,
-    subbands: Subbands | None = None,
-    polarizations: Sequence[str] | None = None,
-    window: str = "boxcar",
-    heading: float = 0.0,
     track: Progress = silent,
 ) -> pd.DataFrame:
     """Measure the signal to clutter of level bodies on simulated images, over several random grounds.
@@ -242,7 +234,7 @@ def measure_signal_to_clutter(
 
     Parameters
     ----------
-    sensor, ground, bodies, depths, distance, height, subbands, polarizations, window, heading
+    sensor, ground, bodies, depths, viewing
         As of :func:`expected_signal_to_clutter`.
     seeds : int
         Number of grounds, at least two.
@@ -263,7 +255,7 @@ def measure_signal_to_clutter(
     ValueError
         If a parameter breaks its rule: names it, the rule and the value.
     """
-    view = _view(sensor, distance, height, subbands, polarizations, window)
+    view = _view(sensor, viewing or Viewing())
     _check_ground(ground)
     _check_bodies(bodies, depths)
     if seeds < 2:
@@ -271,13 +263,13 @@ def measure_signal_to_clutter(
     if looks < 1:
         raise ValueError(f"looks must be at least 1, got {looks}")
     wide = _imager(view, _CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
-    close = _imager(view, _AROUND, _AROUND, _BEHIND, view.step)
     grounds = track(range(seeds), "bare ground", seeds)
     clutter = np.stack([_clutter_power(view, ground, seed, looks, wide) for seed in grounds])
     cases = [(body, depth) for body in bodies for depth in depths]
     rows = []
     for body, depth in track(cases, "bodies", len(cases)):
-        target = _target(view, body, depth, heading)
+        target = _target(view, body, depth)
+        close = _imager(view, _AROUND, _AROUND, _AROUND + _shift(view, target, ground), view.step)
         signal = np.stack([_peak_power(view, ground, target, seed, close) for seed in range(seeds)])
         ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
         margin = _margin_db(signal, clutter)
@@ -362,15 +354,9 @@ class _Band:
         return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
 
 
-def _view(
-    sensor: Sensor,
-    distance: float,
-    height: float | None,
-    subbands: Subbands | None,
-    polarizations: Sequence[str] | None,
-    window: str,
-) -> _View:
+def _view(sensor: Sensor, viewing: Viewing) -> _View:
     """Check what is asked of a sensor."""
+    height, distance, window = viewing.height, viewing.distance, viewing.window
     if height is not None:
         if not (math.isfinite(height) and height > 0):
             raise ValueError(f"height must be greater than 0, got {height!r}")
@@ -382,6 +368,14 @@ def _view(
         raise ValueError(
             f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, got {distance!r}"
         )
+    bands = _checked_bands(sensor, viewing.subbands)
+    polarizations = _checked_polarizations(sensor, viewing.polarizations)
+    still = sensor.model_copy(update={"polarization": polarizations})
+    middle = (x_min + x_max) / 2
+    return _View(still, middle, float(distance), bands, polarizations, window, viewing.heading)
+
+
+def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple[float, float]]:
     tones = sensor.tones.axis()
     bands = {"all": (float(tones[0]), float(tones[-1]))} if subbands is None else dict(subbands)
     if not bands:
@@ -395,6 +389,10 @@ def _view(
                 f"sub-band {name} must have its middle at or below {FREQUENCY[-1] / 1e9:g} GHz, where the signature "
                 f"tables end, got {inside.mean() / 1e9:.4g} GHz"
             )
+    return bands
+
+
+def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) -> tuple[str, ...]:
     own = [name for name in _COPOLAR if name in sensor.polarization]
     wanted = own if polarizations is None else list(polarizations)
     strange = [name for name in wanted if name not in own]
@@ -403,8 +401,7 @@ def _view(
             f"polarizations must be among those of HH and VV that {sensor.name} has ({', '.join(own) or 'none'}), got "
             f"{', '.join(strange or wanted) or 'none'}"
         )
-    still = sensor.model_copy(update={"polarization": tuple(wanted)})
-    return _View(still, (x_min + x_max) / 2, float(distance), bands, tuple(wanted), window)
+    return tuple(wanted)
 
 
 def _check_ground(ground: GroundModel) -> None:
@@ -426,8 +423,8 @@ def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
             raise ValueError(f"depth must lie between 0 and {_DEEPEST:g} m, got {depth!r}")
 
 
-def _target(view: _View, body: str, depth: float, heading: float) -> Target:
-    return Target(kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=heading)
+def _target(view: _View, body: str, depth: float) -> Target:
+    return Target(kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading)
 
 
 def _key(view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
@@ -476,6 +473,14 @@ def _clutter_power(view: _View, ground: GroundModel, seed: int, looks: int, imag
     simulator = _simulator(view, ground, seed, echo=True, positions=positions)
     power = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
     return np.asarray(np.mean(power, axis=0))
+
+
+def _shift(view: _View, target: Target, ground: GroundModel) -> float:
+    """By how much the bottom of a body appears farther away than it is, m."""
+    middle = np.array([np.mean([np.mean(edges) for edges in view.subbands.values()])])
+    permittivity = float(ground.soil.media(middle)[-1][0].real)
+    sine = incidence(view.x, view.distance, 0.0, view.array)
+    return float(apparent_shift(target.depth + target.height, permittivity, sine))
 
 
 def _peak_power(view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:

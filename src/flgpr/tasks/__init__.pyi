@@ -6,6 +6,8 @@ from flgpr.chain.recipe import recipe_names as recipe_names
 from flgpr.chain.recipe import recipe_text as recipe_text
 from flgpr.design.array import Question as Question
 from flgpr.design.array import expected_in_words as expected_in_words
+from flgpr.design.signal_to_clutter import Viewing as Viewing
+from flgpr.design.signal_to_clutter import ground_model as ground_model
 from flgpr.execution.survey import How as How
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside
