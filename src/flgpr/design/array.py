@@ -63,7 +63,7 @@ class Design:
     ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
     distance: float = 0.0
     expected: pd.DataFrame = field(default_factory=pd.DataFrame)
-    not_expected: str = ""
+    not_expected: str = "it was not asked for"
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
@@ -111,7 +111,9 @@ def expected_in_words(design: Design) -> str:
 
 
 def _level_in_words(level: float, polarization: str) -> str:
-    side = "stronger" if round(level) >= 0 else "weaker"
+    if round(level) == 0:
+        return f"level with it in {polarization}"
+    side = "stronger" if level > 0 else "weaker"
     return f"{abs(round(level))} dB {side} in {polarization}"
 
 
