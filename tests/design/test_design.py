@@ -3,7 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from flgpr.design.array import PointSpread, Question, half_power, study
+from flgpr.design import Viewing, expected_signal_to_clutter, ground_model
+from flgpr.design.array import Question, study
+from flgpr.design.point_spread import PointSpread, half_power
 from flgpr.imaging import ImagingOperator
 from flgpr.model import SPEED_OF_LIGHT, Sensor, load_sensor
 
@@ -89,6 +91,16 @@ def test_what_a_study_finds(small, found):
     metal, plastic = found.ratio["metal", "HH"], found.ratio["plastic", "HH"]
     assert np.isfinite(metal).all()
     assert np.median(metal - plastic) > 5
+
+
+def test_the_simulated_map_is_what_the_formula_expects(found):
+    middle = found.ratio_y.size // 2
+    viewing = Viewing(distance=float(found.ratio_y[middle]), window="hann")
+    wanted = expected_signal_to_clutter(found.sensor, ground_model("arid-sand"), ["metal-at"], [0.05], viewing)
+    for level, polarization in zip(wanted["signal_to_clutter_db"], wanted["polarization"], strict=True):
+        assert found.ratio["metal", polarization][middle, 2] == pytest.approx(level, abs=1.5)
+    assert list(found.expected["body"].unique()) == ["metal-at", "plastic-at"]
+    assert found.distance == found.y[found.y.size // 2]
 
 
 def test_deeper_mines_are_weaker_against_the_same_clutter(small, found):

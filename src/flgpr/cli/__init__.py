@@ -11,11 +11,12 @@ import flgpr
 from flgpr.cli import runs
 from flgpr.cli.benchmark import benchmark_app
 from flgpr.cli.calibration import anchor, calibrate_app
+from flgpr.cli.design import design
 from flgpr.cli.exchange import export, import_app
 from flgpr.cli.live import feed, live
 from flgpr.cli.picture import image, prepare
 from flgpr.cli.scoring import score
-from flgpr.cli.simulation import design, simulate
+from flgpr.cli.simulation import simulate
 from flgpr.cli.tools import bench_app, plan_app, recipe_app, reproduce
 
 __all__ = ["app"]

@@ -1,4 +1,4 @@
-"""Commands that simulate: lanes by our own physics or as decks for a full-wave solver, and arrays to be built."""
+"""The command that simulates: lanes by our own physics or as decks for a full-wave solver, and bodies' tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from flgpr import tasks
 from flgpr.chain.progress import Track
-from flgpr.cli.common import Output, Quiet, plain_errors, progress
+from flgpr.cli.common import Quiet, plain_errors, progress
 
 ENGINES = ("flgpr", "gprmax")
 
@@ -73,21 +73,3 @@ def _signature(body: str | None, output: Path | None, workers: int, quiet: bool,
     for path in tasks.make_signature(body, output, workers, track):
         if not quiet:
             typer.echo(f"wrote {path}")
-
-
-def design(
-    sensor: Annotated[str, Argument(help="Sensor preset or TOML file.")],
-    compare: Annotated[list[str] | None, Option(help="Another one to set beside it; may repeat.")] = None,
-    output: Output = Path("design.html"),
-    band: Annotated[tuple[float, float] | None, Option(help="First and last tone, Hz; all by default.")] = None,
-    window: Annotated[str, Option(help="Window over the tones: boxcar, hann, hamming, taylor.")] = "hann",
-    site: Annotated[str, Option(help="Site whose soil and surface the mines lie in.")] = "arid-sand",
-    depth: Annotated[float, Option(help="Depth of the mines' top, m.")] = 0.05,
-    quiet: Quiet = False,
-) -> None:
-    """Tell what an array will see before it is built: point spread, resolution, lobes, signal to clutter."""
-    with plain_errors(quiet), progress(quiet) as track:
-        asked = tasks.Question(band, window, site, depth)
-        tasks.design_report([sensor, *(compare or [])], output, asked, track)
-    if not quiet:
-        typer.echo(f"report: {output.resolve()}")

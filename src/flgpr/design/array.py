@@ -7,17 +7,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import pandas as pd
+from numpy.typing import NDArray
 
 from flgpr.chain.progress import Track, silent
+from flgpr.design.point_spread import PointSpread, ground_plane
+from flgpr.design.signal_to_clutter import GroundModel, Viewing, expected_signal_to_clutter, ground_model
 from flgpr.imaging import ScanImager
-from flgpr.kernels.windows import WINDOWS, band_weights
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor
 from flgpr.simulate import Scene, Simulator, sites
 
 FloatArray = NDArray[np.float64]
 KINDS = ("metal", "plastic")
-_OVERSAMPLING = 32
+BODIES = {"metal": "metal-at", "plastic": "plastic-at"}
+"""Packaged bodies that the kinds stand for."""
 _LOOKS = 4  # bare stretches of ground whose mean power is the clutter
 _CORE = 2.5  # half-power widths around the peak that do not count as a lobe
 
@@ -30,6 +33,7 @@ class Question:
     window: str = "hann"
     site: str = "arid-sand"  #: packaged site whose soil and surface the mines lie in
     depth: float = 0.05  #: depth of the mines' top, m
+    rms_height: float | None = None  #: of the surface, m; None takes the site's
 
 
 @dataclass
@@ -40,7 +44,9 @@ class Design:
     ``down`` and ``cross`` are the half-power widths of the point spread along y and x, m, NaN where no half-power point
     was met; ``lobes`` the place and level of the highest lobe at each distance; ``responses`` the ground around a point
     at each distance as (y, x, power), dB below its peak, and ``close`` the same with offsets from the point; ``ratio``
-    the expected signal to clutter of a mine by kind and polarization, dB.
+    the simulated signal to clutter of a mine by kind and polarization, dB; ``expected`` that by formula at the middle
+    distance straight ahead, as :func:`flgpr.design.expected_signal_to_clutter` gives it, empty where ``not_expected``
+    says why there is none.
     """
 
     sensor: Sensor
@@ -55,89 +61,9 @@ class Design:
     ratio: dict[tuple[str, str], FloatArray] = field(default_factory=dict)
     ratio_x: FloatArray = field(default_factory=lambda: np.empty(0))
     ratio_y: FloatArray = field(default_factory=lambda: np.empty(0))
-
-
-class PointSpread:
-    """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
-
-    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once, for it depends on the
-    difference of paths alone; without antenna patterns and spreading, as in image formation.
-    """
-
-    def __init__(self, sensor: Sensor, band: tuple[float, float] | None = None, window: str = "hann") -> None:
-        if window not in WINDOWS:
-            raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
-        tones = sensor.tones.axis()
-        low, high = band or (float(tones[0]), float(tones[-1]))
-        chosen = (tones >= low) & (tones <= high)
-        if np.count_nonzero(chosen) < 2:
-            raise ValueError(f"band must hold at least two tones, got {low:g} to {high:g} Hz")
-        self.tones = tones[chosen]
-        weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
-        up = np.array([0.0, 0.0, sensor.height])
-        tx, rx = sensor.pairs()
-        self.tx, self.rx = tx + up, rx + up
-        count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
-        middle = self.tones.size // 2
-        spectrum = np.zeros(count, complex)
-        spectrum[(np.arange(self.tones.size) - middle) % count] = weight
-        self._table = np.append(np.fft.ifft(spectrum) * count, 0)
-        self._table[-1] = self._table[0]
-        self._period, self._carrier = SPEED_OF_LIGHT / sensor.tones.step, float(self.tones[middle])
-        self._peak = weight.sum() * len(tx)
-
-    def paths(self, points: ArrayLike) -> FloatArray:
-        """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
-        p = np.asarray(points, dtype=np.float64)
-        ends = (np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1) for end in (self.tx, self.rx))
-        return np.asarray(sum(ends), dtype=np.float64)
-
-    def __call__(self, points: ArrayLike, source: ArrayLike) -> FloatArray:
-        """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak."""
-        p = np.asarray(points, dtype=np.float64)
-        at = self.paths(np.asarray(source, dtype=np.float64))
-        total = np.zeros(p.shape[:-1], complex)
-        for tx, rx, there in zip(self.tx, self.rx, at, strict=True):
-            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - there
-            place = path / self._period % 1.0 * (self._table.size - 1)
-            cell = np.minimum(place.astype(np.intp), self._table.size - 2)
-            value = self._table[cell] + (place - cell) * (self._table[cell + 1] - self._table[cell])
-            total += value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
-        return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
-
-    def expected_widths(self, source: FloatArray) -> tuple[float, float]:
-        """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
-        middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
-        slant, ground = float(np.linalg.norm(source - middle)), float(np.hypot(*(source - middle)[:2]))
-        down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
-        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
-        return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
-
-    def widths(self, source: ArrayLike) -> tuple[float, float]:
-        """Half-power widths along y and x through a point of the ground (3,), m; NaN where none is met."""
-        place = np.asarray(source, dtype=np.float64)
-        found = []
-        for axis, expected in zip((1, 0), self.expected_widths(place), strict=True):
-            offset = np.linspace(-4, 4, 401) * expected
-            line = np.repeat(place[None], offset.size, axis=0)
-            line[:, axis] += offset
-            found.append(half_power(offset, self(line, place)))
-        return found[0], found[1]
-
-
-def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
-    """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
-    middle, level = offset.size // 2, math.sqrt(0.5)
-    edges = []
-    for side in (1, -1):
-        values, places = amplitude[middle::side], offset[middle::side]
-        under = np.flatnonzero(values < level)
-        if not under.size or under[0] == 0:
-            return math.nan
-        k = int(under[0])
-        part = (values[k - 1] - level) / (values[k - 1] - values[k])
-        edges.append(places[k - 1] + part * (places[k] - places[k - 1]))
-    return float(abs(edges[0] - edges[1]))
+    distance: float = 0.0
+    expected: pd.DataFrame = field(default_factory=pd.DataFrame)
+    not_expected: str = "it was not asked for"
 
 
 def study(sensor: Sensor, question: Question | None = None, track: Track = silent) -> Design:
@@ -145,6 +71,7 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
     asked = question or Question()
     if asked.site not in sites():
         raise ValueError(f"site must be one of {', '.join(sites())}, got {asked.site!r}")
+    ground = ground_model(asked.site, rms_height=asked.rms_height)
     spread = PointSpread(sensor, asked.band, asked.window)
     x_min, x_max, y_min, y_max = sensor.footprint
     near = max(y_min, 1.2 * sensor.height)
@@ -161,8 +88,45 @@ def study(sensor: Sensor, question: Question | None = None, track: Track = silen
         design.close[distance] = _close(spread, source)
         design.responses[distance] = _over_ground(spread, source, sensor)
         design.lobes.append(_highest_lobe(spread, source, design.responses[distance]))
-    _expect(design, sensor, asked, track)
+    _simulate_ratio(design, sensor, ground, asked, track)
+    _expect(design, ground, asked)
     return design
+
+
+def expected_in_words(design: Design) -> str:
+    """Tell in a sentence by how much mines are expected to stand above the clutter."""
+    if design.expected.empty:
+        return f"{design.sensor.name}: no signal to clutter by formula, for {design.not_expected}."
+    first = design.expected.iloc[0]
+    mines = []
+    for kind, body in BODIES.items():
+        rows = design.expected[design.expected["body"] == body]
+        levels = zip(rows["signal_to_clutter_db"], rows["polarization"], strict=True)
+        mines.append(f"a {kind} mine {' and '.join(_level_in_words(*level) for level in levels)}")
+    return (
+        f"{design.sensor.name}, {design.distance:.0f} m ahead, {100 * first['depth']:.3g} cm deep in {first['ground']} "
+        f"with a surface of {1000 * first['rms_height']:.3g} mm rms: against the mean clutter the image is expected to "
+        f"show {' and '.join(mines)}."
+    )
+
+
+def _level_in_words(level: float, polarization: str) -> str:
+    if round(level) == 0:
+        return f"level with it in {polarization}"
+    side = "stronger" if level > 0 else "weaker"
+    return f"{abs(round(level))} dB {side} in {polarization}"
+
+
+def _expect(design: Design, ground: GroundModel, asked: Question) -> None:
+    """Find the signal to clutter by formula at the middle distance, or why there is none."""
+    design.distance = float(design.y[design.y.size // 2])
+    bodies = list(BODIES.values())
+    bands = None if asked.band is None else {"all": asked.band}
+    viewing = Viewing(distance=design.distance, subbands=bands, window=asked.window)
+    try:
+        design.expected = expected_signal_to_clutter(design.sensor, ground, bodies, [asked.depth], viewing)
+    except ValueError as error:
+        design.not_expected = str(error)
 
 
 def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
@@ -189,7 +153,7 @@ def _facts(sensor: Sensor, spread: PointSpread) -> dict[str, float]:
 def _close(spread: PointSpread, source: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     down, cross = spread.expected_widths(source)
     y, x = np.linspace(-5, 5, 161) * down, np.linspace(-5, 5, 161) * cross
-    return y, x, _decibels(spread(_plane(x + source[0], y + source[1]), source))
+    return y, x, _decibels(spread(ground_plane(x + source[0], y + source[1]), source))
 
 
 def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -197,7 +161,7 @@ def _over_ground(spread: PointSpread, source: FloatArray, sensor: Sensor) -> tup
     down, cross = spread.expected_widths(np.array([0.0, max(y_min, 1.2 * sensor.height), 0.0]))
     y = np.linspace(y_min, y_max, min(400, math.ceil((y_max - y_min) / (0.4 * down))))
     x = np.linspace(x_min, x_max, min(400, math.ceil((x_max - x_min) / (0.4 * cross))))
-    return y, x, _decibels(spread(_plane(x, y), source))
+    return y, x, _decibels(spread(ground_plane(x, y), source))
 
 
 def _highest_lobe(
@@ -220,15 +184,11 @@ def _highest_lobe(
     }
 
 
-def _plane(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)
-
-
 def _decibels(amplitude: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.maximum(amplitude, 1e-6)))
 
 
-def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> None:
+def _simulate_ratio(design: Design, sensor: Sensor, ground: GroundModel, asked: Question, track: Track) -> None:
     """Simulate single mines and bare ground, image both, and divide peak by mean power."""
     still = sensor.model_copy(update={"polarization": tuple(p for p in sensor.polarization if p[0] == p[1])})
     if not still.polarization:
@@ -236,27 +196,30 @@ def _expect(design: Design, sensor: Sensor, asked: Question, track: Track) -> No
     band = {"band": asked.band or (float(sensor.tones.axis()[0]), float(sensor.tones.axis()[-1]))}
     design.ratio_y = np.linspace(design.y[0] + 0.5, design.y[-1] - 1.0, 7)
     design.ratio_x = np.linspace(design.x[0], design.x[-1], 5)
-    clutter = _clutter(design, still, asked, band)
+    clutter = _clutter(design, still, ground, asked, band)
     steps = [(kind, column) for kind in KINDS for column in range(design.ratio_x.size)]
     for kind, column in track(steps, f"{sensor.name}: signal to clutter", len(steps)):
-        peaks = _peaks(design, still, asked, band, kind, float(design.ratio_x[column]))
+        peaks = _peaks(design, still, ground, asked, band, kind, float(design.ratio_x[column]))
         for p, label in enumerate(still.polarization):
             grid = design.ratio.setdefault((kind, label), np.empty((design.ratio_y.size, design.ratio_x.size)))
             grid[:, column] = 10 * np.log10(peaks[:, p] / clutter[p, :, column])
 
 
-def _quiet(asked: Question, **parts: Any) -> Scene:
-    none = {"rocks": 0.0, "bushes": 0.0, "posts": 0.0, "patches": 0.0}
-    return Scene.model_validate({"site": asked.site, "clutter": none} | parts)
+def _bare(ground: GroundModel, surface: dict[str, Any], **parts: Any) -> Scene:
+    """Make a lane of a ground's soil and surface and nothing else but ``parts``."""
+    own = ground.surface.model_copy(update=surface)
+    return Scene.model_validate({"soil": ground.soil, "surface": own} | parts)
 
 
-def _clutter(design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]]) -> FloatArray:
+def _clutter(
+    design: Design, sensor: Sensor, ground: GroundModel, asked: Question, band: dict[str, tuple[float, float]]
+) -> FloatArray:
     """Mean power (polarization, y, x) of bare ground around every position of the ratio map."""
     apart = design.y[-1] + 60.0
-    scene = _quiet(
-        asked,
+    scene = _bare(
+        ground,
+        {"texture_shape": None},
         length=_LOOKS * apart,
-        surface={"texture_shape": None},
         track={"positions": tuple(k * apart for k in range(_LOOKS))},
     )
     run = Simulator(scene, sensor, 1, errors=False).run()
@@ -275,15 +238,21 @@ def _clutter(design: Design, sensor: Sensor, asked: Question, band: dict[str, tu
 
 
 def _peaks(
-    design: Design, sensor: Sensor, asked: Question, band: dict[str, tuple[float, float]], kind: str, x: float
+    design: Design,
+    sensor: Sensor,
+    ground: GroundModel,
+    asked: Question,
+    band: dict[str, tuple[float, float]],
+    kind: str,
+    x: float,
 ) -> FloatArray:
     """Peak power (y, polarization) in the image of a mine on its own at a cross-track place, from every distance."""
     far = float(design.ratio_y[-1]) + 5.0
-    scene = _quiet(
-        asked,
+    scene = _bare(
+        ground,
+        {"phase_screen": False},
         length=far + 10.0,
         targets=[{"kind": kind, "x": x, "y": far, "depth": asked.depth}],
-        surface={"phase_screen": False},
         track={"positions": tuple(far - float(y) for y in design.ratio_y)},
     )
     run = Simulator(scene, sensor, 1, errors=False).run(bodies=True)

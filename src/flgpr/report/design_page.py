@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flgpr.chain.progress import Track, silent
-from flgpr.design.array import KINDS, Design, Question, study
+from flgpr.design.array import KINDS, Design, Question, expected_in_words, study
 from flgpr.io.outputs import write_new
 from flgpr.model import load_sensor
 from flgpr.report.kit import render
@@ -53,6 +53,7 @@ def design_html(designs: Sequence[Design], asked: Question) -> str:
         metal=ratio_figure(designs, "metal"),
         plastic=ratio_figure(designs, "plastic"),
         distance=range_figure(designs),
+        expected=[expected_in_words(design) for design in designs],
     )
 
 

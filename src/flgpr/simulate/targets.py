@@ -62,6 +62,21 @@ def _add_signature(echoes: Echoes, target: Target, ground: Ground, array: ArrayS
             echoes.add(path, surface, spectrum, np.stack([one, one]))
 
 
+def mean_amplitude(target: Target, ground: Ground, array: ArrayState) -> ComplexArray:
+    """Return a level body's amplitude in the ground, HH and VV (2, frequency), m, mean over the array's pairs.
+
+    It is the signature table's, without the way through the ground and back (:meth:`Ground.entry_squared` and
+    :meth:`Ground.dispersion`), for waves that are plane over the body.
+    """
+    layer = ground.medium(target.depth)
+    aspects, amplitudes = _amplitudes(target, ground.media[layer], ground.frequency)
+    point = np.tile([target.x, target.y, -target.depth], (array.tx.size, 1))
+    sine = [ground.ray(array.position[antenna], point).sine for antenna in (array.tx, array.rx)]
+    separation, azimuth = _azimuths(target, array)
+    weight = node_weights(np.mean(sine, axis=0), separation, azimuth - (math.pi / 2 - target.heading), aspects)
+    return np.asarray(np.einsum("ajs,ajspf->pf", weight[..., 0, :].mean(axis=-1), amplitudes[..., :2, :]))
+
+
 def _few(weight: FloatArray, spectra: NDArray[np.complex64]) -> Iterator[tuple[FloatArray, NDArray[np.complex64]]]:
     """Few weights (pair,) and spectra that sum to ``Σ_n weight[n]·spectra[n]`` in every pair."""
     values, vectors = np.linalg.eigh(weight @ weight.T)

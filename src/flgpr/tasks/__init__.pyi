@@ -5,6 +5,9 @@ from flgpr.chain.recipe import load_recipe as load_recipe
 from flgpr.chain.recipe import recipe_names as recipe_names
 from flgpr.chain.recipe import recipe_text as recipe_text
 from flgpr.design.array import Question as Question
+from flgpr.design.array import expected_in_words as expected_in_words
+from flgpr.design.signal_to_clutter import Viewing as Viewing
+from flgpr.design.signal_to_clutter import ground_model as ground_model
 from flgpr.execution.survey import How as How
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside
@@ -32,6 +35,7 @@ from flgpr.tasks.calibration import ClockSearch as ClockSearch
 from flgpr.tasks.calibration import calibrate_clock as calibrate_clock
 from flgpr.tasks.calibration import calibrate_joint as calibrate_joint
 from flgpr.tasks.calibration import calibrate_range_bias as calibrate_range_bias
+from flgpr.tasks.designing import signal_to_clutter_tables as signal_to_clutter_tables
 from flgpr.tasks.detection import detect_long as detect_long
 from flgpr.tasks.detection import detect_run as detect_run
 from flgpr.tasks.detection import detect_runs as detect_runs

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from flgpr.clutter import scan_gain, self_signature
-from flgpr.design.array import half_power
+from flgpr.design.point_spread import half_power
 from flgpr.imaging import ImagingOperator, ScanImager
 from flgpr.kernels.windows import ramp
 from flgpr.model import SPEED_OF_LIGHT, Grid, Sensor, Tones, check_tones, lane_to_scan, load_sensor, make_run

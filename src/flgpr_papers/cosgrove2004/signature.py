@@ -17,7 +17,7 @@ from scipy.signal import find_peaks
 
 from flgpr.chain.stages.forms import samples_at
 from flgpr.clutter import ClutterWhitener
-from flgpr.design.array import half_power
+from flgpr.design.point_spread import half_power
 from flgpr.features import range_cuts
 from flgpr.scoring import offset_boxes
 from flgpr_papers.cosgrove2004.detect import box_values

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flgpr.chain.classifier import CLASSIFIER_A, CLASSIFIER_B, count_mines, make_training_set
 from flgpr.chain.recipe import Recipe
-from flgpr.design.array import PointSpread
+from flgpr.design.point_spread import PointSpread
 from flgpr.model import Sensor
 from flgpr.scoring import Match, pd_mean, roc_of
 from flgpr_papers.kit.page import detections_at

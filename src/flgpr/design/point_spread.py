@@ -1,0 +1,144 @@
+"""Image of a point on the ground by an array that stands level: its shape, its widths and the area of its cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flgpr.kernels.windows import WINDOWS, band_weights
+from flgpr.model import SPEED_OF_LIGHT, Sensor
+
+FloatArray = NDArray[np.float64]
+Beam = Callable[[FloatArray], FloatArray]
+_OVERSAMPLING = 32
+_CELL_STEP = 0.25  # steps of the integral over a resolution cell, in expected widths
+_CELL_REACH = 15.0  # range cells to which its lobes are integrated
+
+
+class PointSpread:
+    """Image of a point on the ground by an array that stands level, over a band (Hz) of at least two uniform tones.
+
+    ``|Σ_pair Σ_f w(f)·exp(+j2πf(L(p) - L(q))/c)|`` with the sum over tones tabulated once, for it depends on the
+    difference of paths alone; without antenna patterns and spreading, as in image formation.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        band: tuple[float, float] | None = None,
+        window: str = "hann",
+        response: ArrayLike | None = None,
+    ) -> None:
+        if window not in WINDOWS:
+            raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
+        tones = sensor.tones.axis()
+        low, high = band or (float(tones[0]), float(tones[-1]))
+        chosen = (tones >= low) & (tones <= high)
+        if np.count_nonzero(chosen) < 2:
+            raise ValueError(f"band must hold at least two tones, got {low:g} to {high:g} Hz")
+        self.tones = tones[chosen]
+        self.footprint = sensor.footprint
+        weight = band_weights(self.tones, ((low, high),), WINDOWS[window])[0]
+        if response is not None:
+            weight = weight * np.asarray(response, dtype=np.float64)[chosen]
+        up = np.array([0.0, 0.0, sensor.height])
+        tx, rx = sensor.pairs()
+        self.tx, self.rx = tx + up, rx + up
+        count = 1 << math.ceil(math.log2(_OVERSAMPLING * self.tones.size))
+        middle = self.tones.size // 2
+        spectrum = np.zeros(count, complex)
+        spectrum[(np.arange(self.tones.size) - middle) % count] = weight
+        self._table = np.append(np.fft.ifft(spectrum) * count, 0)
+        self._table[-1] = self._table[0]
+        self._period, self._carrier = SPEED_OF_LIGHT / sensor.tones.step, float(self.tones[middle])
+        self._peak = weight.sum() * len(tx)
+
+    def paths(self, points: ArrayLike) -> FloatArray:
+        """Paths (pair, ...) from transmitter to points (..., 3) on the ground to receiver, m."""
+        p = np.asarray(points, dtype=np.float64)
+        ends = (np.linalg.norm(p - end.reshape(-1, *[1] * (p.ndim - 1), 3), axis=-1) for end in (self.tx, self.rx))
+        return np.asarray(sum(ends), dtype=np.float64)
+
+    def __call__(self, points: ArrayLike, source: ArrayLike, gain: FloatArray | None = None) -> FloatArray:
+        """Amplitude at points (..., 3) of the image of a point at ``source`` (3,), relative to its peak.
+
+        ``gain`` (pair, ...) is the amplitude of each pair's part in it, one by default.
+        """
+        p = np.asarray(points, dtype=np.float64)
+        at = self.paths(np.asarray(source, dtype=np.float64))
+        total = np.zeros(p.shape[:-1], complex)
+        for pair, (tx, rx, there) in enumerate(zip(self.tx, self.rx, at, strict=True)):
+            path = np.linalg.norm(p - tx, axis=-1) + np.linalg.norm(p - rx, axis=-1) - there
+            place = path / self._period % 1.0 * (self._table.size - 1)
+            cell = np.minimum(place.astype(np.intp), self._table.size - 2)
+            value = self._table[cell] + (place - cell) * (self._table[cell + 1] - self._table[cell])
+            value = value * np.exp(2j * np.pi * (self._carrier / SPEED_OF_LIGHT * path % 1.0))
+            total += value if gain is None else gain[pair] * value
+        return np.asarray(np.abs(total) / self._peak, dtype=np.float64)
+
+    def cell_area(self, source: ArrayLike, beam: Beam | None = None) -> float:
+        """Return the area of the resolution cell at a point of the ground (3,), m²: ``∫|spread|² dA``.
+
+        Clutter of backscatter σ⁰ has the mean power of one point of cross section σ⁰ times this area. ``beam`` gives
+        the amplitude (pair, point) with which each pair sees points (point, 3); None sees all alike, so that grating
+        lobes far to the side count as in image formation. Lobes are counted over the sensor's footprint, up to
+        15 range cells from the point's circle of distance.
+        """
+        place = np.asarray(source, dtype=np.float64)
+        down, cross = self.expected_widths(place)
+        x_min, x_max, y_min, y_max = self.footprint
+        x = np.arange(x_min, x_max, min(_CELL_STEP * cross, (x_max - x_min) / 50))
+        y = np.arange(y_min, y_max, _CELL_STEP * down)
+        points = ground_plane(x, y).reshape(-1, 3)
+        middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
+        slant = np.linalg.norm(points - middle, axis=1)
+        range_cell = SPEED_OF_LIGHT / (2 * np.ptp(self.tones))
+        points = points[np.abs(slant - np.linalg.norm(place - middle)) < _CELL_REACH * range_cell]
+        if beam is None:
+            amplitude = self(points, place)
+        else:
+            seen = beam(points)
+            amplitude = self(points, place, seen / beam(place[None]).mean())
+        return float((amplitude**2).sum() * (x[1] - x[0]) * (y[1] - y[0]))
+
+    def expected_widths(self, source: FloatArray) -> tuple[float, float]:
+        """Rough widths down-range and cross-range, m: ``c/(2B·sinθ)`` and ``λR/(D_t + D_r)``."""
+        middle = np.concatenate([self.tx, self.rx]).mean(axis=0)
+        slant, ground = float(np.linalg.norm(source - middle)), float(np.hypot(*(source - middle)[:2]))
+        down = SPEED_OF_LIGHT / (2 * np.ptp(self.tones)) * slant / ground
+        aperture = max(float(np.ptp((self.tx + self.rx)[:, 0])), 0.05)
+        return float(down), float(SPEED_OF_LIGHT / self.tones.mean() * slant / aperture)
+
+    def widths(self, source: ArrayLike) -> tuple[float, float]:
+        """Half-power widths along y and x through a point of the ground (3,), m; NaN where none is met."""
+        place = np.asarray(source, dtype=np.float64)
+        found = []
+        for axis, expected in zip((1, 0), self.expected_widths(place), strict=True):
+            offset = np.linspace(-4, 4, 401) * expected
+            line = np.repeat(place[None], offset.size, axis=0)
+            line[:, axis] += offset
+            found.append(half_power(offset, self(line, place)))
+        return found[0], found[1]
+
+
+def half_power(offset: FloatArray, amplitude: FloatArray) -> float:
+    """Full width between the first half-power points on both sides of offset zero, by linear interpolation."""
+    middle, level = offset.size // 2, math.sqrt(0.5)
+    edges = []
+    for side in (1, -1):
+        values, places = amplitude[middle::side], offset[middle::side]
+        under = np.flatnonzero(values < level)
+        if not under.size or under[0] == 0:
+            return math.nan
+        k = int(under[0])
+        part = (values[k - 1] - level) / (values[k - 1] - values[k])
+        edges.append(places[k - 1] + part * (places[k] - places[k - 1]))
+    return float(abs(edges[0] - edges[1]))
+
+
+def ground_plane(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the points (y, x, 3) of the ground at places across (x,) and ahead (y,), m."""
+    return np.stack([*np.meshgrid(x, y), np.zeros((y.size, x.size))], axis=-1)

@@ -1,0 +1,517 @@
+"""Signal to clutter of a buried body: by formula, as a budget of factors, and measured on simulated images.
+
+Both take the echo of a level body on its own over the mean echo of the bare rough ground around it. What else lies
+in, stands on or grows on the ground, and the errors of the radar, are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from scipy.special import stdtrit
+
+from flgpr.chain.progress import Track as Progress
+from flgpr.chain.progress import silent
+from flgpr.design.point_spread import PointSpread
+from flgpr.imaging import ImagingOperator
+from flgpr.kernels.windows import WINDOWS, band_weights
+from flgpr.model import Grid, Sensor
+from flgpr.model.arrays import ComplexArray, FloatArray
+from flgpr.model.faults import first_fault
+from flgpr.simulate import Scene, Simulator
+from flgpr.simulate.echoes import Ground, incidence
+from flgpr.simulate.refraction import apparent_shift
+from flgpr.simulate.roughness import surface_backscatter
+from flgpr.simulate.scene import Soil, Surface, Target, Track
+from flgpr.simulate.signature import FREQUENCY, find_table
+from flgpr.simulate.simulator import array_state, system_response
+from flgpr.simulate.spread import ArrayState
+from flgpr.simulate.targets import mean_amplitude
+
+Subbands = Mapping[str, tuple[float, float]]
+
+DEPTHS = (0.0, 0.05, 0.075, 0.10, 0.15)
+"""Depths of a body's top that a table of signal to clutter has by default, m."""
+_COPOLAR = ("HH", "VV")
+_DEEPEST = 1.0  # m
+_DELAYS = 16  # delays per tone at which the range profile of a body is looked at
+_AROUND = 0.5  # m around the body, and behind where its bottom appears, in which its peak is looked for
+_CLUTTER_ALONG = 1.0  # m before and behind the body from which clutter is taken
+_CLUTTER_ACROSS = 1.5  # m to each side
+_CLUTTER_STEP = 0.05  # pixel of the clutter's image, m
+_LOOKS_APART = 60.0  # m
+_PEAK_STEPS = 8.0  # pixels of the body's image per expected width of the point spread
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class GroundModel:
+    """Soil and rough surface that a body lies in."""
+
+    name: str  #: site, or the permittivity and loss tangent
+    soil: Soil
+    surface: Surface
+
+
+def ground_model(
+    site: str | None = None,
+    *,
+    permittivity: float | None = None,
+    loss_tangent: float | None = None,
+    rms_height: float | None = None,
+    correlation_length: float | None = None,
+    unevenness: float | None = None,
+) -> GroundModel:
+    """Return the soil and surface of a site, or of a given permittivity, with what else is given in their place.
+
+    Parameters
+    ----------
+    site : str, optional
+        Packaged site, or the path of a TOML file like theirs. Without one the surface is that of a scene that says
+        nothing, and ``permittivity`` is required.
+    permittivity, loss_tangent : float, optional
+        Real relative permittivity, which asks for a loss tangent, and loss tangent at all tones, which alone replaces
+        that of the site.
+    rms_height, correlation_length : float, optional
+        Of the exponential correlation of the surface, m.
+    unevenness : float, optional
+        Spectral density of the ground's profile at 0.1 waves per metre, m³ (ISO 8608: 16e-6 in class A, 1024e-6 in D).
+
+    Raises
+    ------
+    ValueError
+        If there is no such site, if neither a site nor a permittivity is given, or if a value is out of its range.
+    """
+    if site is None and permittivity is None:
+        raise ValueError("site or permittivity must be given, got neither")
+    if permittivity is not None and loss_tangent is None:
+        raise ValueError(f"loss_tangent must be given with permittivity, got permittivity {permittivity:g} alone")
+    soil: dict[str, Any] = {}
+    if permittivity is not None:
+        soil |= {"model": "fixed", "permittivity": permittivity, "layers": ()}
+    if loss_tangent is not None:
+        soil["loss_tangent"] = loss_tangent
+    shape = {"rms_height": rms_height, "correlation_length": correlation_length, "unevenness": unevenness}
+    surface = {name: value for name, value in shape.items() if value is not None}
+    try:
+        scene = Scene.model_validate({"site": site, "soil": soil, "surface": surface})
+    except ValidationError as error:
+        raise ValueError(first_fault(error, Scene)) from None
+    parts = [] if permittivity is None else [f"permittivity {permittivity:g}"]
+    parts += [] if loss_tangent is None else [f"loss tangent {loss_tangent:g}"]
+    name = str(site) if permittivity is None else "soil"
+    return GroundModel(f"{name} of {' and '.join(parts)}" if parts else name, scene.soil, scene.surface)
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """How a body is looked at."""
+
+    distance: float = 12.0  #: from the array to the body along the ground, m
+    height: float | None = None  #: of the array over the ground, m; None takes the sensor's
+    #: names and edges (lo, hi) of the sub-bands, Hz; None takes all tones, as ``all``
+    subbands: Subbands | None = None
+    #: of HH and VV; None takes those of the two that the sensor has. A level round body has no HV
+    polarizations: Sequence[str] | None = None
+    window: str = "boxcar"  #: over the tones of a sub-band, as of :class:`flgpr.imaging.ImagingOperator`
+    heading: float = 0.0  #: direction of a box's long side, clockwise from ahead, rad
+
+
+@dataclass(frozen=True)
+class _View:
+    """A sensor in front of a place on level ground, and the bands and channels in which it looks at it."""
+
+    sensor: Sensor
+    x: float  # m
+    distance: float  # m
+    subbands: dict[str, tuple[float, float]]
+    polarizations: tuple[str, ...]
+    window: str
+    heading: float  # of boxes, rad
+
+    @property
+    def array(self) -> ArrayState:
+        """Antennas over the origin of the lane frame."""
+        return array_state(self.sensor, np.array([0.0, 0.0, self.sensor.height, 0.0, 0.0, 0.0]))
+
+    @property
+    def step(self) -> float:
+        """Pixel of a body's image, m."""
+        place = np.array([self.x, self.distance, 0.0])
+        widths = [min(PointSpread(self.sensor, edges).expected_widths(place)) for edges in self.subbands.values()]
+        return float(np.clip(min(widths) / _PEAK_STEPS, 0.005, 0.05))
+
+
+def expected_signal_to_clutter(
+    sensor: Sensor,
+    ground: GroundModel,
+    bodies: Sequence[str],
+    depths: Sequence[float] = DEPTHS,
+    viewing: Viewing | None = None,
+) -> pd.DataFrame:
+    """Return the expected signal to clutter of level bodies by formula, and the factors that it is the product of.
+
+    ``signal_to_clutter_db`` is ``body + transmission + divergence + attenuation - sigma0 - cell`` in dB:
+
+    - ``body_dbsm``: ``4π|max_τ Σ_f w(f)·F(f)·exp(j2πfτ)|²/(Σ_f w)²``, the amplitude F of the signature table, mean over
+      the array's pairs, as the band images it; w is the window times what the radar and its antennas do at a tone;
+    - ``transmission_db``, ``divergence_db``: ``|t12·t21|²`` and the spreading of the rays as they leave the ground;
+    - ``attenuation_db``: loss of the soil over the body, there and back. These three are those of the imaged peak;
+    - ``sigma0_db``: backscatter of the rough surface by small perturbation with a two-scale tilt and unevenness
+      (:func:`flgpr.simulate.roughness.surface_backscatter`), mean over the band by w²;
+    - ``cell_m2``: area of the resolution cell, the integral of the squared point spread over the ground.
+
+    What varies over a resolution cell (incidence, distance, antenna pattern), and the phase that the rough surface
+    gives to the waves that pass it, are left out.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The array, which stands level.
+    ground : GroundModel
+        Soil and surface, as :func:`ground_model` makes them.
+    bodies : sequence of str
+        Packaged bodies ("tm-62m"; ``flgpr simulate signature`` lists them), or files of signature tables.
+    depths : sequence of float
+        Soil over the top of each, m, from 0 (flush) to 1.
+    viewing : Viewing, optional
+        Distance, height, sub-bands, polarizations, window and heading.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each body, depth, sub-band and polarization, in this order, with ``sensor``, ``height``,
+        ``distance``, ``ground``, ``rms_height`` and the columns above.
+
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule: names it, the rule and the value. Sub-bands whose middle is beyond the
+        signature tables, at 3.225 GHz, are one of the cases.
+    """
+    view = _view(sensor, viewing or Viewing())
+    _check_ground(ground)
+    _check_bodies(bodies, depths)
+    rows = []
+    for subband, edges in view.subbands.items():
+        band = _Band(view, edges)
+        sigma0 = band.sigma0(ground)
+        cell = band.cell_area()
+        for body in bodies:
+            for depth in depths:
+                factors = band.signal(_target(view, body, depth), ground.soil)
+                for polarization in view.polarizations:
+                    parts = {name: float(value[_COPOLAR.index(polarization)]) for name, value in factors.items()}
+                    noise = float(sigma0[_COPOLAR.index(polarization)])
+                    total = sum(parts.values()) - noise - 10 * math.log10(cell)
+                    key = _key(view, ground, body, depth, subband, polarization)
+                    rows.append(key | parts | {"sigma0_db": noise, "cell_m2": cell, "signal_to_clutter_db": total})
+    return _in_order(pd.DataFrame(rows), bodies, depths)
+
+
+def measure_signal_to_clutter(
+    sensor: Sensor,
+    ground: GroundModel,
+    bodies: Sequence[str],
+    depths: Sequence[float] = DEPTHS,
+    viewing: Viewing | None = None,
+    *,
+    seeds: int = 6,
+    looks: int = 4,
+    track: Progress = silent,
+) -> pd.DataFrame:
+    """Measure the signal to clutter of level bodies on simulated images, over several random grounds.
+
+    The signal is the peak power around the body, which alone echoes but is seen through the rough surface of each
+    seed; the clutter is the mean power of the bare ground there.
+
+    Parameters
+    ----------
+    sensor, ground, bodies, depths, viewing
+        As of :func:`expected_signal_to_clutter`.
+    seeds : int
+        Number of grounds, at least two.
+    looks : int
+        Bare stretches of each ground, 60 m apart, that its clutter is the mean of.
+    track : callable
+        Told of the progress.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Rows as of :func:`expected_signal_to_clutter`; ``signal_to_clutter_db`` is the ratio of the means over the
+        seeds, ``low_db`` and ``high_db`` are the ends of its interval of 95 %, from the spread between the seeds by
+        Student's distribution.
+
+    Raises
+    ------
+    ValueError
+        If a parameter breaks its rule: names it, the rule and the value.
+    """
+    view = _view(sensor, viewing or Viewing())
+    _check_ground(ground)
+    _check_bodies(bodies, depths)
+    if seeds < 2:
+        raise ValueError(f"seeds must be at least 2, to tell an interval, got {seeds}")
+    if looks < 1:
+        raise ValueError(f"looks must be at least 1, got {looks}")
+    wide = _imager(view, _CLUTTER_ACROSS, _CLUTTER_ALONG, _CLUTTER_ALONG, _CLUTTER_STEP)
+    grounds = track(range(seeds), "bare ground", seeds)
+    clutter = np.stack([_clutter_power(view, ground, seed, looks, wide) for seed in grounds])
+    cases = [(body, depth) for body in bodies for depth in depths]
+    rows = []
+    for body, depth in track(cases, "bodies", len(cases)):
+        target = _target(view, body, depth)
+        close = _imager(view, _AROUND, _AROUND, _AROUND + _shift(view, target, ground), view.step)
+        signal = np.stack([_peak_power(view, ground, target, seed, close) for seed in range(seeds)])
+        ratio = 10 * np.log10(signal.mean(axis=0) / clutter.mean(axis=0))
+        margin = _margin_db(signal, clutter)
+        for s, subband in enumerate(view.subbands):
+            for p, polarization in enumerate(view.polarizations):
+                key = _key(view, ground, body, depth, subband, polarization)
+                found = {"signal_to_clutter_db": ratio[p, s], "low_db": ratio[p, s] - margin[p, s]}
+                rows.append(key | found | {"high_db": ratio[p, s] + margin[p, s], "seeds": seeds})
+    return _in_order(pd.DataFrame(rows), bodies, depths)
+
+
+class _Band:
+    """One sub-band of a view: the tones, their weights in the image, and the factors that depend on them."""
+
+    def __init__(self, view: _View, edges: tuple[float, float]) -> None:
+        self._view = view
+        self._edges = edges
+        self._place = np.array([view.x, view.distance, 0.0])
+        every = view.sensor.tones.axis()
+        weights = band_weights(every, (edges,), WINDOWS[view.window])[0]
+        used = weights != 0
+        self._tones = every[used]
+        self._response = self._radar(every)
+        self._weights = (weights * self._response)[used]
+        self._sine = incidence(view.x, view.distance, 0.0, view.array)
+
+    def _radar(self, tones: FloatArray) -> FloatArray:
+        """Compute what the radar and the beams of its antennas make of a level echo at the place (frequency,)."""
+        response = np.abs(system_response(self._view.sensor, tones))
+        beams = np.stack([self._beams(self._place[None], tone)[:, 0].mean() for tone in tones])
+        return np.asarray(response * beams)
+
+    def _beams(self, points: FloatArray, frequency: float) -> FloatArray:
+        """Amplitude over both distances (pair, point) with which pairs see points (point, 3) at a tone, Hz."""
+        array = self._view.array
+        ray = points - array.position[:, None]
+        distance = np.linalg.norm(ray, axis=-1)
+        seen = 1 / distance
+        if not array.dipoles:
+            cosine = np.maximum(ray @ array.boresight / distance, 0.0)
+            seen = seen * cosine ** (0.5 * float(array.exponents(np.array([frequency]))[0]))
+        return np.asarray(seen[array.tx] * seen[array.rx])
+
+    def sigma0(self, ground: GroundModel) -> FloatArray:
+        """Backscatter of the surface, HH and VV (2,), dB, mean over the band by the square of the weights."""
+        surface = ground.surface
+        shape = surface.rms_height, surface.correlation_length, surface.slope, surface.unevenness, surface.waviness
+        media = ground.soil.media(self._tones)[0]
+        both = surface_backscatter(self._tones, np.full(self._tones.shape, self._sine), media, *shape)
+        power = np.array([np.average(one, weights=self._weights**2) for one in both])
+        with np.errstate(divide="ignore"):
+            return np.asarray(10 * np.log10(power) + surface.level_db)
+
+    def cell_area(self) -> float:
+        """Area of the resolution cell at the place, m²."""
+        spread = PointSpread(self._view.sensor, self._edges, self._view.window, self._response)
+        middle = float(np.average(self._tones, weights=self._weights**2))
+        return spread.cell_area(self._place, lambda points: self._beams(points, middle))
+
+    def signal(self, target: Target, soil: Soil) -> dict[str, FloatArray]:
+        """Cross section of a body as the image shows it, HH and VV (2,), in factors, dB."""
+        ground = Ground(soil, None, self._tones)
+        layer = ground.medium(target.depth)
+        amplitude = mean_amplitude(target, ground, self._view.array)
+        through = amplitude * ground.entry_squared(self._sine, layer)
+        body = self._peak(amplitude)
+        entered = self._peak(through)
+        whole = self._peak(through * ground.dispersion(self._sine, target.depth))
+        cosine = math.sqrt(1 - self._sine**2)
+        divergence = 20 * math.log10(cosine / math.sqrt(ground.real[layer] - self._sine**2))
+        return {
+            "body_dbsm": body + 10 * math.log10(4 * math.pi),
+            "transmission_db": entered - body - divergence,
+            "divergence_db": np.full(2, divergence),
+            "attenuation_db": whole - entered,
+        }
+
+    def _peak(self, amplitude: ComplexArray) -> FloatArray:
+        """Peak power over delay of the band's range profile of spectra (2, frequency), over its weights', dB (2,)."""
+        count = _DELAYS * self._tones.size
+        profile = np.fft.ifft(amplitude * self._weights, count, axis=-1) * count
+        return np.asarray(20 * np.log10(np.abs(profile).max(axis=-1) / self._weights.sum()))
+
+
+def _view(sensor: Sensor, viewing: Viewing) -> _View:
+    """Check what is asked of a sensor."""
+    height, distance, window = viewing.height, viewing.distance, viewing.window
+    if height is not None:
+        if not (math.isfinite(height) and height > 0):
+            raise ValueError(f"height must be greater than 0, got {height!r}")
+        sensor = sensor.model_copy(update={"height": height})
+    if window not in WINDOWS:
+        raise ValueError(f"window must be one of {', '.join(WINDOWS)}, got {window!r}")
+    x_min, x_max, y_min, y_max = sensor.footprint
+    if not y_min <= distance <= y_max:
+        raise ValueError(
+            f"distance must lie in the footprint of {sensor.name}, {y_min:g} to {y_max:g} m, got {distance!r}"
+        )
+    bands = _checked_bands(sensor, viewing.subbands)
+    polarizations = _checked_polarizations(sensor, viewing.polarizations)
+    still = sensor.model_copy(update={"polarization": polarizations})
+    middle = (x_min + x_max) / 2
+    return _View(still, middle, float(distance), bands, polarizations, window, viewing.heading)
+
+
+def _checked_bands(sensor: Sensor, subbands: Subbands | None) -> dict[str, tuple[float, float]]:
+    tones = sensor.tones.axis()
+    bands = {"all": (float(tones[0]), float(tones[-1]))} if subbands is None else dict(subbands)
+    if not bands:
+        raise ValueError("subbands must name at least one band, got none")
+    for name, (low, high) in bands.items():
+        inside = tones[(tones >= low) & (tones <= high)]
+        if inside.size < 2:
+            raise ValueError(f"sub-band {name} must hold at least two tones, got {low:g} to {high:g} Hz")
+        if inside.mean() > FREQUENCY[-1]:
+            raise ValueError(
+                f"sub-band {name} must have its middle at or below {FREQUENCY[-1] / 1e9:g} GHz, where the signature "
+                f"tables end, got {inside.mean() / 1e9:.4g} GHz"
+            )
+    return bands
+
+
+def _checked_polarizations(sensor: Sensor, polarizations: Sequence[str] | None) -> tuple[str, ...]:
+    own = [name for name in _COPOLAR if name in sensor.polarization]
+    wanted = own if polarizations is None else list(polarizations)
+    strange = [name for name in wanted if name not in own]
+    if strange or not wanted:
+        raise ValueError(
+            f"polarizations must be among those of HH and VV that {sensor.name} has ({', '.join(own) or 'none'}), got "
+            f"{', '.join(strange or wanted) or 'none'}"
+        )
+    return tuple(wanted)
+
+
+def _check_ground(ground: GroundModel) -> None:
+    """Refuse a smooth surface."""
+    if ground.surface.rms_height <= 0 and ground.surface.unevenness <= 0:
+        raise ValueError("rms_height or unevenness must be greater than 0, for a smooth surface has no clutter, got 0")
+
+
+def _check_bodies(bodies: Sequence[str], depths: Sequence[float]) -> None:
+    """Refuse unknown bodies and depths that are none."""
+    if isinstance(bodies, str) or not len(bodies):
+        raise ValueError(f"bodies must be a sequence of at least one name, got {bodies!r}")
+    if not len(depths):
+        raise ValueError("depths must be at least one, got none")
+    for body in bodies:
+        find_table(body)
+    for depth in depths:
+        if not 0 <= depth <= _DEEPEST:
+            raise ValueError(f"depth must lie between 0 and {_DEEPEST:g} m, got {depth!r}")
+
+
+def _target(view: _View, body: str, depth: float) -> Target:
+    return Target(kind=body, body=body, x=view.x, y=view.distance, depth=depth, heading=view.heading)
+
+
+def _key(view: _View, ground: GroundModel, body: str, depth: float, subband: str, polarization: str) -> dict[str, Any]:
+    return {
+        "sensor": view.sensor.name,
+        "height": view.sensor.height,
+        "distance": view.distance,
+        "ground": ground.name,
+        "rms_height": ground.surface.rms_height,
+        "body": body,
+        "depth": float(depth),
+        "subband": subband,
+        "polarization": polarization,
+    }
+
+
+def _in_order(table: pd.DataFrame, bodies: Sequence[str], depths: Sequence[float]) -> pd.DataFrame:
+    """Sort rows by body and depth as they were asked for, else as they stand."""
+    place = table["body"].map(list(bodies).index) * len(depths) + table["depth"].map([*map(float, depths)].index)
+    return table.iloc[np.argsort(place.to_numpy(), kind="stable")].reset_index(drop=True)
+
+
+def _simulator(
+    view: _View,
+    ground: GroundModel,
+    seed: int,
+    *,
+    echo: bool,
+    positions: tuple[float, ...] = (0.0,),
+    targets: tuple[Target, ...] = (),
+) -> Simulator:
+    """Simulate a lane with a ground's soil and surface and nothing else, without the radar's errors."""
+    scene = Scene(
+        length=positions[-1] + view.distance + 10.0,
+        soil=ground.soil,
+        surface=ground.surface.model_copy(update={"echo": echo}),
+        track=Track(positions=positions),
+        targets=targets,
+    )
+    return Simulator(scene, view.sensor, seed, errors=False)
+
+
+def _clutter_power(view: _View, ground: GroundModel, seed: int, looks: int, imager: ImagingOperator) -> FloatArray:
+    """Mean power (polarization, subband) of the images of bare ground around the body's place."""
+    positions = tuple(_LOOKS_APART * look for look in range(looks))
+    simulator = _simulator(view, ground, seed, echo=True, positions=positions)
+    power = [_power(imager, scan).mean(axis=(2, 3)) for scan in simulator.scans()]
+    return np.asarray(np.mean(power, axis=0))
+
+
+def _shift(view: _View, target: Target, ground: GroundModel) -> float:
+    """By how much the bottom of a body appears farther away than it is, m."""
+    middle = np.array([np.mean([np.mean(edges) for edges in view.subbands.values()])])
+    permittivity = float(ground.soil.media(middle)[-1][0].real)
+    sine = incidence(view.x, view.distance, 0.0, view.array)
+    return float(apparent_shift(target.depth + target.height, permittivity, sine))
+
+
+def _peak_power(view: _View, ground: GroundModel, target: Target, seed: int, imager: ImagingOperator) -> FloatArray:
+    """Peak power (polarization, subband) of the image of a body that alone echoes, under a rough surface."""
+    simulator = _simulator(view, ground, seed, echo=False, targets=(target,))
+    return np.asarray(_power(imager, simulator.scan(0)).max(axis=(2, 3)))
+
+
+def _power(imager: ImagingOperator, scan: NDArray[np.complex64]) -> FloatArray:
+    """Power of the image of a scan, (polarization, subband, y, x)."""
+    return np.asarray(np.abs(imager.adjoint(scan).astype(np.complex128)) ** 2)
+
+
+def _imager(view: _View, across: float, before: float, behind: float, step: float) -> ImagingOperator:
+    """Make the operator that images the ground around the body's place."""
+    x_edges = (view.x - across, view.x + across)
+    y_edges = (view.distance - before, view.distance + behind)
+    array = view.array
+    return ImagingOperator(
+        view.sensor.tones.axis(),
+        array.position[array.tx],
+        array.position[array.rx],
+        Grid.spanning(x_edges, y_edges, step).points(),
+        list(view.subbands.values()),
+        window=view.window,
+    )
+
+
+def _margin_db(signal: FloatArray, clutter: FloatArray) -> FloatArray:
+    """Half the interval of the ratio of two means over seeds (seed, ...), dB."""
+    count = len(signal)
+    spread = [power.std(axis=0, ddof=1) / power.mean(axis=0) / math.sqrt(count) for power in (signal, clutter)]
+    factor = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2))
+    return np.asarray(10 / math.log(10) * factor * np.hypot(*spread))
