@@ -99,78 +99,96 @@ def d_optimal(
         A column per axis, and ``replicate``, 0 or 1; the rows of each replicate in a random order.
     """
     rng = np.random.default_rng(seed)
-    cells = list(product(axes[crossed[0]], axes[crossed[1]]))
-    cell = np.repeat(np.arange(len(cells)), each)
-    fixed = pd.DataFrame([cells[number] for number in cell], columns=list(crossed))
-    best, best_value = None, -np.inf
+    space = pd.DataFrame(list(product(*axes.values())), columns=list(axes))
+    every_row = model_matrix(space, axes, [crossed])
+    shape = tuple(len(levels) for levels in axes.values())
+    best, best_value = np.zeros((0, len(axes)), dtype=np.intp), -np.inf
     for _ in range(starts):
-        table, value = _exchange(_random_levels(fixed, axes, rng), axes, crossed)
+        levels, value = _exchange(_random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed))
         if value > best_value:
-            best, best_value = table, value
-    assert best is not None  # for type checkers: the first start is better than nothing
-    first = best.assign(replicate=0).iloc[rng.permutation(len(best))]
-    if repeats == 0:
-        return first.reset_index(drop=True)
-    chosen = _chosen_repeats(best, cell, axes, crossed, repeats)
-    second = best.iloc[chosen].assign(replicate=1).iloc[rng.permutation(len(chosen))]
-    return pd.concat([first, second], ignore_index=True)
+            best, best_value = levels, value
+    places = np.ravel_multi_index(tuple(best.T), shape)
+    first = places[rng.permutation(len(places))]
+    tables = [space.iloc[first].assign(replicate=0)]
+    if repeats > 0:
+        rows = _repeated_rows(every_row[places], each, repeats, starts, rng)
+        tables.append(space.iloc[places[rng.permutation(rows)]].assign(replicate=1))
+    return pd.concat(tables, ignore_index=True)
 
 
-def _random_levels(fixed: pd.DataFrame, axes: Axes, rng: np.random.Generator) -> pd.DataFrame:
-    """Give every axis that is not fixed its levels in equal numbers, in random order."""
-    columns = {}
-    for axis, levels in axes.items():
-        if axis in fixed:
-            columns[axis] = fixed[axis].to_numpy()
+def _free(axes: Axes, crossed: tuple[str, str]) -> list[int]:
+    """Return the numbers of the axes that are not crossed."""
+    return [number for number, axis in enumerate(axes) if axis not in crossed]
+
+
+def _random_levels(axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Draw numbers of levels (row, axis): all cells in order, and the other axes' in equal numbers in random order."""
+    rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
+    levels = np.zeros((rows, len(axes)), dtype=np.intp)
+    for number, axis in enumerate(axes):
+        count = len(axes[axis])
+        if axis == crossed[0]:
+            levels[:, number] = np.arange(rows) * count // rows
+        elif axis == crossed[1]:
+            levels[:, number] = np.arange(rows) // each % count
         else:
-            balanced = np.resize(np.arange(len(levels)), len(fixed))
-            columns[axis] = np.array(levels, dtype=object)[rng.permutation(balanced)]
-    return pd.DataFrame(columns)
+            levels[:, number] = rng.permutation(np.resize(np.arange(count), rows))
+    return levels
 
 
-def _exchange(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> tuple[pd.DataFrame, float]:
-    """Change one level at a time to the best one until nothing improves; the table and its log determinant."""
-    table = table.copy()
-    free = [axis for axis in axes if axis not in crossed]
-    matrix = model_matrix(table, axes, [crossed])
+def _exchange(
+    levels: NDArray[np.intp], every_row: FloatArray, shape: tuple[int, ...], free: Sequence[int]
+) -> tuple[NDArray[np.intp], float]:
+    """Change one level at a time to the best one until nothing improves; the levels and the log determinant."""
+    matrix = every_row[np.ravel_multi_index(tuple(levels.T), shape)]
     value = _log_determinant(matrix.T @ matrix)
     improved = True
     while improved:
         improved = False
-        for row, axis in product(range(len(table)), free):
-            candidates = pd.concat([table.iloc[[row]]] * len(axes[axis]), ignore_index=True)
-            candidates[axis] = list(axes[axis])
-            rows = model_matrix(candidates, axes, [crossed])
+        for row, axis in product(range(len(levels)), free):
+            candidates = np.tile(levels[row], (shape[axis], 1))
+            candidates[:, axis] = np.arange(shape[axis])
+            rows = every_row[np.ravel_multi_index(tuple(candidates.T), shape)]
             without = matrix.T @ matrix - np.outer(matrix[row], matrix[row])
             values = [_log_determinant(without + np.outer(one, one)) for one in rows]
             choice = int(np.argmax(values))
             if values[choice] > value:
-                table.iloc[row, list(table.columns).index(axis)] = axes[axis][choice]
+                levels[row, axis] = choice
                 matrix[row] = rows[choice]
                 value = values[choice]
                 improved = True
-    return table, value
+    return levels, value
 
 
-def _chosen_repeats(
-    table: pd.DataFrame, cell: NDArray[np.intp], axes: Axes, crossed: tuple[str, str], repeats: int
-) -> list[int]:
-    """Choose which rows of every cell come again, one exchange at a time."""
-    matrix = model_matrix(table, axes, [crossed])
-    options = [list(combinations(np.flatnonzero(cell == number), repeats)) for number in range(cell.max() + 1)]
-    choice = [one[0] for one in options]
-    value = -np.inf
-    improved = True
-    while improved:
-        improved = False
-        for number, several in enumerate(options):
-            for one in several:
-                tried = [*choice[:number], one, *choice[number + 1 :]]
-                again = matrix[[row for rows in tried for row in rows]]
-                here = _log_determinant(matrix.T @ matrix + again.T @ again)
-                if here > value:
-                    choice, value, improved = tried, here, True
-    return [int(row) for rows in choice for row in rows]
+def _repeated_rows(
+    matrix: FloatArray, each: int, repeats: int, starts: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Choose which rows of every cell come again, one exchange at a time, from several random choices."""
+    options = np.array(list(combinations(range(each), repeats)))
+    cells = len(matrix) // each
+    information = matrix.T @ matrix
+
+    def rows_of(choice: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.asarray((np.arange(cells)[:, None] * each + options[choice]).ravel())
+
+    def value_of(choice: NDArray[np.intp]) -> float:
+        again = matrix[rows_of(choice)]
+        return _log_determinant(information + again.T @ again)
+
+    best, best_value = np.zeros(cells, dtype=np.intp), -np.inf
+    for _ in range(starts):
+        choice = rng.integers(len(options), size=cells)
+        value, improved = value_of(choice), True
+        while improved:
+            improved = False
+            for cell, option in product(range(cells), range(len(options))):
+                tried = choice.copy()
+                tried[cell] = option
+                if value_of(tried) > value:
+                    choice, value, improved = tried, value_of(tried), True
+        if value > best_value:
+            best, best_value = choice, value
+    return rows_of(best)
 
 
 def _log_determinant(information: FloatArray) -> float:
