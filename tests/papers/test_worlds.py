@@ -18,8 +18,10 @@ from flgpr.execution.survey import How
 from flgpr_papers import worlds as maps
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, judge_again, row_of
 from flgpr_papers.kit.mines import mix_counts
-from flgpr_papers.kit.worlds import worlds
+from flgpr_papers.kit.worlds import AXES, worlds
 from flgpr_papers.worlds import ablation, detection, geometry, statements
+from flgpr_papers.worlds.lanes import lane_table, read_targets
+from flgpr_papers.worlds.page import declared_hashes
 
 
 def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
@@ -96,7 +98,9 @@ def write_study(paper, world, folder, rng):
     corner = 3.0 if (world.loss, world.roadside) == ("low", "none") else -0.5
     findings = [larger(gap), larger(rng.normal(-1, 0.1), claim="C"), larger(rng.normal(0, 1), claim="D")]
     findings.append(larger(rng.normal(corner, 0.1), claim="E"))
-    pd_of_soil = 1 / world.permittivity + rng.normal(0, 1e-3) - 0.01 * (world.loss == "mironov") - 0.02 * world.roughness
+    pd_of_soil = (
+        1 / world.permittivity + rng.normal(0, 1e-3) - 0.01 * (world.loss == "mironov") - 0.02 * world.roughness
+    )
     findings.append(Finding("Pd of the detector", "", "", "open", interval=(pd_of_soil, -9.0, 9.0)))
     failed = paper == "fuse2018" and world.number == 3
     record = {"failed": "lane too short" * failed, "findings": [] if failed else list(map(row_of, findings))}
@@ -127,6 +131,9 @@ def test_every_part_has_its_tables_figures_and_section(made):
     for name in ("detection", "signatures", "ablation", "geometry", *(f"statements-{p}" for p in flgpr_papers.PAPERS)):
         assert (folder / f"{name}.png").stat().st_size > 2_000
     assert page.count("<img ") == 8
+    assert all(value in page for value in declared_hashes().values())
+    short = pd.read_csv(folder / "ablation-short.csv").set_index(["road", "change"])
+    assert short.loc[("smooth", "roughness"), "plastic, signal to clutter, dB"].endswith(" *")
     assert "quick run" not in page
 
 
@@ -228,13 +235,14 @@ def test_a_stopped_part_shows_what_is_there(tmp_path):
     rng = np.random.default_rng(1)
     for job in ablation.jobs()[:25]:  # a replicate and a quarter
         write_lane(job, tmp_path, rng)
-    lanes = pd.concat([detection.lane_table(ablation.read_targets(tmp_path, ablation.jobs()), ["road", "change", "replicate"])])
+    targets = read_targets(tmp_path, ablation.jobs())
+    lanes = lane_table(targets, ["road", "change", "replicate"])
     costs = ablation.costs(lanes)
     assert set(costs["replicates"]) == {1}
     assert not costs["clear"].any()
     for job in detection.jobs()[:20]:
         write_lane(job, tmp_path, rng)
-    few = detection.lane_table(detection.read_targets(tmp_path, detection.jobs()), list(detection.AXES))
+    few = lane_table(read_targets(tmp_path, detection.jobs()), list(AXES))
     assert detection.effects(few).empty
 
 

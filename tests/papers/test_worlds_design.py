@@ -1,5 +1,8 @@
 """The designed fraction of the space of worlds: what it can tell apart, and that it is what its seed gives."""
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -50,7 +53,7 @@ def test_aliased_effects_have_no_efficiency():
 
 
 def test_an_unknown_level_is_named():
-    with pytest.raises(ValueError, match="c must be one of 0.5, 1.5, got 2"):
+    with pytest.raises(ValueError, match=r"c must be one of 0\.5, 1\.5, got 2"):
         model_matrix(pd.DataFrame({"a": [1], "b": ["x"], "c": [2.0]}), SMALL, [])
 
 
@@ -83,8 +86,20 @@ def test_every_cell_has_three_worlds_and_one_again(table):
 def test_marginal_rows_average_over_the_other_axes():
     space = pd.MultiIndex.from_product(SMALL.values(), names=SMALL).to_frame(index=False)
     matrix = model_matrix(space, SMALL, [("a", "b")])
-    np.testing.assert_allclose(marginal_row({"a": 2}, SMALL, [("a", "b")]), matrix[space["a"] == 2].mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(
+        marginal_row({"a": 2}, SMALL, [("a", "b")]), matrix[space["a"] == 2].mean(axis=0), atol=1e-12
+    )
     inside = (space["a"] == 1) & (space["b"] == "y")
     both = marginal_row({"a": 1, "b": "y"}, SMALL, [("a", "b")])
     np.testing.assert_allclose(both, matrix[inside].mean(axis=0), atol=1e-12)
     assert list(term_columns(SMALL, [("a", "b")])) == [(), ("a",), ("b",), ("c",), ("a", "b")]
+
+
+def test_the_page_names_the_declared_files_and_what_they_can_decide(table):
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "evidence" / "worlds.md").read_text(encoding="utf-8")
+    for name in ("worlds.toml", "worlds.csv"):
+        content = (root / "src" / "flgpr_papers" / "worlds" / name).read_bytes()
+        assert hashlib.sha256(content).hexdigest() in page, f"{name} was declared anew: state its SHA-256 on the page"
+    for _, row in decidable(table, AXES, CROSSED).iterrows():
+        assert f"| {row['term']} | {row['effects']} | {row['error']:.2f} | {row['inflation']:.2f} |" in page

@@ -177,14 +177,14 @@ def plan_survey_command(
 
 
 def reproduce(
-    paper: Annotated[
-        str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of what decides.")
-    ],
+    paper: Annotated[str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of what decides.")],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
     part: Annotated[
         list[str] | None,
-        Option(help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; several may be."),
+        Option(
+            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; several may be."
+        ),
     ] = None,
     workers: Annotated[int | None, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = None,
     scheduler: Scheduler = None,

@@ -107,7 +107,7 @@ def d_optimal(
         levels, value = _exchange(_random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed))
         if value > best_value:
             best, best_value = levels, value
-    places = np.ravel_multi_index(tuple(best.T), shape)
+    places = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
     first = places[rng.permutation(len(places))]
     tables = [space.iloc[first].assign(replicate=0)]
     if repeats > 0:

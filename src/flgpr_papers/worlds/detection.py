@@ -85,9 +85,7 @@ def effects(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _level_rows(
-    response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame
-) -> list[dict[str, object]]:
+def _level_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame) -> list[dict[str, object]]:
     """Tabulate every level of every axis, and its difference from the axis's first."""
     rows = []
     places = term_columns(axes, [CROSSED])

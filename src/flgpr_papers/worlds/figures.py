@@ -178,7 +178,9 @@ def _draw_costs(axes: Axes, costs: pd.DataFrame, names: bool) -> None:
     places = np.arange(len(costs))[::-1]
     for place, (_, cost) in zip(places, costs.iterrows(), strict=True):
         ends = np.nan_to_num([cost["low"], cost["high"]], posinf=np.nan, neginf=np.nan)
-        axes.plot([cost["low"], cost["high"]] if np.isfinite(ends).all() else [], [place] * 2, "-", color="0.35", lw=1.4)
+        axes.plot(
+            [cost["low"], cost["high"]] if np.isfinite(ends).all() else [], [place] * 2, "-", color="0.35", lw=1.4
+        )
         face = _COLOURS[0] if cost["clear"] else "white"
         axes.plot(cost["difference"], place, "o", color=_COLOURS[0], mfc=face, ms=6)
     axes.axvline(0, color="k", lw=0.8)

@@ -29,7 +29,7 @@ from flgpr.model import Sensor, load_sensor
 from flgpr.scoring import assign, chance, match, operating_row, roc_of
 from flgpr.simulate import Scene, draw_world, simulate
 from flgpr_papers.kit.cache import key_of
-from flgpr_papers.kit.mines import mix_draws
+from flgpr_papers.kit.mines import find_mix, mix_draws
 from flgpr_papers.kit.worlds import DECLARED, write_site
 from flgpr_papers.worlds.signature import signal_to_clutter
 
@@ -60,7 +60,13 @@ class LaneJob:
 
     def path(self, folder: Path) -> Path:
         """Return the file of the lane's record; another lane of the same name, or another version, has another."""
-        return folder / "lanes" / self.part / f"{self.name}-{key_of(asdict(self))}.json"
+        bodies = {mix: find_mix(mix).parts for mix in self.mixes}
+        return folder / "lanes" / self.part / f"{self.name}-{key_of(asdict(self), bodies)}.json"
+
+    @property
+    def mixes(self) -> tuple[str, str, str]:
+        """Mixes that stand for metal mines, plastic mines and simulants."""
+        return "metal", self.mines, "simulant"
 
 
 def run_jobs(folder: Path, jobs: Sequence[LaneJob], executor: Executor, track: Track = silent) -> None:
@@ -101,7 +107,7 @@ def run_job(job: Mapping[str, Any], folder: str) -> dict[str, Any]:
 def lane_scene(lane: LaneJob, scratch: Path) -> Scene:
     """Make the scene of a lane; its site goes through a file of its own."""
     draws: list[dict[str, Any]] = []
-    for mix in ("metal", lane.mines, "simulant"):
+    for mix in lane.mixes:
         draws += mix_draws(mix, _LANE["depth"], lane.count)
     path = scratch / "site.toml"
     write_site(path, lane.site)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from flgpr.io import sha256
 from flgpr_papers.kit.page import study_html
 from flgpr_papers.kit.settings import PAPERS
 from flgpr_papers.kit.worlds import AXES, DECLARED, design_worlds
@@ -18,86 +20,112 @@ from flgpr_papers.worlds.lanes import FAR
 from flgpr_papers.worlds.statements import FEWEST, MARKS, STUDY_AXES, TWO_SITES, name_of
 from flgpr_papers.worlds.tables import read_table
 
-HOLDS = ("everywhere", "somewhere", "in a corner", "nowhere", "undecided")
-"""Where a statement may hold."""
-
 
 def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
     """Fill in the page from the tables of a folder and its figures."""
     statements = read_table(folder, "statements")
-    counts = read_table(folder, "statements-counts")
     return study_html(
         "worlds.html",
         axes=AXES,
         declared=DECLARED,
+        hashes=declared_hashes(),
         pictures=pictures,
         quick=quick,
         papers=PAPERS,
-        far=FAR,
         fewest=FEWEST,
         two_sites=TWO_SITES,
-        holds=HOLDS,
-        design=design_rows(),
-        detection=detection_rows(read_table(folder, "detection-effects")),
         worlds=len(read_table(folder, "detection")),
-        ablation=ablation_rows(read_table(folder, "ablation-costs")),
-        geometry=geometry_rows(read_table(folder, "geometry-means")),
-        counts=counts.to_numpy().tolist(),
+        tables=short_tables(folder),
+        counts=read_table(folder, "statements-counts").to_numpy().tolist(),
         statements={paper: statement_rows(statements, paper) for paper in PAPERS},
         study_axes=STUDY_AXES,
     )
 
 
-def design_rows() -> list[tuple[str, ...]]:
+def declared_hashes() -> dict[str, str]:
+    """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
+    papers = resources.files("flgpr_papers")
+    sites = resources.files("flgpr.simulate") / "sites"
+    files = [papers / "worlds" / "worlds.toml", papers / "worlds" / "worlds.csv", papers / "mines.toml"]
+    files += [sites / f"{name}.toml" for name in DECLARED["sites"].values()]
+    return {file.name: sha256(file.read_bytes()) for file in files}
+
+
+def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables that people read, by name: each says a value with its interval in one cell."""
+    made = {
+        "design": design_table(),
+        "detection-short": detection_table(read_table(folder, "detection-effects")),
+        "ablation-short": ablation_table(read_table(folder, "ablation-costs")),
+        "geometry-short": geometry_table(read_table(folder, "geometry-means")),
+    }
+    return {name: table for name, table in made.items() if not table.empty}
+
+
+def response_name(response: str) -> str:
+    """Say a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
+    kind, what = response.split(" ")
+    return f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
+
+
+def design_table() -> pd.DataFrame:
     """Tabulate what the declared fraction can decide."""
     table = pd.DataFrame([{axis: getattr(world, axis) for axis in AXES} for world in design_worlds()])
-    rows = []
-    for _, row in decidable(table, AXES, CROSSED).iterrows():
-        rows.append((row["term"], str(row["effects"]), f"{row['error']:.2f}", f"{row['inflation']:.2f}"))
-    return rows
+    names = {"term": "effect", "effects": "degrees of freedom", "error": "error of a difference"}
+    return decidable(table, AXES, CROSSED).round(2).rename(columns=names)
 
 
-def detection_rows(effects: pd.DataFrame) -> list[tuple[str, ...]]:
+def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the levels of every axis: Pd of metal and plastic at both false alarm rates, and plastic in dB."""
     if effects.empty:
-        return []
+        return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + ["plastic ratio_db"]
     rows = []
     for axis, levels in AXES.items():
         for level in levels:
-            cells = []
+            row = {"axis": axis, "level": str(level)}
             for response in responses:
                 chosen = effects[(effects["response"] == response) & (effects["axis"] == axis)]
                 own = chosen[chosen["level"].astype(str) == str(level)]
-                cells.append(in_brackets(own.iloc[0]) if len(own) else "")
-            rows.append((axis, str(level), *cells))
-    return rows
+                row[response_name(response)] = in_brackets(own.iloc[0]) if len(own) else "–"
+            rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def ablation_rows(costs: pd.DataFrame) -> list[tuple[str, ...]]:
+def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
     """Tabulate what every part costs on both roads; an asterisk marks what is clear for all parts together."""
-    rows = []
+    if costs.empty:
+        return pd.DataFrame()
     responses = [f"plastic {far:g}" for far in FAR] + [f"metal {FAR[-1]:g}", "plastic ratio_db"]
-    for (road, change), several in costs.groupby(["road", "change"], sort=False) if not costs.empty else []:
-        by_response = several.set_index("response")
-        cells = []
-        for response in responses:
-            cost = by_response.loc[response]
-            cells.append(in_brackets(cost, "difference") + (" *" if cost["clear"] else ""))
-        rows.append((road, change, *cells))
-    return rows
-
-
-def geometry_rows(means: pd.DataFrame) -> list[tuple[str, ...]]:
-    """Tabulate Pd of metal and plastic by height and ground used."""
     rows = []
+    for (road, change), several in costs.groupby(["road", "change"], sort=False):
+        by_response = _by_response(several)
+        row = {"road": road, "change": change}
+        for response in responses:
+            cost = by_response[response]
+            row[response_name(response)] = in_brackets(cost, "difference") + (" *" if cost["clear"] else "")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _by_response(table: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return the rows of a table by their response."""
+    return {str(row["response"]): row for _, row in table.iterrows()}
+
+
+def geometry_table(means: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate Pd of metal and plastic by height and ground used."""
+    if means.empty:
+        return pd.DataFrame()
     responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
-    groups = means.groupby(["height", "nearest", "farthest"], sort=False) if not means.empty else []
-    for (height, nearest, farthest), several in groups:
-        by_response = several.set_index("response")
-        cells = [in_brackets(by_response.loc[response]) for response in responses]
-        rows.append((f"{height:g}", f"{nearest:g} to {farthest:g}", *cells))
-    return rows
+    rows = []
+    for (height, nearest, farthest), several in means.groupby(["height", "nearest", "farthest"], sort=False):
+        by_response = _by_response(several)
+        row = {"height, m": f"{height:g}", "ground used, m": f"{nearest:g} to {farthest:g}"}
+        for response in responses:
+            row[response_name(response)] = in_brackets(by_response[response])
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def statement_rows(table: pd.DataFrame, paper: str) -> list[dict[str, Any]]:
@@ -115,7 +143,7 @@ def statement_rows(table: pd.DataFrame, paper: str) -> list[dict[str, Any]]:
                 if name in by_region.index:
                     region = by_region.loc[name]
                     enough = region["worlds"] >= FEWEST
-                    cells.append(MARKS[region["verdict"]] if enough else "–")
+                    cells.append(MARKS[str(region["verdict"])] if enough else "–")
             marks[axis] = " ".join(cells)
         everywhere = by_region.iloc[0]
         rows.append(

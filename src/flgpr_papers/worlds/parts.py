@@ -10,7 +10,8 @@ from flgpr.execution.survey import PLAINLY, How
 from flgpr.io import write_whole
 from flgpr_papers.worlds import ablation, detection, geometry, statements
 from flgpr_papers.worlds.figures import draw_figures
-from flgpr_papers.worlds.page import page_html
+from flgpr_papers.worlds.page import page_html, short_tables
+from flgpr_papers.worlds.tables import write_table
 
 RUN = {
     "detection": detection.run,
@@ -25,9 +26,7 @@ PARTS = (*RUN, FIGURES)
 _FORM = "worlds.json"
 
 
-def map_worlds(
-    output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY
-) -> Path:
+def map_worlds(output: str | Path, parts: Sequence[str] = tuple(RUN), quick: bool = False, how: How = PLAINLY) -> Path:
     """Run parts of the map of worlds and write their tables, figures and the page; an interrupted run resumes.
 
     Parameters
@@ -68,6 +67,8 @@ def map_worlds(
             if part in parts:
                 run(folder, executor, quick, how.track)
     pictures = draw_figures(folder, quick)
+    for name, table in short_tables(folder).items():
+        write_table(folder / f"{name}.csv", table)
     write_whole(folder / "index.html", page_html(folder, pictures, quick))
     return folder / "index.html"
 

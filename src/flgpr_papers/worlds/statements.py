@@ -1,11 +1,11 @@
 """In which worlds each statement of the papers holds: every quick study in the worlds of the designed fraction.
 
 Small lanes decide little in a world of their own, so statements are judged in regions: the whole space and the half,
-third or quarter with one level of an axis. Every world's lanes have seeds of their own, so that the mean over a region's
-worlds has Student's interval; it is to hold in all regions and all parts of a claim together (Bonferroni), and gets the
-error of the paper's figure where there is one. A statement holds somewhere if it agrees in at least one region, and
-nowhere if it disagrees in all that decide. Beside that stand regions with levels of two axes: a statement that agrees in
-one of these alone holds in a corner. Their intervals hold in all regions of both kinds.
+third or quarter with one level of an axis. Every world's lanes have seeds of their own, so that the mean over a
+region's worlds has Student's interval; it is to hold in all regions and all parts of a claim together (Bonferroni), and
+gets the error of the paper's figure where there is one. A statement holds somewhere if it agrees in at least one
+region, and nowhere if it disagrees in all that decide. Beside that stand regions with levels of two axes: a statement
+that agrees in one of these alone holds in a corner. Their intervals hold in all regions of both kinds.
 """
 
 from __future__ import annotations
@@ -216,8 +216,8 @@ def soils_in_order(records: Sequence[Record]) -> list[Statement]:
     for world, record in records:
         for row in record["findings"]:
             if row["claim"].startswith("Pd of"):
-                interval = finding_of(row).interval
-                rows.append({**asdict(world), "pd": interval[0] if interval else np.nan})
+                found = finding_of(row).interval
+                rows.append({**asdict(world), "pd": found[0] if found else np.nan})
     crossed = [("permittivity", "loss")]
     made = []
     for claim, better, worse in SOILS:
