@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import expit
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Executor
@@ -37,7 +41,8 @@ def _job(world: World, declared: dict[str, float]) -> LaneJob:
 def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
     """Run the lanes that are not on disk and write the tables of all that are there.
 
-    ``detection-mines.csv`` has every target, ``detection.csv`` every world, ``detection-effects.csv`` what the axes do.
+    ``detection-mines.csv`` has every target, ``detection.csv`` every world, ``detection-effects.csv`` what the axes do,
+    ``detection-missing.csv`` by how many decibels the paper's Pd of plastic is missed.
     """
     lanes = jobs(quick)
     run_jobs(folder, lanes, executor, track)
@@ -48,6 +53,55 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
     write_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
     write_table(folder / "detection.csv", table)
     write_table(folder / "detection-effects.csv", effects(table))
+    write_table(folder / "detection-missing.csv", missing_decibels(targets))
+
+
+def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
+    """Tell by how many decibels plastic mines miss what the paper finds of them, cell by cell.
+
+    One curve gives the chance that a plastic mine is found by its signal to clutter: a logistic one, fitted to all
+    targets of all worlds. In a cell the signal to clutter of all its plastic mines is raised until the mean of that
+    chance is the paper's Pd.
+
+    Parameters
+    ----------
+    targets : DataFrame
+        ``detection-mines.csv``: a row per target.
+
+    Returns
+    -------
+    DataFrame
+        A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes; ``targets``, their
+        number; ``found``, the share found; ``paper``, the paper's Pd; ``missing_db``, dB, below zero where more is found
+        than in the paper. Empty while mines are not found the better, the higher their signal to clutter.
+    """
+    plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
+    rows = []
+    for far, paper in zip(FAR, DECLARED["paper"]["plastic"], strict=True):
+        curve = np.column_stack([np.ones(len(plastic)), plastic["ratio_db"]])
+        try:
+            start, slope = fit_shares(curve, plastic["far"] <= far, np.ones(len(plastic))).coefficient
+        except ValueError:
+            return pd.DataFrame()
+        if slope <= 0:
+            return pd.DataFrame()
+        for place, cell in plastic.groupby(list(CROSSED)):
+            ratios = cell["ratio_db"].to_numpy()
+            missing = _raised_to(start + slope * ratios, paper) / slope
+            row = {"far": far, **dict(zip(CROSSED, place, strict=True)), "targets": len(cell)}
+            row |= {"found": float((cell["far"] <= far).mean()), "paper": paper, "missing_db": missing}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _raised_to(logits: NDArray[np.float64], share: float) -> float:
+    """Find by how much logits must rise until the mean of their shares is the wanted one."""
+
+    def excess(rise: float) -> float:
+        return float(expit(logits + rise).mean()) - share
+
+    widest = float(np.abs(logits).max()) + 20  # beyond it all shares are 0 or 1
+    return float(brentq(excess, -widest, widest))
 
 
 def effects(table: pd.DataFrame) -> pd.DataFrame:

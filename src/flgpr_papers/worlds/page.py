@@ -56,6 +56,7 @@ def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
     made = {
         "design": design_table(),
         "detection-short": detection_table(read_table(folder, "detection-effects")),
+        "detection-missing-short": missing_table(read_table(folder, "detection-missing")),
         "ablation-short": ablation_table(read_table(folder, "ablation-costs")),
         "geometry-short": geometry_table(read_table(folder, "geometry-means")),
     }
@@ -90,6 +91,19 @@ def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
                 row[response_name(response)] = in_brackets(own.iloc[0]) if len(own) else "–"
             rows.append(row)
     return pd.DataFrame(rows)
+
+
+def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the decibels that plastic mines miss of the paper's Pd: a row per false alarm rate and roughness."""
+    if missing.empty:
+        return pd.DataFrame()
+    rows = []
+    for (far, paper, roughness), cells in missing.groupby(["far", "paper", "roughness"]):
+        row = {"false alarms per m²": f"{far:g}", "paper's Pd": f"{paper:g}", "roughness, mm": f"{roughness:g}"}
+        for _, cell in cells.iterrows():
+            row[f"ε' = {cell['permittivity']:g}"] = f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
+        rows.append(row)
+    return pd.DataFrame(rows).fillna("–")
 
 
 def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:

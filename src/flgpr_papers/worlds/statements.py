@@ -77,8 +77,8 @@ def studies(quick: bool = False) -> list[tuple[str, World]]:
 
 
 def path_of(folder: Path, paper: str, world: World) -> Path:
-    """Return the file of a paper's findings in a world; another world or version has another."""
-    key = key_of(asdict(world), flgpr.__version__)
+    """Return the file of a paper's findings in a world; another world, site or version has another."""
+    key = key_of(asdict(world), world.tables(), flgpr.__version__)
     return folder / "statements" / f"{paper}-{world.name}-{key}.json"
 
 
