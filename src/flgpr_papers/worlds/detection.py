@@ -72,8 +72,8 @@ def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes; ``targets``, their
-        number; ``found``, the share found; ``paper``, the paper's Pd; ``missing_db``, dB, below zero where more is found
-        than in the paper. Empty while mines are not found the better, the higher their signal to clutter.
+        number; ``found``, the share found; ``paper``, the paper's Pd; ``missing_db``, dB, below zero where more is
+        found than in the paper. Empty while mines are not found the better, the higher their signal to clutter.
     """
     plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
     rows = []
