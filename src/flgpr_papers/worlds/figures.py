@@ -104,17 +104,17 @@ def signatures_figure(folder: Path) -> Figure | None:
         return None
     figure = Figure(figsize=(10.5, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    order = targets.groupby("body")["ratio_db"].mean().sort_values().index
+    targets = targets.assign(label=targets["body"] + " (" + targets["kind"] + ")")
+    order = targets.groupby("label")["ratio_db"].mean().sort_values().index
     for number, roughness in enumerate(AXES["roughness"]):
-        own = targets[targets["roughness"] == roughness].groupby("body")["ratio_db"]
+        own = targets[targets["roughness"] == roughness].groupby("label")["ratio_db"]
         middle = own.median().reindex(order)
         low, high = own.quantile(0.25).reindex(order), own.quantile(0.75).reindex(order)
         places = np.arange(len(order)) + 0.16 * (1.5 - number)
         label = f"{roughness:g} mm rms"
         error = [middle - low, high - middle]
         left.errorbar(middle, places, xerr=error, fmt="o", color=_COLOURS[number], ms=4, lw=1.2, label=label)
-    kind_of = targets.groupby("body")["kind"].first()
-    left.set_yticks(range(len(order)), [f"{body} ({kind_of[body]})" for body in order], fontsize=8)
+    left.set_yticks(range(len(order)), order, fontsize=8)
     left.set_xlabel("signal to clutter, dB: median and quarters of the targets", fontsize=9)
     left.grid(alpha=0.25)
     left.legend(fontsize=8)
