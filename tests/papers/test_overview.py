@@ -131,8 +131,6 @@ def test_reproduce_names_the_papers_it_knows(tmp_path):
     assert all(name in told.stderr for name in (*overview.PAPERS, "all"))
     assert not (tmp_path / "x").exists()
     assert tuple(overview.PAPERS) == PAPERS
-    told = CliRunner().invoke(app, ["reproduce", "worlds", "--quick", "-o", str(tmp_path / "x")])
-    assert (told.exit_code, "worlds has no quick form" in told.stderr) == (2, True)
 
 
 def test_a_study_that_is_there_is_told_and_its_other_form_is_refused(tmp_path, monkeypatch):

@@ -1,56 +1,32 @@
-"""Worlds to ask the papers' statements in: their soils, the rules by which regions are judged, and the map."""
+"""The map of worlds in parts: what it writes, how statements are judged in regions, and that stopped runs resume."""
 
-import dataclasses
 import json
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import expit
 from scipy.stats import t as student
+from typer.testing import CliRunner
 
 import flgpr_papers
+from flgpr.cli import app
 from flgpr.execution.executors import Here
 from flgpr.execution.survey import How
-from flgpr.simulate import Scene
-from flgpr_papers import worlds as w
+from flgpr_papers import worlds as maps
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, judge_again, row_of
-from flgpr_papers.kit.worlds import AXES, World, worlds
+from flgpr_papers.kit.mines import mix_counts
+from flgpr_papers.kit.worlds import AXES, worlds
+from flgpr_papers.worlds import ablation, detection, geometry, statements
+from flgpr_papers.worlds.lanes import lane_table, read_targets
+from flgpr_papers.worlds.page import declared_hashes
 
 
 def larger(*values, asks=("larger", 0.0, 0.0), claim="A beats B"):
     parts = values if len(values) > 1 else ()
     return Finding(claim, "", "", UNDECIDED, interval=(min(values), -9.0, 9.0), asks=asks, parts=parts)
-
-
-def test_all_declared_worlds_are_there_once():
-    every = worlds()
-    assert len(every) == math.prod(map(len, AXES.values())) == 72
-    assert len({one.name for one in every}) == 72
-    assert [one.number for one in every] == list(range(72))
-    asked = w.studies()
-    beside = [world for _, world in asked if world.number >= 72]
-    assert len(asked) == len(set(asked)) == 3 * 72 + 36 + len(beside)
-    assert {one.roughness for one in beside} == {0.5}
-    assert len(beside) >= 4 * w.FEWEST
-
-
-@pytest.mark.parametrize("permittivity", AXES["permittivity"])
-def test_a_world_is_a_site_of_its_soil_and_roadside(tmp_path, permittivity):
-    world = World(1, permittivity, "mironov", 6.0, "posts")
-    scenes = {
-        loss: Scene(site=dataclasses.replace(world, loss=loss).site(tmp_path), length=30.0) for loss in AXES["loss"]
-    }
-    soil = {loss: scene.soil.media(np.array([1e9]))[-1][0] for loss, scene in scenes.items()}
-    assert soil["mironov"].real == pytest.approx(permittivity, abs=0.01)
-    assert soil["low"].real == pytest.approx(permittivity, abs=0.01)
-    assert -soil["low"].imag / soil["low"].real == pytest.approx(0.01)
-    assert -soil["mironov"].imag / soil["mironov"].real > 0.02
-    for scene in scenes.values():
-        assert scene.surface.rms_height == pytest.approx(0.006)
-        assert scene.clutter.bushes == 0
-        assert scene.clutter.posts > 0
-        assert scene.stones.density > 0  # all else is the packaged site's
 
 
 def test_another_interval_is_judged_by_what_the_claim_asks():
@@ -66,80 +42,224 @@ def test_another_interval_is_judged_by_what_the_claim_asks():
 
 def test_a_region_is_judged_by_the_mean_over_its_worlds():
     values = np.random.default_rng(1).normal(0.3, 0.1, 12)
-    count, (mean, low, high), verdict = w.pooled([larger(one) for one in values], 13)
+    count, (mean, low, high), verdict = statements.pooled([larger(value) for value in values], 13)
     half = student.ppf(1 - 0.025 / 13, 11) * values.std(ddof=1) / math.sqrt(12)
     assert (count, verdict) == (12, AGREES)
     assert (mean, low, high) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
-    two = [larger(one, -one) for one in values]
-    assert w.pooled(two, 13)[2] == DISAGREES  # one part of the claim is on the wrong side
-    assert w.pooled(two[: w.FEWEST - 1], 13)[2] == UNDECIDED
-    assert w.pooled([*two, larger(math.nan, 0.1)], 13)[0] == 12
+    two = [larger(value, -value) for value in values]
+    assert statements.pooled(two, 13)[2] == DISAGREES  # one part of the claim is on the wrong side
+    assert statements.pooled(two[: statements.FEWEST - 1], 13)[2] == UNDECIDED
+    assert statements.pooled([*two, larger(math.nan, 0.1)], 13)[0] == 12
 
 
 def test_regions_disagree_by_chance_as_rarely_as_they_should():
     rng, wrong = np.random.default_rng(2), 0
     for _ in range(300):
-        regions = [[larger(one) for one in rng.normal(0, 1, 18)] for _ in range(13)]
-        wrong += any(w.pooled(region, 13)[2] != UNDECIDED for region in regions)
+        regions = [[larger(value) for value in rng.normal(0, 1, 18)] for _ in range(13)]
+        wrong += any(statements.pooled(region, 13)[2] != UNDECIDED for region in regions)
     assert wrong <= 27  # 5 % of 300 and three standard errors
 
 
-@pytest.fixture
-def made(tmp_path):
-    """Records as the studies write them: A beats B where the soil is dry, C nowhere; one world's lanes too small."""
+def test_every_paper_is_asked_in_every_world_and_two_sites_once():
+    asked = statements.studies()
+    assert len(asked) == len(set(asked)) == 3 * 48 + sum(world.loss == "low" for world in worlds())
+    assert {world.loss for paper, world in asked if paper == statements.TWO_SITES} == {"low"}
+    quick = statements.studies(quick=True)
+    assert [paper for paper, _ in quick] == list(flgpr_papers.PAPERS)
+    assert not {world.number for _, world in quick} & {world.number for _, world in asked}
+
+
+def write_lane(job, folder, rng):
+    """Write a record as a lane does: targets that are found the better, the more they stand above the clutter."""
+    rough = job.site["surface"]["rms_height"] * 1000
+    bodies = []
+    for kind, mix, level in (("metal", "metal", 14), ("plastic", job.mines, 2), ("simulant", "simulant", -2)):
+        for body, count in mix_counts(mix, job.count).items():
+            bodies += [(kind, body, level)] * count
+    targets, ratios, far = [], [], []
+    luck = rng.normal(0, 1.5)  # what the mines of a lane share
+    for number, (kind, body, level) in enumerate(bodies):
+        ratio = level - 20 * math.log10(rough / 2) + rng.normal(0, 2)
+        place = {"x": 0.0, "y": 4.0 * number, "depth": 0.075}
+        targets.append({"target_id": f"T{number:03d}", "kind": kind, "body": body, **place})
+        ratios.append(ratio)
+        far.append(float(0.3 * expit(-(ratio + luck - 3) / 2)) if ratio > -10 else None)
+    grounds = job.ground or (None,)
+    found = [{"ground": ground, "far": far, "chance": [0.06, 0.2], "alarms": 99} for ground in grounds]
+    path = job.path(folder)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    record = {"about": job.about, "seconds": 1.0, "targets": targets, "ratio_db": ratios, "found": found}
+    path.write_text(json.dumps(record))
+
+
+def write_study(paper, world, folder, rng):
+    """Write a record as a study does: A beats B where the soil is dry, C nowhere; one world's lanes are too small."""
+    gap = rng.normal(0.5 if world.permittivity < 5 else -0.5, 0.1)
+    corner = 3.0 if (world.loss, world.roadside) == ("low", "none") else -0.5
+    findings = [larger(gap), larger(rng.normal(-1, 0.1), claim="C"), larger(rng.normal(0, 1), claim="D")]
+    findings.append(larger(rng.normal(corner, 0.1), claim="E"))
+    pd_of_soil = (
+        1 / world.permittivity + rng.normal(0, 1e-3) - 0.01 * (world.loss == "mironov") - 0.02 * world.roughness
+    )
+    findings.append(Finding("Pd of the detector", "", "", "open", interval=(pd_of_soil, -9.0, 9.0)))
+    failed = paper == "fuse2018" and world.number == 3
+    record = {"failed": "lane too short" * failed, "findings": [] if failed else list(map(row_of, findings))}
+    path = statements.path_of(folder, paper, world)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"world": asdict(world), **record, "seconds": 1.0}))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """All parts of the full form, with records made up."""
+    folder = tmp_path_factory.mktemp("map")
     rng = np.random.default_rng(4)
-    for paper, world in w.studies():
-        gap = rng.normal(0.5 if world.permittivity < 5 else -0.5, 0.1)
-        corner = 3.0 if (world.roughness, world.roadside) == (3.0, "none") else -0.5
-        found = [larger(gap), larger(rng.normal(-1, 0.1), claim="C"), larger(rng.normal(0, 1), claim="D")]
-        found.append(larger(rng.normal(corner, 0.1), claim="E"))
-        pd_of = Finding(
-            "Pd of the deflection detector",
-            "",
-            "",
-            "open",
-            interval=(1 / world.permittivity + rng.normal(0, 1e-3) - 0.01 * (world.loss == "mironov"), 0.0, 1.0),
-        )
-        failed = paper == "fuse2018" and world.number == 3
-        record = {"failed": "lane too short" * failed, "findings": [] if failed else list(map(row_of, [*found, pd_of]))}
-        path = w.path_of(tmp_path, paper, world)
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(json.dumps({"world": dataclasses.asdict(world), **record, "seconds": 1.0}))
-    return tmp_path
+    for part in (detection, ablation, geometry):
+        for job in part.jobs():
+            write_lane(job, folder, rng)
+    for paper, world in statements.studies():
+        write_study(paper, world, folder, rng)
+    page = maps.map_worlds(folder)
+    return folder, page.read_text(encoding="utf-8")
+
+
+def test_every_part_has_its_tables_figures_and_section(made):
+    folder, page = made
+    for part in maps.PARTS[:-1]:
+        assert (folder / f"{part}.csv").is_file()
+        assert f'id="{part}"' in page
+    for name in ("detection", "signatures", "ablation", "geometry", *(f"statements-{p}" for p in flgpr_papers.PAPERS)):
+        assert (folder / f"{name}.png").stat().st_size > 2_000
+    assert page.count("<img ") == 8
+    assert all(value in page for value in declared_hashes().values())
+    short = pd.read_csv(folder / "ablation-short.csv").set_index(["road", "change"])
+    assert short.loc[("smooth", "roughness"), "plastic, signal to clutter, dB"].endswith(" *")
+    assert "quick run" not in page
+
+
+def test_effects_tell_what_the_axes_do(made):
+    folder, _ = made
+    effects = pd.read_csv(folder / "detection-effects.csv")
+    plastic = effects[effects["response"] == "plastic 0.07"]
+    rough = plastic[plastic["axis"] == "roughness"].set_index("level")
+    assert rough.loc[["1.0", "2.0", "4.0"], "value"].is_monotonic_decreasing
+    assert rough.loc["8.0", "difference_high"] < -0.2
+    assert rough["p"].iloc[0] < 1e-6
+    assert rough["dispersion"].iloc[0] > 1.2  # mines of a world share their luck
+    assert plastic.loc[plastic["axis"] == "loss", "p"].iloc[0] > 1e-3
+    level = effects[(effects["response"] == "plastic ratio_db") & (effects["axis"] == "roughness")].set_index("level")
+    assert level.loc["4.0", "difference"] == pytest.approx(-20 * math.log10(4), abs=0.5)
+    assert level.loc["4.0", "difference_low"] < -20 * math.log10(4) < level.loc["4.0", "difference_high"]
+    cells = plastic[plastic["axis"] == "roughness x permittivity"]
+    assert len(cells) == 16
+    assert set(cells["worlds"]) == {4}
+    assert not (effects[effects["response"] == "metal 0.02"]["axis"] == "mines").any()
+
+
+def test_decibels_that_are_missing_bring_the_papers_pd():
+    rng = np.random.default_rng(9)
+    tables = []
+    for roughness, level in ((1.0, 6.0), (2.0, 0.0)):
+        ratio = rng.normal(level, 2.0, 2000)
+        share = expit(ratio - 3.0)
+        far = np.where(rng.random(2000) < share, 0.01, 0.5)
+        cell = {"kind": "plastic", "roughness": roughness, "permittivity": 4.5, "ratio_db": ratio, "far": far}
+        tables.append(pd.DataFrame(cell))
+    missing = detection.missing_decibels(pd.concat(tables)).set_index(["far", "roughness"])["missing_db"]
+    assert missing[0.02, 2.0] - missing[0.02, 1.0] == pytest.approx(6.0, abs=0.3)
+    spread = rng.normal(0, 2.0, 100_000)
+    assert expit(missing[0.02, 2.0] + spread - 3.0).mean() == pytest.approx(0.65, abs=0.03)
+    assert missing[0.02, 1.0] < 0  # more is found than in the paper
+
+
+def test_costs_find_the_part_that_matters(made):
+    folder, _ = made
+    costs = pd.read_csv(folder / "ablation-costs.csv")
+    level = costs[costs["response"] == "plastic ratio_db"]
+    added = level[level["road"] == "smooth"].set_index("change")
+    taken = level[level["road"] == "natural"].set_index("change")
+    assert added.index[added["clear"]].tolist() == ["roughness"]  # the records know of nothing else
+    assert added.loc["roughness", "difference"] == pytest.approx(-20 * math.log10(2.5), abs=1.5)
+    assert taken.loc["roughness", "low"] > 0
+    assert set(costs["replicates"]) == {4}
+
+
+def test_geometries_are_averaged_over_lanes(made):
+    folder, _ = made
+    means = pd.read_csv(folder / "geometry-means.csv")
+    assert len(means) == 3 * 5 * 9
+    assert set(means["lanes"]) == {4}
+    lanes = pd.read_csv(folder / "geometry.csv")
+    here = lanes[(lanes["height"] == 2.0) & (lanes["farthest"] == 10.0)]
+    row = means[(means["height"] == 2.0) & (means["farthest"] == 10.0) & (means["response"] == "plastic 0.07")].iloc[0]
+    values = here["plastic_0.07"] / here["plastic_targets"]
+    half = student.ppf(0.975, 3) * values.std(ddof=1) / 2
+    assert (row["value"], row["high"]) == pytest.approx((values.mean(), values.mean() + half), abs=2e-5)
 
 
 def test_the_map_tells_where_a_statement_holds(made):
-    page = w.write_map(made).read_text(encoding="utf-8")
-    table = pd.read_csv(made / "worlds.csv")
+    folder, page = made
+    table = pd.read_csv(folder / "statements.csv")
     holds = table.groupby(["paper", "statement"])["holds"].first()
     for paper in flgpr_papers.PAPERS:
         assert holds[paper]["A beats B"] == "somewhere"
         assert holds[paper]["C"] == "nowhere"
         assert holds[paper]["D"] == "undecided"
-        assert holds[paper]["E"] == ("in a corner" if paper != w.TWO_SITES else "nowhere")  # four worlds are too few
-        assert (made / f"{paper}.png").stat().st_size > 10_000
+        if paper != statements.TWO_SITES:
+            assert holds[paper]["E"] == "in a corner"
         assert page.count(f'id="{paper}"') == 1
-    assert set(table[table["statement"] == "E"]["corners"].dropna()) == {"roughness 3.0, roadside none"}
+    assert set(table[table["statement"] == "E"]["corners"].dropna()) >= {"loss low, roadside none"}
     dry = table[(table["paper"] == "wang2007") & (table["statement"] == "A beats B")].set_index("region")
     assert dry.loc["permittivity 3.0", "verdict"] == AGREES
     assert dry.loc["permittivity 9.0", "verdict"] == DISAGREES
-    assert (dry.loc["all", "worlds"], dry.loc["loss low", "worlds"]) == (72, 36)
-    assert "71 of 72" not in page
-    assert table[(table["paper"] == "fuse2018") & (table["region"] == "all")]["worlds"].max() == 71
+    assert (dry.loc["all", "worlds"], dry.loc["permittivity 3.0", "worlds"]) == (48, 12)
+    fuse = table[(table["paper"] == "fuse2018") & (table["region"] == "all")]
+    assert fuse["worlds"].max() == 47
     soils = holds["cosgrove2004"]
-    assert {soils[claim] for claim, *_ in w.SOILS} == {"everywhere"}
-    assert set(table[table["region"] == "smooth"]["worlds"]) == {0, 6}  # soils in order are not asked there
-    assert not any(name.startswith("loss") for name in table[table["paper"] == w.TWO_SITES]["region"])
+    assert {soils[claim] for claim, *_ in statements.SOILS} == {"everywhere"}
+    assert not any(name.startswith("loss") for name in table[table["paper"] == statements.TWO_SITES]["region"])
+    short = pd.read_csv(folder / "statements-wang2007.csv").set_index("statement")
+    assert short.loc["A beats B", "permittivity: 3.0, 4.5, 6.0, 9.0"] == "✓ ✓ ✗ ✗"
+
+
+def test_figures_come_from_the_tables_alone(made, tmp_path):
+    folder, _ = made
+    for path in folder.glob("ablation*.csv"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert maps.map_worlds(tmp_path, ["figures"]) == tmp_path
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["ablation.png"]
+    assert (tmp_path / "ablation.png").read_bytes() == (folder / "ablation.png").read_bytes()
+    assert not (tmp_path / "index.html").exists()
 
 
 def test_what_is_there_is_not_run_again(made, monkeypatch):
-    left = w.studies()[:2]
-    for paper, world in left:
-        w.path_of(made, paper, world).unlink()
+    folder, _ = made
+    paper, world = statements.studies()[0]
+    path = statements.path_of(folder, paper, world)
+    record = path.read_bytes()
+    path.unlink()
     done = []
-    monkeypatch.setattr(w, "judge_in_world", lambda *job: done.append(job[:2]))
-    w.run_worlds(made, Here())
-    assert sorted(done) == sorted((paper, world.number) for paper, world in left)
+    monkeypatch.setattr(statements, "judge_in_world", lambda *job: done.append((job[0], job[1]["number"])))
+    monkeypatch.setattr("flgpr_papers.worlds.lanes.run_job", lambda *_: pytest.fail("a lane is run again"))
+    statements.run(folder, Here())
+    detection.run(folder, Here())
+    assert done == [(paper, world.number)]
+    path.write_bytes(record)
+
+
+def test_a_stopped_part_shows_what_is_there(tmp_path):
+    rng = np.random.default_rng(1)
+    for job in ablation.jobs()[:25]:  # a replicate and a quarter
+        write_lane(job, tmp_path, rng)
+    targets = read_targets(tmp_path, ablation.jobs())
+    lanes = lane_table(targets, ["road", "change", "replicate"])
+    costs = ablation.costs(lanes)
+    assert set(costs["replicates"]) == {1}
+    assert not costs["clear"].any()
+    for job in detection.jobs()[:20]:
+        write_lane(job, tmp_path, rng)
+    few = lane_table(read_targets(tmp_path, detection.jobs()), list(AXES))
+    assert detection.effects(few).empty
 
 
 def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
@@ -148,23 +268,38 @@ def test_lanes_too_small_for_a_study_are_told(tmp_path, monkeypatch):
         raise ValueError(f"lane of {world.name} must hold a mine")
 
     monkeypatch.setattr("flgpr_papers.cosgrove2004.study.findings_in", too_small)
-    w.judge_in_world("cosgrove2004", 5, str(tmp_path))
-    record = json.loads(w.path_of(tmp_path, "cosgrove2004", worlds()[5]).read_text())
-    assert record["failed"] == f"lane of {worlds()[5].name} must hold a mine"
+    world = worlds()[5]
+    statements.judge_in_world("cosgrove2004", asdict(world), str(tmp_path))
+    record = json.loads(statements.path_of(tmp_path, "cosgrove2004", world).read_text())
+    assert record["failed"] == f"lane of {world.name} must hold a mine"
     assert not list((tmp_path / "work").iterdir())
-    assert "undecided" in w.write_map(tmp_path).read_text(encoding="utf-8")
+    statements.write_tables(tmp_path)
+    counts = pd.read_csv(tmp_path / "statements-counts.csv").set_index("paper")
+    assert counts.loc["cosgrove2004"].tolist() == [1, 48, 1]
 
 
-def test_a_cluster_does_what_is_left(made, monkeypatch):
+def test_a_cluster_does_what_is_left(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     for paper in flgpr_papers.PAPERS:
         monkeypatch.setattr(f"flgpr_papers.{paper}.study.findings_in", lambda world, _: [larger(world.permittivity)])
-    left = [w.path_of(made, *one) for one in w.studies()[:3]]
-    for path in left:
-        path.unlink()
     with distributed.LocalCluster(
         n_workers=1, processes=False, dashboard_address="127.0.0.1:0", host="tcp://127.0.0.1"
     ) as cluster:
-        page = w.map_worlds(made, How(scheduler=cluster.scheduler_address))
-    assert page == made / "index.html"
-    assert all(json.loads(path.read_text())["findings"] for path in left)
+        page = maps.map_worlds(tmp_path, ["statements"], quick=True, how=How(scheduler=cluster.scheduler_address))
+    assert page == tmp_path / "index.html"
+    assert "quick run" in page.read_text(encoding="utf-8")
+    asked = [statements.path_of(tmp_path, *study) for study in statements.studies(quick=True)]
+    assert all(json.loads(path.read_text())["findings"] for path in asked)
+
+
+def test_what_cannot_be_run_is_refused(tmp_path):
+    runner = CliRunner()
+    found = runner.invoke(app, ["reproduce", "worlds", "--part", "depth", "-o", str(tmp_path / "x")])
+    assert found.exit_code == 2
+    assert "part must be one of detection, ablation, geometry, statements, figures, got 'depth'" in found.stderr
+    found = runner.invoke(app, ["reproduce", "wang2007", "--part", "detection", "-o", str(tmp_path / "x")])
+    assert "part must be left out for wang2007: only worlds has parts" in found.stderr
+    assert not (tmp_path / "x").exists()
+    (tmp_path / "worlds.json").write_text('{"quick": true}\n')
+    with pytest.raises(FileExistsError, match="with the quick form: choose another output"):
+        maps.map_worlds(tmp_path, ["detection"])

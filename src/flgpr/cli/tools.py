@@ -177,11 +177,15 @@ def plan_survey_command(
 
 
 def reproduce(
-    paper: Annotated[
-        str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of where statements hold.")
-    ],
+    paper: Annotated[str, Argument(help=f"One of {', '.join(PAPERS)}, all, or worlds: a map of what decides.")],
     output: Annotated[Path | None, Option("-o", "--output", help="Folder to work in.")] = None,
     quick: Annotated[bool, Option("--quick", help="A small version that only shows that all of it runs.")] = False,
+    part: Annotated[
+        list[str] | None,
+        Option(
+            help="Of worlds: detection, ablation, geometry or statements, or figures of what is there; several may be."
+        ),
+    ] = None,
     workers: Annotated[int | None, Option(min=1, help="Processes, of all a paper each, of worlds a world.")] = None,
     scheduler: Scheduler = None,
     world: Annotated[
@@ -195,12 +199,13 @@ def reproduce(
             raise ValueError(f"paper must be one of {', '.join(PAPERS)}, all or worlds, got {paper!r}")
         folder = output or Path("reproduced" if paper == "all" else f"{paper}-result")
         papers = import_module("flgpr_papers")  # the studies rest on everything else, and nothing rests on them
-        if paper == "worlds" and quick:
-            raise ValueError("worlds has no quick form: its studies are small already")
         if paper == "worlds" and world != "own":
             raise ValueError(f"worlds has worlds of its own: world must be left out, got {world!r}")
+        if part and paper != "worlds":
+            raise ValueError(f"part must be left out for {paper}: only worlds has parts")
         if paper == "worlds":
-            page = papers.map_worlds(folder, tasks.How(workers, scheduler, track=track))
+            how = tasks.How(workers, scheduler, track=track)
+            page = papers.map_worlds(folder, *([part] if part else []), quick=quick, how=how)
         else:
             page = papers.reproduce(paper, folder, quick, track, workers or 1, world)
     if not quiet:

@@ -1,12 +1,13 @@
-"""Worlds in which the papers' statements are asked again, the arid site with four things varied; lanes seen again."""
+"""Worlds in which the papers' statements are asked again: a prepared lane with six things varied; lanes seen again."""
 
 from __future__ import annotations
 
-import itertools
+import csv
 import json
 import math
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,64 +16,122 @@ from scipy.optimize import brentq
 
 from flgpr.io import write_whole
 from flgpr.simulate import Scene, soil, told
-from flgpr.simulate.scene import site_tables
+from flgpr.simulate.scene import Soil, site_tables
 
-_DECLARED = tomllib.loads((resources.files("flgpr_papers") / "worlds.toml").read_text(encoding="utf-8"))
-AXES: dict[str, list[Any]] = _DECLARED["axes"]
-"""Values of every axis by its name, declared before anything was run."""
+_FILES = resources.files("flgpr_papers") / "worlds"
+DECLARED: dict[str, Any] = tomllib.loads((_FILES / "worlds.toml").read_text(encoding="utf-8"))
+"""Axes, lanes and parts of the map of worlds, declared before anything was run."""
+AXES: dict[str, list[Any]] = DECLARED["axes"]
+"""Levels of every axis by its name."""
+IN_SOIL = ("stones", "roots", "lenses", "heterogeneity", "holes")
+"""Tables of a site that say what is in the soil; rocks and wet patches on it go with them."""
+_ON_SOIL = ("rocks", "patches")
 
 
 @dataclass(frozen=True)
 class World:
-    """A place in the space of soil and roadside."""
+    """A place in the space of soil, surface, roadside and mines."""
 
     number: int  #: of the world; its lanes are drawn from seeds of their own
-    permittivity: float  #: ε' at 1 GHz
-    loss: str  #: "mironov", that of the soil model at the moisture which gives the permittivity, or "low", tan δ = 0.01
     roughness: float  #: rms height of the surface, mm
+    permittivity: float  #: ε' at 1 GHz
+    loss: str  #: "mironov", that of the soil model at the moisture which gives the permittivity, or "low"
+    contents: str  #: what is in the soil: "nothing", "prepared" or "natural", that of a site
     roadside: str  #: "none", "posts" or "bushes"
+    mines: str  #: mix that stands for plastic mines, see :mod:`flgpr_papers.kit.mines`
+    replicate: int = 0  #: 1 for a world that comes a second time, with seeds of its own
 
     @property
     def name(self) -> str:
         """A name that can be a folder's."""
-        return f"e{self.permittivity:g}-{self.loss}-{self.roughness:g}mm-{self.roadside}"
+        soil_and_surface = f"{self.roughness:g}mm-e{self.permittivity:g}-{self.loss}"
+        return f"{self.number:03d}-{soil_and_surface}-{self.contents}-{self.roadside}-{self.mines}"
 
     @property
     def roadside_density(self) -> dict[str, float]:
         """Bushes and posts per metre of lane."""
-        return {kind: float(_DECLARED["roadside"][kind]) * (kind == self.roadside) for kind in ("bushes", "posts")}
+        return {kind: float(DECLARED["roadside"][kind]) * (kind == self.roadside) for kind in ("bushes", "posts")}
 
     def moisture(self) -> float:
         """Volumetric moisture at which the soil model has the permittivity."""
-        clay = _DECLARED["soil"]["clay"]
+        clay = DECLARED["soil"]["clay"]
         return float(brentq(lambda m: soil.mironov([1e9], clay, m)[0].real - self.permittivity, 0.0, 0.5))
+
+    def tables(self) -> dict[str, Any]:
+        """Return the world as the tables of a site."""
+        tables = site_tables(DECLARED["sites"]["prepared"])
+        tables["soil"] = {
+            "model": "mironov",
+            "clay": DECLARED["soil"]["clay"],
+            "moisture": round(self.moisture(), 5),
+        }
+        if self.loss == "low":
+            tables["soil"]["loss_tangent"] = DECLARED["soil"]["low_loss"]
+        tables["surface"] = tables.get("surface", {}) | {"rms_height": self.roughness / 1000}
+        tables |= in_soil_of(self.contents, self.permittivity)
+        tables["clutter"] = tables.get("clutter", {}) | on_soil_of(self.contents) | self.roadside_density
+        return tables
 
     def site(self, folder: Path) -> str:
         """Write the world as a site of scenes; gives the file's path."""
-        tables = site_tables(_DECLARED["site"])
-        own = {"model": "mironov", "moisture": round(self.moisture(), 5), **_DECLARED["soil"]}
-        tables["soil"] = own | ({"loss_tangent": _DECLARED["low_loss"]} if self.loss == "low" else {})
-        tables["surface"]["rms_height"] = self.roughness / 1000
-        tables["clutter"] |= self.roadside_density
-        lines = []
-        for name, table in tables.items():
-            lines += [f"[{name}]", *(f"{entry} = {json.dumps(value)}" for entry, value in table.items()), ""]
-        folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{self.name}.toml"
-        write_whole(path, "\n".join(lines))
+        write_site(path, self.tables())
         return str(path)
 
 
-def smooth_worlds() -> list[World]:
-    """Worlds of the experiment beside the map, with numbers of their own."""
-    told = dict(_DECLARED["smooth"])
-    first, count = len(worlds()), told.pop("lanes")
-    return [World(first + k, **told) for k in range(count)]
-
-
 def worlds() -> list[World]:
-    """All worlds of the declared axes."""
-    return [World(number, *values) for number, values in enumerate(itertools.product(*AXES.values()))]
+    """All worlds of the designed fraction, those that come a second time left out."""
+    return [world for world in design_worlds() if world.replicate == 0]
+
+
+@cache
+def _design_rows() -> list[dict[str, str]]:
+    text = (_FILES / "worlds.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+def design_worlds() -> list[World]:
+    """All rows of the designed fraction as worlds, repeats too, in the order of their numbers."""
+    made = []
+    for number, row in enumerate(_design_rows()):
+        levels: dict[str, Any] = {}
+        for axis, values in AXES.items():
+            levels[axis] = type(values[0])(row[axis])
+        made.append(World(number, **levels, replicate=int(row["replicate"])))
+    return made
+
+
+def in_soil_of(contents: str, permittivity: float) -> dict[str, dict[str, Any]]:
+    """Return the tables of what is in the soil: those of a site, or everything off for "nothing".
+
+    Fluctuations of the permittivity are those of the site times ``(ε - 1)`` over that of the site's own soil, for
+    packing and moisture change what is not air (assumed).
+    """
+    if contents == "nothing":
+        return {name: {"on": False} for name in IN_SOIL}
+    tables = site_tables(DECLARED["sites"][contents])
+    own = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
+    scale = (permittivity - 1) / (own - 1)
+    found = {name: dict(tables.get(name, {})) for name in IN_SOIL}
+    for name, entry in (("heterogeneity", "deviation"), ("lenses", "contrast")):
+        if entry in found[name]:
+            found[name][entry] = round(found[name][entry] * scale, 6)
+    return found
+
+
+def on_soil_of(contents: str) -> dict[str, float]:
+    """Return rocks and wet patches per m²: those of a site, or none for "nothing"."""
+    clutter = {} if contents == "nothing" else site_tables(DECLARED["sites"][contents]).get("clutter", {})
+    return {name: float(clutter.get(name, 0.0)) for name in _ON_SOIL}
+
+
+def write_site(path: Path, tables: dict[str, Any]) -> None:
+    """Write tables of a site as a TOML file, whole or not at all."""
+    lines = []
+    for name, table in tables.items():
+        lines += [f"[{name}]", *(f"{entry} = {json.dumps(value)}" for entry, value in table.items()), ""]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, "\n".join(lines))
 
 
 def turned(scene: Scene, seed: int) -> Scene:

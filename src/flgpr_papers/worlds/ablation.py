@@ -1,0 +1,143 @@
+"""What of stones, uneven soil, holes, waviness and the rest costs how much: one thing at a time, on the same mines.
+
+The smooth road is the prepared site with nothing in its soil, no growth and nothing beside it. Each part of the natural
+site is added to it, and taken from the natural road. All roads have the soil of the prepared site.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.chain.progress import Track, silent
+from flgpr.execution.executors import Executor
+from flgpr.simulate.scene import Soil, site_tables
+from flgpr_papers.kit.worlds import DECLARED, in_soil_of, on_soil_of
+from flgpr_papers.worlds.effects import block_differences
+from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
+from flgpr_papers.worlds.tables import write_table
+
+PARTS: dict[str, list[str]] = DECLARED["ablation"]["parts"]
+"""Entries of a scene that belong to each part."""
+NOTHING = "nothing"
+"""The change of a road to which nothing was added and from which nothing was taken."""
+ROADS = {"smooth": "added", "natural": "taken away"}
+"""The two roads, and what is done with a part on each."""
+Tables = dict[str, dict[str, Any]]
+
+
+def smooth_road() -> Tables:
+    """Return the tables of the smooth prepared road."""
+    tables = site_tables(DECLARED["sites"]["prepared"])
+    tables |= in_soil_of("nothing", 1.0)
+    tables["clutter"] |= on_soil_of("nothing") | {"bushes": 0.0, "posts": 0.0}
+    tables["grass"] = {"on": False}
+    return tables
+
+
+def natural_road() -> Tables:
+    """Return the tables of the natural road, which has the soil of the prepared site."""
+    tables = site_tables(DECLARED["sites"]["natural"])
+    tables["soil"] = dict(site_tables(DECLARED["sites"]["prepared"])["soil"])
+    permittivity = float(Soil(**tables["soil"]).media([1e9])[-1][0].real)
+    return tables | in_soil_of("natural", permittivity)
+
+
+def replaced(road: Tables, other: Tables, parts: Iterable[str]) -> Tables:
+    """Return a road on which some parts are as on another road."""
+    made = {name: dict(table) for name, table in road.items()}
+    for part in parts:
+        for entry in PARTS[part]:
+            table, _, name = entry.partition(".")
+            if not name:
+                made[table] = dict(other.get(table, {}))
+                continue
+            made.setdefault(table, {}).pop(name, None)
+            if name in other.get(table, {}):
+                made[table][name] = other[table][name]
+    return made
+
+
+def jobs(quick: bool = False) -> list[LaneJob]:
+    """List the lanes: both roads as they are and with every part changed, the same mines in every replicate."""
+    declared = DECLARED["ablation"]
+    changes = [NOTHING, *PARTS]
+    if quick:
+        declared = declared | DECLARED["quick"]
+        changes = [NOTHING, *DECLARED["quick"]["parts"]]
+    smooth, natural = smooth_road(), natural_road()
+    made = []
+    for replicate in range(declared["replicates"]):
+        for road in ROADS:
+            own, other = (smooth, natural) if road == "smooth" else (natural, smooth)
+            for change in changes:
+                tables = own if change == NOTHING else replaced(own, other, [change])
+                name = f"{road}-{change.replace(' ', '-')}-{replicate}"
+                about = {"road": road, "change": change, "replicate": replicate}
+                seed = declared["seed"] + replicate
+                length, count = float(declared["length"]), declared["count"]
+                made.append(LaneJob("ablation", name, about, tables, declared["mines"], length, count, seed))
+    return made
+
+
+def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
+    """Run the lanes that are not on disk and write the tables of all that are there.
+
+    ``ablation-mines.csv`` has every target, ``ablation.csv`` every lane, ``ablation-costs.csv`` what every part costs.
+    """
+    lanes = jobs(quick)
+    run_jobs(folder, lanes, executor, track)
+    targets = read_targets(folder, lanes)
+    if targets.empty:
+        return
+    table = lane_table(targets, [*lanes[0].about, "lane"])
+    write_table(folder / "ablation-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_table(folder / "ablation.csv", table)
+    write_table(folder / "ablation-costs.csv", costs(table))
+
+
+def responses(table: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return what is compared between lanes, by name: Pd of each kind at each FAR, and mean signal to clutter, dB."""
+    found: dict[str, pd.Series] = {}
+    for kind in KINDS:
+        for far in FAR:
+            found[f"{kind} {far:g}"] = table[f"{kind}_{far:g}"] / table[f"{kind}_targets"]
+        found[f"{kind} ratio_db"] = table[f"{kind}_ratio_db"]
+    return found
+
+
+def costs(table: pd.DataFrame) -> pd.DataFrame:
+    """Compare every changed road with the road as it is, replicate by replicate.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``ablation.csv``: a row per lane.
+
+    Returns
+    -------
+    DataFrame
+        ``road``, ``response`` (as of ``detection-effects.csv``), ``unchanged``, its mean on the road as it is, and the
+        columns of :func:`~flgpr_papers.worlds.effects.block_differences`; ``replicates``, how many lanes of every road
+        there are. Replicates of which a lane is not there yet are left out.
+    """
+    rows = []
+    for road in ROADS:
+        lanes = table[table["road"] == road]
+        for response, values in responses(lanes).items():
+            wide = pd.DataFrame(
+                {"change": lanes["change"], "replicate": lanes["replicate"], "value": values}
+            ).pivot_table(index="replicate", columns="change", values="value", sort=False, dropna=False)
+            wide = wide.dropna() if NOTHING in wide else wide.iloc[:0]
+            if wide.empty or wide.shape[1] < 2:
+                continue
+            found = block_differences(wide, NOTHING)
+            found.insert(0, "unchanged", float(np.mean(wide[NOTHING])))
+            found.insert(0, "response", response)
+            found.insert(0, "road", road)
+            rows.append(found.assign(replicates=len(wide)))
+    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()

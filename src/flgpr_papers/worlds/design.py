@@ -1,0 +1,253 @@
+"""Designed fractions of a space of axes: D-optimal tables by coordinate exchange, and what they can tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Axes = Mapping[str, Sequence[Any]]
+_DIGITS = 9  # of the logarithm of a determinant: candidates that differ by rounding alone count as equal
+
+
+def contrasts(levels: int) -> FloatArray:
+    """Return orthogonal polynomial contrasts (level, levels - 1); every column has mean 0 and mean square 1.
+
+    The first column is linear in the number of the level, the second quadratic, and so on.
+    """
+    if levels < 2:
+        raise ValueError(f"levels must be at least 2, got {levels}")
+    powers = np.vander(np.linspace(-1, 1, levels), increasing=True)
+    basis = np.linalg.qr(powers)[0][:, 1:] * np.sqrt(levels)
+    return np.asarray(basis * np.sign(basis[-1]))
+
+
+def terms_of(axes: Axes, interactions: Sequence[tuple[str, str]]) -> list[tuple[str, ...]]:
+    """List the terms of a model: the mean, every axis, and the given pairs of axes."""
+    return [(), *((axis,) for axis in axes), *interactions]
+
+
+def model_matrix(table: pd.DataFrame, axes: Axes, interactions: Sequence[tuple[str, str]]) -> FloatArray:
+    """Compute the model matrix (row, column) of a table of levels, its columns in the order of :func:`terms_of`.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A column for every axis.
+    axes : mapping of str to sequence
+        Levels of every axis.
+    interactions : sequence of pairs of str
+        Pairs of axes whose interaction is in the model.
+
+    Raises
+    ------
+    ValueError
+        If a value of the table is no level of its axis.
+    """
+    parts = {axis: contrasts(len(levels))[_level_numbers(table, axis, levels)] for axis, levels in axes.items()}
+    columns = []
+    for term in terms_of(axes, interactions):
+        block = np.ones((len(table), 1))
+        for axis in term:
+            block = (block[:, :, None] * parts[axis][:, None, :]).reshape(len(table), -1)
+        columns.append(block)
+    return np.concatenate(columns, axis=1)
+
+
+def term_columns(axes: Axes, interactions: Sequence[tuple[str, str]]) -> dict[tuple[str, ...], slice]:
+    """Tell which columns of the model matrix belong to each term."""
+    places: dict[tuple[str, ...], slice] = {}
+    start = 0
+    for term in terms_of(axes, interactions):
+        width = int(np.prod([len(axes[axis]) - 1 for axis in term], dtype=int))
+        places[term] = slice(start, start + width)
+        start += width
+    return places
+
+
+def marginal_row(levels: Mapping[str, Any], axes: Axes, interactions: Sequence[tuple[str, str]]) -> FloatArray:
+    """Compute the row of the model matrix for given levels of some axes, the mean over all levels of the others."""
+    parts = {axis: contrasts(len(axes[axis]))[list(axes[axis]).index(level)] for axis, level in levels.items()}
+    places = term_columns(axes, interactions)
+    row = np.zeros(max(place.stop for place in places.values()))
+    for term, place in places.items():
+        if all(axis in parts for axis in term):
+            block = np.ones(1)
+            for axis in term:
+                block = np.outer(block, parts[axis]).ravel()
+            row[place] = block
+    return row
+
+
+def d_optimal(
+    axes: Axes, crossed: tuple[str, str], each: int, repeats: int, seed: int, starts: int = 20
+) -> pd.DataFrame:
+    """Design a fraction in which all main effects and the interaction of two axes can be told apart.
+
+    The two ``crossed`` axes are fully crossed, with ``each`` rows in every cell. The levels of the other axes maximise
+    the determinant of the information matrix (D-optimality) by coordinate exchange (Meyer & Nachtsheim 1995) from
+    ``starts`` random tables. Then ``repeats`` rows of every cell, chosen by the same criterion, come a second time.
+
+    Returns
+    -------
+    DataFrame
+        A column per axis, and ``replicate``, 0 or 1; the rows of each replicate in a random order.
+    """
+    rng = np.random.default_rng(seed)
+    space = pd.DataFrame(list(product(*axes.values())), columns=list(axes))
+    every_row = model_matrix(space, axes, [crossed])
+    shape = tuple(len(levels) for levels in axes.values())
+    best, best_value = np.zeros((0, len(axes)), dtype=np.intp), -np.inf
+    for _ in range(starts):
+        levels, value = _exchange(_random_levels(axes, crossed, each, rng), every_row, shape, _free(axes, crossed))
+        if value > best_value:
+            best, best_value = levels, value
+    places = np.array(np.ravel_multi_index(tuple(best.T), shape), dtype=np.intp)
+    first = places[rng.permutation(len(places))]
+    tables = [space.iloc[first].assign(replicate=0)]
+    if repeats > 0:
+        rows = _repeated_rows(every_row[places], each, repeats, starts, rng)
+        tables.append(space.iloc[places[rng.permutation(rows)]].assign(replicate=1))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _free(axes: Axes, crossed: tuple[str, str]) -> list[int]:
+    """Return the numbers of the axes that are not crossed."""
+    return [number for number, axis in enumerate(axes) if axis not in crossed]
+
+
+def _random_levels(axes: Axes, crossed: tuple[str, str], each: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Draw numbers of levels (row, axis): all cells in order, and the other axes' in equal numbers in random order."""
+    rows = each * len(axes[crossed[0]]) * len(axes[crossed[1]])
+    levels = np.zeros((rows, len(axes)), dtype=np.intp)
+    for number, axis in enumerate(axes):
+        count = len(axes[axis])
+        if axis == crossed[0]:
+            levels[:, number] = np.arange(rows) * count // rows
+        elif axis == crossed[1]:
+            levels[:, number] = np.arange(rows) // each % count
+        else:
+            levels[:, number] = rng.permutation(np.resize(np.arange(count), rows))
+    return levels
+
+
+def _exchange(
+    levels: NDArray[np.intp], every_row: FloatArray, shape: tuple[int, ...], free: Sequence[int]
+) -> tuple[NDArray[np.intp], float]:
+    """Change one level at a time to the best one until nothing improves; the levels and the log determinant."""
+    matrix = every_row[np.ravel_multi_index(tuple(levels.T), shape)]
+    value = _log_determinant(matrix.T @ matrix)
+    improved = True
+    while improved:
+        improved = False
+        for row, axis in product(range(len(levels)), free):
+            candidates = np.tile(levels[row], (shape[axis], 1))
+            candidates[:, axis] = np.arange(shape[axis])
+            rows = every_row[np.ravel_multi_index(tuple(candidates.T), shape)]
+            without = matrix.T @ matrix - np.outer(matrix[row], matrix[row])
+            values = [_log_determinant(without + np.outer(one, one)) for one in rows]
+            choice = int(np.argmax(values))
+            if values[choice] > value:
+                levels[row, axis] = choice
+                matrix[row] = rows[choice]
+                value = values[choice]
+                improved = True
+    return levels, value
+
+
+def _repeated_rows(
+    matrix: FloatArray, each: int, repeats: int, starts: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Choose which rows of every cell come again, one exchange at a time, from several random choices."""
+    options = np.array(list(combinations(range(each), repeats)))
+    cells = len(matrix) // each
+    information = matrix.T @ matrix
+
+    def rows_of(choice: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.asarray((np.arange(cells)[:, None] * each + options[choice]).ravel())
+
+    def value_of(choice: NDArray[np.intp]) -> float:
+        again = matrix[rows_of(choice)]
+        return _log_determinant(information + again.T @ again)
+
+    best, best_value = np.zeros(cells, dtype=np.intp), -np.inf
+    for _ in range(starts):
+        choice = rng.integers(len(options), size=cells)
+        value, improved = value_of(choice), True
+        while improved:
+            improved = False
+            for cell, option in product(range(cells), range(len(options))):
+                tried = choice.copy()
+                tried[cell] = option
+                if value_of(tried) > value:
+                    choice, value, improved = tried, value_of(tried), True
+        if value > best_value:
+            best, best_value = choice, value
+    return rows_of(best)
+
+
+def _log_determinant(information: FloatArray) -> float:
+    sign, value = np.linalg.slogdet(information)
+    return round(float(value), _DIGITS) if sign > 0 else -np.inf
+
+
+def _level_numbers(table: pd.DataFrame, axis: str, levels: Sequence[Any]) -> NDArray[np.intp]:
+    number = {level: place for place, level in enumerate(levels)}
+    unknown = [value for value in table[axis] if value not in number]
+    if unknown:
+        raise ValueError(f"{axis} must be one of {', '.join(map(str, levels))}, got {unknown[0]!r}")
+    return np.array([number[value] for value in table[axis]], dtype=np.intp)
+
+
+def efficiency(matrix: FloatArray) -> float:
+    """Compute the D-efficiency of a model matrix: 1 for an orthogonal table of as many rows, 0 where effects alias."""
+    rows, columns = matrix.shape
+    sign, value = np.linalg.slogdet(matrix.T @ matrix / rows)
+    return float(np.exp(value / columns)) if sign > 0 else 0.0
+
+
+def decidable(table: pd.DataFrame, axes: Axes, crossed: tuple[str, str]) -> pd.DataFrame:
+    """Tell what a table of levels can decide.
+
+    Returns
+    -------
+    DataFrame
+        A row per axis and for the interaction: ``term``; ``effects``, its number of independent effects; ``error``,
+        the largest standard error of a difference between two of its levels (of the interaction: of a difference of
+        two differences), in standard deviations of a world; ``inflation``, the largest variance of its effects over
+        that in an orthogonal table of as many rows.
+    """
+    interactions = [crossed]
+    matrix = model_matrix(table, axes, interactions)
+    covariance = np.linalg.inv(matrix.T @ matrix)
+    rows = []
+    for term, place in term_columns(axes, interactions).items():
+        if not term:
+            continue
+        differences = _differences(term, axes, interactions)
+        errors = [float(np.sqrt(one @ covariance @ one)) for one in differences]
+        inflation = float((np.diag(covariance)[place] * len(matrix)).max())
+        row = {"term": " x ".join(term), "effects": place.stop - place.start, "error": max(errors)}
+        rows.append(row | {"inflation": inflation})
+    return pd.DataFrame(rows)
+
+
+def _differences(term: tuple[str, ...], axes: Axes, interactions: Sequence[tuple[str, str]]) -> list[FloatArray]:
+    """List the differences between two levels of an axis, or the differences of differences of two axes."""
+
+    def row(*levels: Any) -> FloatArray:
+        return marginal_row(dict(zip(term, levels, strict=True)), axes, interactions)
+
+    if len(term) == 1:
+        return [row(one) - row(other) for one, other in combinations(axes[term[0]], 2)]
+    first, second = term
+    several = []
+    for low, high in combinations(axes[first], 2):
+        for left, right in combinations(axes[second], 2):
+            several.append(row(high, right) - row(high, left) - row(low, right) + row(low, left))
+    return several

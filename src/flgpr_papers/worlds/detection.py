@@ -1,0 +1,195 @@
+"""Which worlds give which Pd: the designed fraction, a lane each, and the effects of its axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import expit
+
+from flgpr.chain.progress import Track, silent
+from flgpr.execution.executors import Executor
+from flgpr_papers.kit.worlds import AXES, DECLARED, World, design_worlds
+from flgpr_papers.worlds.design import marginal_row, model_matrix, term_columns
+from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
+from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
+from flgpr_papers.worlds.tables import write_table
+
+CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
+"""The two axes whose interaction is in the model."""
+
+
+def jobs(quick: bool = False) -> list[LaneJob]:
+    """List the lanes of the designed fraction; of a quick run the first few, short and with other seeds."""
+    declared = DECLARED["detection"] | (DECLARED["quick"] if quick else {})
+    worlds = design_worlds()
+    if quick:
+        worlds = worlds[: declared["worlds"]]
+    return [_job(world, declared) for world in worlds]
+
+
+def _job(world: World, declared: dict[str, float]) -> LaneJob:
+    about = {"number": world.number, **{axis: getattr(world, axis) for axis in AXES}, "replicate": world.replicate}
+    length, count = float(declared["length"]), int(declared["count"])
+    seed = int(declared["seed"]) + world.number
+    return LaneJob("detection", world.name, about, world.tables(), world.mines, length, count, seed)
+
+
+def run(folder: Path, executor: Executor, quick: bool = False, track: Track = silent) -> None:
+    """Run the lanes that are not on disk and write the tables of all that are there.
+
+    ``detection-mines.csv`` has every target, ``detection.csv`` every world, ``detection-effects.csv`` what the axes do,
+    ``detection-missing.csv`` by how many decibels the paper's Pd of plastic is missed.
+    """
+    lanes = jobs(quick)
+    run_jobs(folder, lanes, executor, track)
+    targets = read_targets(folder, lanes)
+    if targets.empty:
+        return
+    table = lane_table(targets, [*lanes[0].about, "lane"])
+    write_table(folder / "detection-mines.csv", targets.drop(columns=["nearest", "farthest"]))
+    write_table(folder / "detection.csv", table)
+    write_table(folder / "detection-effects.csv", effects(table))
+    write_table(folder / "detection-missing.csv", missing_decibels(targets))
+
+
+def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
+    """Tell by how many decibels plastic mines miss what the paper finds of them, cell by cell.
+
+    One curve gives the chance that a plastic mine is found by its signal to clutter: a logistic one, fitted to all
+    targets of all worlds. In a cell the signal to clutter of all its plastic mines is raised until the mean of that
+    chance is the paper's Pd.
+
+    Parameters
+    ----------
+    targets : DataFrame
+        ``detection-mines.csv``: a row per target.
+
+    Returns
+    -------
+    DataFrame
+        A row per false alarm rate and cell of the two crossed axes: ``far``, per m²; the two axes; ``targets``, their
+        number; ``found``, the share found; ``paper``, the paper's Pd; ``missing_db``, dB, below zero where more is
+        found than in the paper. Empty while mines are not found the better, the higher their signal to clutter.
+    """
+    plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
+    rows = []
+    for far, paper in zip(FAR, DECLARED["paper"]["plastic"], strict=True):
+        curve = np.column_stack([np.ones(len(plastic)), plastic["ratio_db"]])
+        try:
+            start, slope = fit_shares(curve, plastic["far"] <= far, np.ones(len(plastic))).coefficient
+        except ValueError:
+            return pd.DataFrame()
+        if slope <= 0:
+            return pd.DataFrame()
+        for place, cell in plastic.groupby(list(CROSSED)):
+            ratios = cell["ratio_db"].to_numpy()
+            missing = _raised_to(start + slope * ratios, paper) / slope
+            row = {"far": far, **dict(zip(CROSSED, place, strict=True)), "targets": len(cell)}
+            row |= {"found": float((cell["far"] <= far).mean()), "paper": paper, "missing_db": missing}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _raised_to(logits: NDArray[np.float64], share: float) -> float:
+    """Find by how much logits must rise until the mean of their shares is the wanted one."""
+
+    def excess(rise: float) -> float:
+        return float(expit(logits + rise).mean()) - share
+
+    widest = float(np.abs(logits).max()) + 20  # beyond it all shares are 0 or 1
+    return float(brentq(excess, -widest, widest))
+
+
+def effects(table: pd.DataFrame) -> pd.DataFrame:
+    """Estimate what every level of every axis gives, the other axes in their middle.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``detection.csv``: a row per world.
+
+    Returns
+    -------
+    DataFrame
+        ``response``: "metal 0.02", Pd of a kind at so many false alarms per m², or "metal ratio_db", its mean signal to
+        clutter, dB. ``axis`` and ``level``; for the two crossed axes also rows with both, "roughness x permittivity"
+        and "2.0 x 4.5". ``value``, ``low``, ``high``: the response with its 95 % interval, a Pd as the inverse logit
+        of a mean of logits. ``difference`` from the first level, with ``difference_low`` and ``difference_high``
+        (empty for cells). ``p`` of all levels of the axis being alike. ``worlds`` that have the level. ``dispersion``,
+        see :class:`~flgpr_papers.worlds.effects.Fit`. Empty if the worlds are too few to tell the effects apart.
+    """
+    rows = []
+    for kind in KINDS:
+        # Only plastic mines depend on the mix that stands for them.
+        axes = {axis: levels for axis, levels in AXES.items() if axis != "mines" or kind == "plastic"}
+        matrix = model_matrix(table, axes, [CROSSED])
+        try:
+            fits = {}
+            for far in FAR:
+                fits[f"{kind} {far:g}"] = fit_shares(matrix, table[f"{kind}_{far:g}"], table[f"{kind}_targets"])
+            fits[f"{kind} ratio_db"] = fit_means(matrix, table[f"{kind}_ratio_db"])
+        except ValueError:
+            return pd.DataFrame()
+        for response, fit in fits.items():
+            rows += _level_rows(response, fit, axes, table) + _cell_rows(response, fit, axes, table)
+    return pd.DataFrame(rows)
+
+
+def _level_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame) -> list[dict[str, object]]:
+    """Tabulate every level of every axis, and its difference from the axis's first."""
+    rows = []
+    places = term_columns(axes, [CROSSED])
+    for axis, levels in axes.items():
+        p = fit.p_value(places[axis,])
+        first = marginal_row({axis: levels[0]}, axes, [CROSSED])
+        for level in levels:
+            row = marginal_row({axis: level}, axes, [CROSSED])
+            value, low, high = fit.value(row)
+            gap, gap_low, gap_high = fit.difference(row, first)
+            rows.append(
+                {
+                    "response": response,
+                    "axis": axis,
+                    "level": level,
+                    "value": value,
+                    "low": low,
+                    "high": high,
+                    "difference": gap,
+                    "difference_low": gap_low,
+                    "difference_high": gap_high,
+                    "p": p,
+                    "worlds": int((table[axis] == level).sum()),
+                    "dispersion": fit.dispersion,
+                }
+            )
+    return rows
+
+
+def _cell_rows(response: str, fit: Fit, axes: dict[str, list[object]], table: pd.DataFrame) -> list[dict[str, object]]:
+    """Tabulate every cell of the two crossed axes."""
+    rows = []
+    first, second = CROSSED
+    p = fit.p_value(term_columns(axes, [CROSSED])[CROSSED])
+    for level in axes[first]:
+        for other in axes[second]:
+            row = marginal_row({first: level, second: other}, axes, [CROSSED])
+            value, low, high = fit.value(row)
+            inside = (table[first] == level) & (table[second] == other)
+            rows.append(
+                {
+                    "response": response,
+                    "axis": f"{first} x {second}",
+                    "level": f"{level} x {other}",
+                    "value": value,
+                    "low": low,
+                    "high": high,
+                    "p": p,
+                    "worlds": int(inside.sum()),
+                    "dispersion": fit.dispersion,
+                }
+            )
+    return rows

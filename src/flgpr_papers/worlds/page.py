@@ -1,0 +1,181 @@
+"""The page of the map of worlds: a section for every part whose tables are in the folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from flgpr.io import sha256
+from flgpr_papers.kit.page import study_html
+from flgpr_papers.kit.settings import PAPERS
+from flgpr_papers.kit.worlds import AXES, DECLARED, design_worlds
+from flgpr_papers.worlds.design import decidable
+from flgpr_papers.worlds.detection import CROSSED
+from flgpr_papers.worlds.lanes import FAR
+from flgpr_papers.worlds.statements import FEWEST, MARKS, STUDY_AXES, TWO_SITES, name_of
+from flgpr_papers.worlds.tables import read_table
+
+
+def page_html(folder: Path, pictures: Mapping[str, bytes], quick: bool) -> str:
+    """Fill in the page from the tables of a folder and its figures."""
+    statements = read_table(folder, "statements")
+    return study_html(
+        "worlds.html",
+        axes=AXES,
+        declared=DECLARED,
+        hashes=declared_hashes(),
+        pictures=pictures,
+        quick=quick,
+        papers=PAPERS,
+        fewest=FEWEST,
+        two_sites=TWO_SITES,
+        worlds=len(read_table(folder, "detection")),
+        tables=short_tables(folder),
+        counts=read_table(folder, "statements-counts").to_numpy().tolist(),
+        statements={paper: statement_rows(statements, paper) for paper in PAPERS},
+        study_axes=STUDY_AXES,
+    )
+
+
+def declared_hashes() -> dict[str, str]:
+    """Return the SHA-256 of every declared file: axes and lanes, the fraction, mixes of mines, the two sites."""
+    papers = resources.files("flgpr_papers")
+    sites = resources.files("flgpr.simulate") / "sites"
+    files = [papers / "worlds" / "worlds.toml", papers / "worlds" / "worlds.csv", papers / "mines.toml"]
+    files += [sites / f"{name}.toml" for name in DECLARED["sites"].values()]
+    return {file.name: sha256(file.read_bytes()) for file in files}
+
+
+def short_tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables that people read, by name: each says a value with its interval in one cell."""
+    made = {
+        "design": design_table(),
+        "detection-short": detection_table(read_table(folder, "detection-effects")),
+        "detection-missing-short": missing_table(read_table(folder, "detection-missing")),
+        "ablation-short": ablation_table(read_table(folder, "ablation-costs")),
+        "geometry-short": geometry_table(read_table(folder, "geometry-means")),
+    }
+    return {name: table for name, table in made.items() if not table.empty}
+
+
+def response_name(response: str) -> str:
+    """Say a response in words: "plastic 0.07" is Pd of plastic at 0.07 false alarms per m²."""
+    kind, what = response.split(" ")
+    return f"{kind}, signal to clutter, dB" if what == "ratio_db" else f"Pd of {kind} at {what} per m²"
+
+
+def design_table() -> pd.DataFrame:
+    """Tabulate what the declared fraction can decide."""
+    table = pd.DataFrame([{axis: getattr(world, axis) for axis in AXES} for world in design_worlds()])
+    names = {"term": "effect", "effects": "degrees of freedom", "error": "error of a difference"}
+    return decidable(table, AXES, CROSSED).round(2).rename(columns=names)
+
+
+def detection_table(effects: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the levels of every axis: Pd of metal and plastic at both false alarm rates, and plastic in dB."""
+    if effects.empty:
+        return pd.DataFrame()
+    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR] + ["plastic ratio_db"]
+    rows = []
+    for axis, levels in AXES.items():
+        for level in levels:
+            row = {"axis": axis, "level": str(level)}
+            for response in responses:
+                chosen = effects[(effects["response"] == response) & (effects["axis"] == axis)]
+                own = chosen[chosen["level"].astype(str) == str(level)]
+                row[response_name(response)] = in_brackets(own.iloc[0]) if len(own) else "–"
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def missing_table(missing: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the decibels that plastic mines miss of the paper's Pd: a row per false alarm rate and roughness."""
+    if missing.empty:
+        return pd.DataFrame()
+    rows = []
+    for (far, paper, roughness), cells in missing.groupby(["far", "paper", "roughness"]):
+        row = {"false alarms per m²": f"{far:g}", "paper's Pd": f"{paper:g}", "roughness, mm": f"{roughness:g}"}
+        for _, cell in cells.iterrows():
+            row[f"ε' = {cell['permittivity']:g}"] = f"{cell['missing_db']:+.1f} (found {cell['found']:.2f})"
+        rows.append(row)
+    return pd.DataFrame(rows).fillna("–")
+
+
+def ablation_table(costs: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate what every part costs on both roads; an asterisk marks what is clear for all parts together."""
+    if costs.empty:
+        return pd.DataFrame()
+    responses = [f"plastic {far:g}" for far in FAR] + [f"metal {FAR[-1]:g}", "plastic ratio_db"]
+    rows = []
+    for (road, change), several in costs.groupby(["road", "change"], sort=False):
+        by_response = _by_response(several)
+        row = {"road": road, "change": change}
+        for response in responses:
+            cost = by_response[response]
+            row[response_name(response)] = in_brackets(cost, "difference") + (" *" if cost["clear"] else "")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _by_response(table: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return the rows of a table by their response."""
+    return {str(row["response"]): row for _, row in table.iterrows()}
+
+
+def geometry_table(means: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate Pd of metal and plastic by height and ground used."""
+    if means.empty:
+        return pd.DataFrame()
+    responses = [f"{kind} {far:g}" for kind in ("metal", "plastic") for far in FAR]
+    rows = []
+    for (height, nearest, farthest), several in means.groupby(["height", "nearest", "farthest"], sort=False):
+        by_response = _by_response(several)
+        row = {"height, m": f"{height:g}", "ground used, m": f"{nearest:g} to {farthest:g}"}
+        for response in responses:
+            row[response_name(response)] = in_brackets(by_response[response])
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def statement_rows(table: pd.DataFrame, paper: str) -> list[dict[str, Any]]:
+    """List the statements of a paper with the verdict of every region."""
+    if table.empty:
+        return []
+    rows = []
+    for claim, regions in table[table["paper"] == paper].groupby("statement", sort=False):
+        by_region = regions.set_index("region")
+        marks = {}
+        for axis, levels in STUDY_AXES.items():
+            cells = []
+            for level in levels:
+                name = name_of({axis: level})
+                if name in by_region.index:
+                    region = by_region.loc[name]
+                    enough = region["worlds"] >= FEWEST
+                    cells.append(MARKS[str(region["verdict"])] if enough else "–")
+            marks[axis] = " ".join(cells)
+        everywhere = by_region.iloc[0]
+        rows.append(
+            {
+                "claim": claim,
+                "holds": everywhere["holds"],
+                "corners": "" if pd.isna(everywhere["corners"]) else everywhere["corners"],
+                "mean": f"{in_brackets(everywhere, 'mean')}, {everywhere['worlds']}",
+                "marks": marks,
+            }
+        )
+    return rows
+
+
+def in_brackets(row: pd.Series, value: str = "value") -> str:
+    """Write a value with its interval; without one where it has none."""
+    if pd.isna(row[value]):
+        return "not measured"
+    if not np.isfinite([row["low"], row["high"]]).all():
+        return f"{row[value]:z.2f}"
+    return f"{row[value]:z.2f} ({row['low']:z.2f} to {row['high']:z.2f})"

@@ -1,0 +1,27 @@
+"""CSV files of the parts, which stand for themselves: written after each run, read by figures and the page."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+
+import pandas as pd
+
+from flgpr.door import read_named
+from flgpr.io import write_whole
+
+_DIGITS = 5
+
+
+def write_table(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV, numbers to five decimals, whole or not at all; an empty one is not written."""
+    if not table.empty:
+        write_whole(path, table.round(_DIGITS).to_csv(index=False, lineterminator="\n"))
+
+
+def read_table(folder: Path, name: str) -> pd.DataFrame:
+    """Read a table of a folder; an empty one if the file is not there."""
+    path = folder / f"{name}.csv"
+    if not path.is_file():
+        return pd.DataFrame()
+    return pd.read_csv(BytesIO(read_named(path)), keep_default_na=False, na_values=[""])
