@@ -303,7 +303,7 @@ def test_what_cannot_be_read_is_named(suffix, tmp_path):
 
 def test_ibms_floating_point():
     """The worked example of the format: -118.625 is C276A000."""
-    from flgpr.io.gpr_files import _ibm
+    from flgpr.io.gpr_segy import _ibm
 
     values = np.array([-118.625, 0.0, 1.0, 12000.0, 2.0**-70])
     words = np.array([ibm(value) for value in values], dtype=">u4")
