@@ -25,6 +25,9 @@ from flgpr.model import POLARIZATIONS
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
 _NO_SUFFIX = ("in", "h", "min")  # units that are words in names
 _LONG_UNITS = {"meter": "m", "metre": "m", "foot": "ft", "feet": "ft", "degree": "deg", "radian": "rad", "second": "s"}
+_CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
+"""What a time is called that is no delay of samples."""
+_SHORTEST_SCANS = 1e-4  # s, that times of scans reach
 _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _COMPONENTS = {
@@ -123,7 +126,10 @@ def _explain_nmea(path: Path) -> Explanation:
 def _line(opened: ArrayFile, info: ArrayInfo) -> str:
     shape = " x ".join(map(str, info.shape)) or "one value"
     text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
-    values = _values(opened, info)
+    try:
+        values = opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+    except ValueError as error:
+        return f"{text}, not read: {str(error).removeprefix(f'{opened.path}: ')}"
     if values is None or values.dtype.kind not in "fciu" or not values.size:
         return text
     size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
@@ -135,7 +141,13 @@ def _line(opened: ArrayFile, info: ArrayInfo) -> str:
 
 
 def _values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    return opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+    """Read a small array; None if it is large or cannot be read, which keeps no other from being explained."""
+    if math.prod(info.shape) > _SMALL:
+        return None
+    try:
+        return opened.read(info.name)
+    except ValueError:
+        return None
 
 
 @dataclass
@@ -158,10 +170,8 @@ def _propose(opened: ArrayFile) -> str:
     draft.used |= {signal.name, *([imaginary] if imaginary else [])}
     sizes = list(signal.shape)
     frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
-    samples = None
     recorded = opened.kind == "MCAP recording"  # whose arrays all are over messages
-    for count in () if frequency or recorded else (sizes[-1:], sizes):
-        samples = samples or _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), count)
+    samples, sure = (None, True) if frequency or recorded else _find_samples(draft, sizes)
     axis = frequency or samples
     positions = _find_positions(draft, signal)
     track = _find_track(draft, positions, sizes)
@@ -169,7 +179,9 @@ def _propose(opened: ArrayFile) -> str:
     positions.pop("way", None)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
     labels = _labels(opened, sizes)
-    dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels, way)
+    dims = _dims(
+        sizes, axis, "frequency" if frequency else "sample" if sure else "sample?", positions, stamp, labels, way
+    )
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
@@ -188,7 +200,7 @@ def _propose(opened: ArrayFile) -> str:
             "# interleaved = true  # if real and imaginary parts alternate",
             "# shape = [-1, 1]  # of a flat record",
         ]
-    lines += ["", *_axis_lines(opened, frequency, samples), *_position_lines(opened, positions, "pair" in dims)]
+    lines += ["", *_axis_lines(opened, frequency, samples, sure), *_position_lines(opened, positions, "pair" in dims)]
     if stamp is not None:
         lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
     if track is not None:
@@ -205,8 +217,9 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
         return max(complex_ones, key=lambda info: math.prod(info.shape)), None
     for info in arrays:
         for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
-            other = re.sub(real, imaginary, info.name, flags=re.IGNORECASE)
-            if other != info.name and other in opened.arrays and opened.arrays[other].shape == info.shape:
+            wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
+            other = next((name for name in opened.arrays if name.lower() == wanted and name != info.name), None)
+            if other is not None and opened.arrays[other].shape == info.shape:
                 return info, other
     large = [
         info
@@ -216,8 +229,12 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
 
 
-def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> ArrayInfo | None:
-    for info in draft.rest():
+def _find_axis(
+    draft: _Draft, words: tuple[str, ...], sizes: list[int], among: list[ArrayInfo] | None = None, fast: bool = False
+) -> ArrayInfo | None:
+    for info in draft.rest() if among is None else among:
+        if fast and not _is_fast(draft.opened, info):
+            continue
         count = math.prod(info.shape)
         if count in sizes and max(info.shape, default=0) == count and count > 1:
             name = info.name.lower().replace("/", ".").split(".")[-1]
@@ -232,6 +249,33 @@ def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> Array
                     draft.used.add(info.name)
                     return info
     return None
+
+
+def _find_samples(draft: _Draft, sizes: list[int]) -> tuple[ArrayInfo | None, bool]:
+    """Find the two-way delays or ranges of the samples, and tell whether they can be nothing else.
+
+    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond are the former.
+    """
+    for count in (sizes[-1:], sizes):
+        found = _find_axis(draft, ("range", "delay", "t_ns", "twt", "fast"), count)
+        if found is not None:
+            return found, True
+    times = [info for info in draft.rest() if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())]
+    for wanted, sure in ((times, True), (times, False)):
+        for count in (sizes[-1:], sizes):
+            found = _find_axis(draft, ("time",), count, wanted, sure)
+            if found is not None:
+                return found, sure
+    return None, True
+
+
+def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
+    """Tell whether times can only be those of samples: by their unit, or because they are that small."""
+    unit = unit_suffix(info)
+    if unit in ("ns", "ps", "us"):
+        return True
+    values = _values(opened, info)
+    return values is not None and bool(values.size) and float(np.abs(values).max()) < _SHORTEST_SCANS
 
 
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
@@ -376,7 +420,7 @@ def _sibling(name: str, other: str) -> str:
 
 
 def _dims(
-    sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, positions: dict[str, list[ArrayInfo]],
+    sizes: list[int], axis: ArrayInfo | None, axis_name: str, positions: dict[str, list[ArrayInfo]],
     stamp: ArrayInfo | None, labels: list[str], way: dict[str, ArrayInfo],
 ) -> list[str]:  # fmt: skip
     """Name the axes whose length tells what they are; the others get a question mark."""
@@ -385,10 +429,10 @@ def _dims(
     def put(count: int, name: str) -> None:
         fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
         if fits and name not in names:
-            names[fits[-1]] = name if len(fits) == 1 else f"{name}?"
+            names[fits[-1]] = name if len(fits) == 1 or name.endswith("?") else f"{name}?"
 
     if axis is not None:
-        put(math.prod(axis.shape), "frequency" if is_frequency else "sample")
+        put(math.prod(axis.shape), axis_name)
     if stamp is not None:
         put(math.prod(stamp.shape), "scan")
     if labels[0] != "HH?":
@@ -406,7 +450,9 @@ def _dims(
     return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
 
 
-def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None) -> list[str]:
+def _axis_lines(
+    opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None, sure: bool
+) -> list[str]:  # fmt: skip
     if frequency is not None:
         unit = _unit(opened, frequency, "Hz")
         return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
@@ -414,7 +460,7 @@ def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayIn
         unit = _unit(opened, samples, "m" if "range" in samples.name.lower() else "ns")
         meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
         return [
-            "[samples]", f"variable = {json.dumps(samples.name)}", f'unit = "{unit}"',
+            "[samples]", f"variable = {json.dumps(samples.name + ('' if sure else '?'))}", f'unit = "{unit}"',
             f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
             "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
         ]  # fmt: skip
@@ -443,18 +489,31 @@ def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pa
     return lines
 
 
+def unit_suffix(info: ArrayInfo) -> str:
+    """Return the unit that ends an array's name, such as ns of t_ns; empty if there is none."""
+    last = re.split(r"[_\W]", info.name.lower())[-1]
+    for units in UNITS.values():
+        suffixes = {unit.lower(): unit for unit in units if unit not in _NO_SUFFIX}
+        if last in suffixes and last != info.name.lower():
+            return suffixes[last]
+    return ""
+
+
 def _unit(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
     kind = next(units for units in UNITS.values() if usual in units)
     stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
     if _LONG_UNITS.get(stated, info.unit) in kind:
         return _LONG_UNITS.get(stated, info.unit)
-    last = re.split(r"[_\W]", info.name.lower())[-1]
-    suffixes = {unit.lower(): unit for unit in kind if unit not in _NO_SUFFIX}
-    if last in suffixes and last != info.name.lower():
-        return suffixes[last]
+    suffix = unit_suffix(info)
+    if suffix in kind:
+        return suffix
     if usual == "Hz":
         values = _values(opened, info)
         top = float(np.max(values)) if values is not None else 0.0
         return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
+    if usual == "ns":
+        values = _values(opened, info)
+        if values is not None and values.size and 0 < float(np.abs(values).max()) < _SHORTEST_SCANS:
+            return "s?"
     return f"{usual}?"

@@ -22,6 +22,7 @@ from flgpr.io.gpr_parts import (
     Header,
     exact_floats,
     find_beside,
+    first_bytes,
     float64,
     length_unit,
     measured_clock,
@@ -82,9 +83,10 @@ def _records(
     name = head.text("DATA TYPE").upper().replace(" ", "")
     if name and name not in _TYPES:
         raise ValueError(f"{head.path.name}: DATA TYPE must be I*2 or F*4, got {name[:40]!r}")
-    first = np.fromfile(path, "<f4", 25)
-    if first.size < 25:
-        raise ValueError(f"a trace header must have 100 bytes, the file has {path.stat().st_size}")
+    raw = first_bytes(path, 100)
+    if len(raw) < 100:
+        raise ValueError(f"a trace header must have 100 bytes, the file has {len(raw)}")
+    first = np.frombuffer(raw, "<f4")
     turned = first[2] != samples and first.byteswap()[2] == samples
     width = (first.byteswap() if turned else first)[5]
     stated_type = _TYPES.get(name) or ("f4" if width == 4 else "i2")
@@ -111,8 +113,9 @@ def _record(samples: int, sample: str, turned: bool) -> np.dtype[Any]:
 
 def _second_agrees(path: Path, samples: int, sample: str, turned: bool) -> bool:
     """Tell whether the second trace header lies where it does if samples are of a type; true if there is no second."""
-    heads = np.fromfile(path, _record(samples, sample, turned), 2)["head"]
-    return len(heads) < 2 or heads[1, 2] == samples
+    record = _record(samples, sample, turned)
+    raw = first_bytes(path, record.itemsize, record.itemsize)
+    return len(raw) < record.itemsize or np.frombuffer(raw, record)["head"][0, 2] == samples
 
 
 def _lengths(

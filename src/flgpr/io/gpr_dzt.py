@@ -20,6 +20,7 @@ from flgpr.io.gpr_parts import (
     equal_steps,
     exact_floats,
     find_beside,
+    first_bytes,
     measured_places,
     read_records,
 )
@@ -31,8 +32,7 @@ _MINI_XT = 14  # number of the system StructureScan Mini XT, whose antenna has n
 
 def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     """Read a DZT: the entries of a :class:`flgpr.io.gpr_files.GprSection`; what contradicts is a ValueError."""
-    with path.open("rb") as file:
-        raw = file.read(4 * _HEADER)
+    raw = first_bytes(path, 4 * _HEADER)
     if len(raw) < _HEADER:
         raise ValueError(f"its header must have {_HEADER} bytes, the file has {len(raw)}")
     tag, start, samples, bits = struct.unpack_from("<4H", raw, 0)

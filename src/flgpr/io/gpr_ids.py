@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from flgpr.io.gpr_parts import INTERVALS, ZERO_ASSUMED, equal_steps, exact_floats, numbers_in, read_records
+from flgpr.io.gpr_parts import INTERVALS, ZERO_ASSUMED, equal_steps, exact_floats, first_bytes, numbers_in, read_records
 
 _LARGEST_HEADER = 2**20  # bytes
 
 
 def read_ids(path: Path, limit: int) -> dict[str, Any]:
     """Read a DT: the entries of a :class:`flgpr.io.gpr_files.GprSection`; what contradicts is a ValueError."""
-    with path.open("rb") as file:
-        raw = file.read(_LARGEST_HEADER)
+    raw = first_bytes(path, _LARGEST_HEADER)
     size = int.from_bytes(raw[4:6], "little")
     if raw[:1] != b"V" or size < 256 or size % 2:
         raise ValueError(f"it must begin with V and the even length of its records, got {raw[:1]!r} and {size}")

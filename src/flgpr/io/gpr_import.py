@@ -59,7 +59,7 @@ def gpr_run(
         notes.append(f"channel {channel} of {channels}: the file does not tell where their antennas are")
     if section.gather:
         raise ValueError(
-            f"{section.path}: its antennas move apart ({section.gather}): it is no line of one offset, and cannot be a run"
+            f"{section.path}: its antennas move apart ({section.gather}): it is no line of one offset and makes no run"
         )
     delay = _delay(section.delay_of(channel), time_zero, window)
     apart = section.separation if separation is None else separation
@@ -113,7 +113,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
     ]
     if section.distance is not None and count > 1:
-        length = abs(float(section.distance[-1] - section.distance[0]))
+        length = float(np.abs(np.diff(section.distance)).sum())  # there and back, where a line turns round
         lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
     else:
         lines.append("trace spacing unknown: give --step" + (" or --anchor" if len(section.fixes) > 1 else ""))
@@ -202,8 +202,8 @@ def _plausible_fixes(
         )
     elif motion.steps:
         notes.append(
-            f"{len(motion.steps)} of {len(at)} positions of the satellite receiver lie farther from those before than a "
-            f"vehicle goes, too many to be faults: all are used: {some_steps(motion.steps)}"
+            f"{len(motion.steps)} of {len(at)} positions of the satellite receiver lie farther from those before than "
+            f"a vehicle goes; they are too many to be faults, and all are used: {some_steps(motion.steps)}"
         )
     return at[motion.plausible], place[motion.plausible]
 
@@ -236,8 +236,8 @@ def _fix_doubts(section: GprSection) -> list[str]:
         told = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
         if abs(way - told) > _CLOSE and not 0.5 < way / max(told, 1e-9) < 2.0:
             lines.append(
-                f"the satellite receiver went {way:.4g} m from trace {first} to trace {last}, the distances of the "
-                f"traces are {told:.4g} m there: is their spacing right?"
+                f"the satellite receiver went {way:.4g} m from trace {first} to trace {last}, where the traces' own "
+                f"distance is {told:.4g} m: is their spacing right?"
             )
     return lines
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import read_named
+from flgpr.door import open_named, read_named
 from flgpr.io.text import decode_text
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +69,13 @@ class Header:
     def text(self, *names: str) -> str:
         """Return the first of these entries that is not empty, else an empty text."""
         return next((self.values[name] for name in names if self.values.get(name)), "")
+
+
+def first_bytes(path: Path, size: int, start: int = 0) -> bytes:
+    """Return up to so many bytes of a recording from ``start`` on."""
+    with open_named(path) as file:
+        file.seek(start)
+        return file.read(size)
 
 
 def find_beside(path: Path, suffix: str) -> Path | None:

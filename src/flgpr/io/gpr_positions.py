@@ -27,6 +27,7 @@ _ROW = re.compile(r"\s*\"?(\d{1,9})\"?\s*[,;\t]")
 _ANGLE = re.compile(r"([NSEW]?)([-+]?[\d.:]+)([NSEW]?)")
 _HEIGHT = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _MOST_WAYPOINTS = 1_000_000
+_AGREE = 0.05  # share by which two spacings of one file may differ
 
 
 class Fix(NamedTuple):
@@ -310,6 +311,7 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
     spacing = _number(_text_of(root, "unitsPerScan"))
     marks: set[int] = set()
     distances: list[tuple[float, float]] = []
+    corners: list[tuple[float, float, float]] = []
     for waypoint in _waypoints(root):
         scan = _number(waypoint.get("scan", waypoint.get("scanSampChanProp", "").split(",")[0]))
         if not (np.isfinite(scan) and 0 <= scan < count):
@@ -319,9 +321,32 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
         distance = _number(waypoint.get("distance", ""))
         if scale is not None and np.isfinite(distance):
             distances.append((scan, distance * scale))
-    table = np.array(distances, dtype=np.float64).reshape(-1, 2)
-    known = scale is not None and np.isfinite(spacing) and spacing > 0
-    return DzxContent(tuple(sorted(marks)), spacing * scale if known and scale is not None else None, table)
+        local = [_number(part) for part in waypoint.get("localCoords", "").split(",")[:2]]
+        if scale is not None and len(local) == 2 and np.isfinite(local).all():
+            corners.append((scan, local[0] * scale, local[1] * scale))
+    known = spacing * scale if scale is not None and np.isfinite(spacing) and spacing > 0 else None
+    table = np.array(distances or _along(corners), dtype=np.float64).reshape(-1, 2)
+    if known is not None and not distances and len(table) > 1:
+        told = np.ptp(table[:, 1]) / max(np.ptp(table[:, 0]), 1.0)
+        if abs(told - known) > _AGREE * known:
+            notes.append(
+                f"{path.name} contradicts itself: its scans are {known:.4g} m apart by unitsPerScan and {told:.4g} m "
+                "by localCoords; neither is used"
+            )
+            return DzxContent(tuple(sorted(marks)))
+    return DzxContent(tuple(sorted(marks)), known, table)
+
+
+def _along(corners: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
+    """Return scan and distance along the way through places (scan, x, y) in the order of their scans."""
+    way: list[tuple[float, float]] = []
+    distance = 0.0
+    ordered = sorted(corners)
+    for number, (scan, x, y) in enumerate(ordered):
+        if number:
+            distance += float(np.hypot(x - ordered[number - 1][1], y - ordered[number - 1][2]))
+        way.append((scan, distance))
+    return way
 
 
 def _waypoints(root: ElementTree.Element) -> Iterator[dict[str, str]]:

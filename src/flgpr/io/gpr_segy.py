@@ -9,6 +9,7 @@ its trace headers bear out.
 from __future__ import annotations
 
 import itertools
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from flgpr.io.gpr_parts import (
     ZERO_ASSUMED,
     FloatArray,
     exact_floats,
+    first_bytes,
     float64,
     measured_places,
     read_records,
@@ -40,7 +42,7 @@ _IBM = 1
 _NOT_READ = {4: "fixed point with gain", 7: "24 bit", 9: "64 bit", 12: "64 bit unsigned", 15: "24 bit unsigned"}
 _ORDERS = {b"\x01\x02\x03\x04": ">", b"\x04\x03\x02\x01": "<"}
 _MOST_HEADERS = 1000  # extra text headers, or extra headers of a trace
-_END_TEXT = ("((SEG: EndText))", "((SEG:EndText))")
+_END_TEXT = re.compile(r"\s*\(\(\s*SEG\s*:\s*ENDTEXT\s*\)\)", re.IGNORECASE)
 _WORDS = {
     "identification": ("i2", 28), "offset": ("i4", 36), "scalar": ("i2", 70), "source_x": ("i4", 72),
     "source_y": ("i4", 76), "group_x": ("i4", 80), "group_y": ("i4", 84), "unit": ("i2", 88), "late": ("i2", 108),
@@ -66,8 +68,7 @@ class _Layout:
 
 def read_segy(path: Path, limit: int) -> dict[str, Any]:
     """Read a SEG-Y file: the entries of a :class:`flgpr.io.gpr_files.GprSection`; what contradicts is a ValueError."""
-    with path.open("rb") as file:
-        raw = file.read(_HEAD + _TRACE_HEAD)
+    raw = first_bytes(path, _HEAD + _TRACE_HEAD)
     if len(raw) < _HEAD:
         raise ValueError(f"its headers must have {_HEAD} bytes, the file has {len(raw)}")
     notes: list[str] = []
@@ -171,15 +172,13 @@ def _text_headers(path: Path, raw: bytes, order: str) -> list[int]:
     """Return how many extra text headers there may be; -1 in the file is as many as end with the stanza EndText."""
     (stated,) = struct.unpack_from(f"{order}h", raw, 3504)
     if stated == -1:
-        with path.open("rb") as file:
-            for number in range(1, _MOST_HEADERS + 1):
-                file.seek(_HEAD + _STANZA * (number - 1))
-                block = file.read(_STANZA)
-                texts = [block.decode(codec, errors="replace") for codec in ("ascii", "cp037")]
-                if any(text.lstrip().startswith(_END_TEXT) for text in texts):
-                    return [number, 0]
-                if len(block) < _STANZA:
-                    break
+        for number in range(1, _MOST_HEADERS + 1):
+            block = first_bytes(path, _STANZA, _HEAD + _STANZA * (number - 1))
+            texts = [block.decode(codec, errors="replace") for codec in ("ascii", "cp037")]
+            if any(_END_TEXT.match(text) for text in texts):
+                return [number, 0]
+            if len(block) < _STANZA:
+                break
     return [stated, 0] if 0 < stated <= _MOST_HEADERS else [0]
 
 
@@ -200,12 +199,10 @@ def _agreement(path: Path, layout: _Layout, order: str, width: int, size: int) -
     if room < record:
         return -1
     agreement = 2 if room % record == 0 else 0
-    with path.open("rb") as file:
-        for number in (0, 1, room // record - 1):
-            file.seek(layout.start + number * record + 114)
-            word = file.read(2)
-            if len(word) == 2 and struct.unpack(f"{order}H", word)[0] == layout.samples & 0xFFFF:
-                agreement += 1
+    for number in (0, 1, room // record - 1):
+        word = first_bytes(path, 2, layout.start + number * record + 114)
+        if len(word) == 2 and struct.unpack(f"{order}H", word)[0] == layout.samples & 0xFFFF:
+            agreement += 1
     return agreement
 
 
