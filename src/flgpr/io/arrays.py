@@ -59,6 +59,8 @@ class ArrayFile:
     _read: Callable[[str], Any] = field(repr=False)
     limit: int = LIMIT
     about: list[str] = field(default_factory=list)  #: what else the file tells, a line each
+    #: what was assumed, changed or left out so far, in words, which an import keeps
+    notes: list[str] = field(default_factory=list)
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one of ``arrays`` in the machine's byte order; if it is too large or damaged, that is a ValueError."""
@@ -90,11 +92,12 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     if path.stat().st_size > limit and opener is not _open_mcap:
         raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
     about: list[str] = []
+    notes: list[str] = []
     with _plainly(path, kind):
-        infos, read = opener(path, limit, about)
+        infos, read = opener(path, limit, about, notes)
     if not infos and not about:
         raise ValueError(f"{path}: this {kind} holds no array")
-    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about)
+    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about, notes)
 
 
 @contextmanager
@@ -113,7 +116,8 @@ def _plainly(path: Path, kind: str) -> Iterator[None]:
 _Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
 
 
-_Opener = Callable[[Path, int, list[str]], _Opened]
+_Opener = Callable[[Path, int, list[str], list[str]], _Opened]
+"""Opens a file with a limit for its arrays, bytes; adds lines to what it tells, and to the notes of an import."""
 
 
 def _format_of(path: Path) -> tuple[str, _Opener]:
@@ -156,20 +160,20 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
         raise ValueError(said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it")
 
 
-def _open_mcap(path: Path, limit: int, about: list[str]) -> _Opened:
-    recording = Recording(path, limit)
+def _open_mcap(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
+    recording = Recording(path, limit, notes)
     about += recording.lines
     return [ArrayInfo(*one) for one in recording.arrays], recording.read
 
 
-def _open_motive(path: Path, limit: int, about: list[str]) -> _Opened:  # noqa: ARG001
+def _open_motive(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
     arrays, units, told = read_motive(path)
     about += told
     infos = [ArrayInfo(name, value.shape, str(value.dtype), units.get(name, "")) for name, value in arrays.items()]
     return infos, arrays.__getitem__
 
 
-def _open_hdf5(path: Path, _: int, about: list[str]) -> _Opened:
+def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
     with tempfile.TemporaryFile() as file:
         _in_child("HDF5", path, stdout=file)
         file.seek(0)
@@ -228,7 +232,7 @@ def _unreadable(kind: np.dtype[Any]) -> str:
     return "" if kind.kind in "fciubUS" else f"values of type {kind}"
 
 
-def _open_mat(path: Path, limit: int, about: list[str]) -> _Opened:
+def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
     arrays: dict[str, NDArray[Any]] = {}
     with tempfile.TemporaryFile() as file:
         _in_child("MATLAB", path, limit, _SPARE, stdout=file)
@@ -242,7 +246,7 @@ def _open_mat(path: Path, limit: int, about: list[str]) -> _Opened:
     return _held(arrays)
 
 
-def _open_npz(path: Path, limit: int, about: list[str]) -> _Opened:
+def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
     with open_named(path) as file:
         archive = Archive(file, _MOST_OF_ALL * limit)
     members = archive.members
@@ -270,17 +274,17 @@ def _open_npy(path: Path, *_: Any) -> _Opened:
     return [ArrayInfo("array", shape, str(dtype))], read
 
 
-def _open_text(path: Path, _: int, about: list[str]) -> _Opened:
-    return _held(read_text_table(path, about))
+def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
+    return _held(read_text_table(path, notes))
 
 
 def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
 
-def _open_touchstone(path: Path, _: int, about: list[str]) -> _Opened:
+def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
     library = optional("skrf", "vna")
-    text = touchstone_text(path, about)
+    text = touchstone_text(path, notes)
     network = library.Network(text)
     s, ports = np.asarray(network.s), network.nports
     if text.tones not in (0, len(network.f)):

@@ -18,7 +18,7 @@ from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
 from flgpr.io.gpr_files import is_gpr
-from flgpr.io.gprmax import explain_gprmax, is_gprmax
+from flgpr.io.gprmax import explain_gprmax, explain_merged, is_gprmax
 from flgpr.io.mapping import UNITS
 from flgpr.model import POLARIZATIONS
 
@@ -69,10 +69,11 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
         return Explanation(path, *explain_gpr(path, limit))
     opened = open_arrays(path, limit)
     if opened.kind == "HDF5 file" and is_gprmax(path):
-        return Explanation(path, "result of gprMax", explain_gprmax(path))
+        lines, mapping = explain_merged(path)
+        return Explanation(path, "result of gprMax", lines or explain_gprmax(path), mapping)
     if opened.kind == "MCAP recording":  # whose arrays are too many, and take too long, to look at all
-        return Explanation(path, opened.kind, opened.about, _propose(opened))
-    lines = opened.about + [_line(opened, info) for info in opened.arrays.values()]
+        return Explanation(path, opened.kind, opened.about + opened.notes, _propose(opened))
+    lines = opened.about + opened.notes + [_line(opened, info) for info in opened.arrays.values()]
     if opened.kind == "take of OptiTrack Motive":
         return Explanation(path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"])
     return Explanation(path, opened.kind, lines, _propose(opened))
@@ -283,6 +284,8 @@ def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInf
     for info in draft.rest():
         if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
             name = info.name.lower()
+            if name == "table" and len(draft.opened.arrays) > 1:
+                continue  # all columns of a text, which have names of their own
             if draft.topic:
                 if _PLACE.search(name.rsplit("/", 1)[-1]):
                     sides.setdefault("way", []).append(info)

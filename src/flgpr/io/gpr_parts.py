@@ -89,11 +89,11 @@ def read_header(path: Path, suffix: str, mark: str, notes: list[str]) -> Header:
     beside = find_beside(path, suffix)
     if beside is None:
         raise MissingHeaderError(f"{path}: its header {path.stem}{suffix} must lie beside it, it does not")
-    pairs = (line.partition(mark) for line in read_text(beside, notes).splitlines())
+    pairs = (line.partition(mark) for line in text_beside(beside, notes).splitlines())
     return Header(beside, {name.strip().upper(): value.strip() for name, found, value in pairs if found})
 
 
-def read_text(path: Path, notes: list[str]) -> str:
+def text_beside(path: Path, notes: list[str]) -> str:
     """Read a text file that lies beside a recording, in any of the encodings of :mod:`flgpr.io.text`."""
     if path.stat().st_size > LARGEST_TEXT:
         raise ValueError(f"{path.name} must hold at most {LARGEST_TEXT} bytes, got {path.stat().st_size}")

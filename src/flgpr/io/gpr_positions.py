@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.io.gpr_parts import DAY, FOOT, FloatArray, find_beside, is_header_line, length_unit, read_text
+from flgpr.io.gpr_parts import DAY, FOOT, FloatArray, find_beside, is_header_line, length_unit, text_beside
 
 NO_FIXES: FloatArray = np.empty((0, 4))
 _SENTENCE = re.compile(r"\$[A-Z]{2}(GGA|RMC),([^*\"\s]*)")
@@ -59,7 +59,7 @@ def nmea_fixes(
     if path is None:
         return Fixes()
     try:
-        text = read_text(path, notes)
+        text = text_beside(path, notes)
     except ValueError as error:
         notes.append(f"{path.name} was found and not understood: {error}")
         return Fixes()
@@ -145,7 +145,7 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     if path is None:
         return Fixes()
     try:
-        lines = read_text(path, notes).splitlines()
+        lines = text_beside(path, notes).splitlines()
     except ValueError as error:
         notes.append(f"{path.name} was found and not understood: {error}")
         return Fixes()
@@ -297,7 +297,7 @@ def read_dzx(path: Path | None, count: int, notes: list[str]) -> DzxContent:
     if path is None:
         return DzxContent()
     try:
-        text = read_text(path, notes)
+        text = text_beside(path, notes)
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
             raise ValueError("it declares entities")
         root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))  # noqa: S314  # entities are refused
