@@ -72,6 +72,8 @@ def gpr_run(
     nominal = section.frequencies[channel]
     chosen = _band(band, nominal, delay)
     told = "given" if band is not None else "a quarter to twice the antenna's" if nominal else "by the sampling"
+    if band is None and nominal and (chosen[0] > nominal / 4 or chosen[1] < 2 * nominal):
+        told += ", within what the record and its sampling hold"
     notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
     keep, pose = _poses(section, step, height, anchor, notes)
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
