@@ -279,6 +279,8 @@ def _geometry(
         place = np.stack([table[f"{name}_x"] * scale, table[f"{name}_y"] * scale], axis=1)
         if np.ptp(place, axis=0).any():
             places[name] = place
+        elif place.any() and len(place) > 1:
+            notes.append(f"the {_PLACES[name]} are the same in all traces: they are not used")
     if not places:
         return None, Fixes(), None
     name, place = next(iter(places.items()))

@@ -33,9 +33,10 @@ def run_info(
 
     Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
     (m), largest step between tones (Hz), span travelled (m), ``array_m`` (how far the antennas reach across, along and
-    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of
-    what an import assumed, replaced or left out, and ``warnings`` of what is seldom meant. The recipe's images and lane decide what is covered; without one it is the ground from 1 to 5 array
-    heights ahead and 1.2 to either side. The recipe is tried, and with ``recipes`` all packaged ones are.
+    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of what
+    an import assumed, replaced or left out, and ``warnings`` of what is seldom meant. The recipe's images and lane
+    decide what is covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to either side. The
+    recipe is tried, and with ``recipes`` all packaged ones are.
     """
     dataset = open_run(run)
     table = None if recipe is None else load_recipe(recipe)
