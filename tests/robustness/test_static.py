@@ -156,6 +156,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "io/backdrop.py map_backdrop": ({"open"}, GUARDED),
     "io/child.py look": ({"File"}, GUARDED),
     "io/gprmax.py is_gprmax": ({"File"}, GUARDED),
+    "io/gprmax.py explain_merged": ({"File"}, GUARDED),
     "io/gprmax.py _read": ({"File"}, GUARDED),
     "io/arrays.py _open_mat": ({"load"}, IN_HAND),
     "io/child.py unpack": ({"open"}, IN_HAND),

@@ -205,12 +205,16 @@ def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
 
 def explain_merged(path: Path) -> tuple[list[str], str]:
     """Tell in lines what a merged B-scan holds, and draft the mapping that imports it; no lines if it is none."""
-    with h5py.File(path, "r") as file:
-        fields = merged_fields(file)
-        if not fields:
-            return [], ""
-        version, title = _text(file.attrs["gprMax"]), _text(file.attrs.get("Title", ""))
-        interval = float(np.asarray(file.attrs.get("dt", np.nan)))
+    try:
+        with h5py.File(path, "r") as file:
+            fields = merged_fields(file)
+            if not fields:
+                return [], ""
+            version, title = _text(file.attrs["gprMax"]), _text(file.attrs.get("Title", ""))
+            interval = float(np.asarray(file.attrs.get("dt", np.nan)))
+    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: cannot be read as a result of gprMax: it is damaged ({words})") from None
     if not (np.isfinite(interval) and interval > 0):
         raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
     # The field of a source along the same axis is the strongest, mostly Ez.
