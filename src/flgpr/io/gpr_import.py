@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.declared import MAX_MEMORY
-from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, MissingHeaderError, read_gpr
+from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, read_gpr
+from flgpr.io.gpr_parts import MissingHeaderError
 from flgpr.io.mapped import impulse_to_frequency
 from flgpr.model import make_run
 from flgpr.model.bounds import LARGEST

@@ -149,7 +149,8 @@ def cor_fixes(path: Path | None, count: int, notes: list[str]) -> Fixes:
     except ValueError as error:
         notes.append(f"{path.name} was found and not understood: {error}")
         return Fixes()
-    found, strange = [], 0
+    found: list[Fix] = []
+    strange = 0
     for number, line in enumerate(lines):
         names_columns = not found and is_header_line(line)
         if not line.strip() or names_columns or (number == 0 and not line.strip()[0].isdigit()):

@@ -291,19 +291,19 @@ def _geometry(
     unit = int(units[0])
     if unit in (2, 3, 4):  # seconds of arc, degrees, and degrees, minutes and seconds as digits
         degrees = _sexagesimal(place) if unit == 4 else place / (3600 if unit == 2 else 1)
-        fixes = [Fix(float(trace), *pair, np.nan) for trace, pair in enumerate(degrees.tolist())]
+        fixes = [Fix(float(trace), pair[0], pair[1], np.nan) for trace, pair in enumerate(degrees.tolist())]
         notes.append(f"the positions are the {_PLACES[name]} of the traces")
         return None, settle_fixes(fixes, len(table), notes, "the trace headers"), None
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
-    nowhere = ~place.any(axis=1)
+    nowhere: NDArray[np.bool_] = ~place.any(axis=1)
     far = np.abs(place[~nowhere]).max(axis=1).min() if (~nowhere).any() else 0.0
     if nowhere.any() and far > 10 * np.ptp(place[~nowhere], axis=0).max():
         notes.append(
             f"{np.count_nonzero(nowhere)} of {len(table)} traces are at 0, 0, far from all others, and are put between "
             "their neighbours"
         )
-        place = _between_neighbours(place, ~nowhere)
+        place = _between_neighbours(place, np.logical_not(nowhere))
     way = np.append(0.0, np.hypot(*np.diff(place, axis=0).T).cumsum()) * metre
     notes.append(f"the distance along the line is that of the traces' coordinates, the {_PLACES[name]}")
     distance = measured_places(way, None, "distances from trace to trace", "the header", notes)
