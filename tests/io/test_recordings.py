@@ -166,6 +166,19 @@ def test_every_channel_has_its_own_window_and_zero(tmp_path):
     assert "channel 1: time window 25.6 ns" in "\n".join(explain_file(tmp_path / "a.dzt").lines)
 
 
+def test_headers_of_old_files_and_of_no_channel(tmp_path):
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
+    raw = bytearray(path.read_bytes())
+    struct.pack_into("<H", raw, 2, 512)
+    path.write_bytes(bytes(raw[:512]) + bytes(raw[1024:]))
+    old = read_gpr(path)
+    np.testing.assert_array_equal(old.traces[:, 0, 2:], COUNTS[:, 2:])
+    assert notes_with(old, "its header has 512 bytes")
+    none = read_gpr(patched(write_dzt(tmp_path / "b.dzt", COUNTS[:, None]), (52, "<H", 0), (2, "<H", 1024)))
+    np.testing.assert_array_equal(none.traces[:, 0, 2:], COUNTS[:, 2:])
+    assert notes_with(none, "the header tells 0 channels")
+
+
 def test_a_channel_without_a_header_is_told(tmp_path):
     path = write_dzt(tmp_path / "a.dzt", np.stack([COUNTS, COUNTS], axis=1), names=("400MHz", "400MHz"))
     read = read_gpr(patched(path, (1024 + 26, "<f", 0.0)))
@@ -517,19 +530,39 @@ def test_a_position_out_of_order_is_no_merged_line():
     assert not notes
 
 
-def test_a_jump_that_no_vehicle_makes_is_told_by_info_and_left_out_of_a_run(tmp_path):
-    """114 m within a second; the receiver's times tell what the numbers of the traces do not."""
-    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
+@pytest.mark.parametrize("evidence", ["wheel", "receiver", "recorder"])
+def test_a_jump_that_no_vehicle_makes_is_told_by_info_and_left_out_of_a_run(evidence, tmp_path):
+    """114 m within a second: by the wheel, by the receiver's own times, or by the recorder's rate of traces."""
+    wheel = 1 / STEP if evidence == "wheel" else 0.0
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None], per_metre=wheel)
     traces = np.arange(0, TRACES, 3)
     lines = []
     for k, trace in enumerate(traces):
         lat = LATITUDE[trace] + (114 / 111_000 if k == 4 else 0)
-        lines += [f"$GSSIS,{trace},-1", gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{k:02d}")]
+        second = k if evidence == "receiver" else 0
+        lines += [f"$GSSIS,{trace},-1", gga(lat, LONGITUDE[trace], 0).replace("120000", f"1200{second:02d}")]
     path.with_suffix(".dzg").write_text("\n".join(lines))
-    assert "1 of 10 positions of the satellite receiver" in "\n".join(explain_file(path).lines)
+    told = "\n".join(explain_file(path).lines)
+    assert "1 of 10 positions of the satellite receiver an import with an anchor leaves out" in told
     anchor = fit_anchor(LANE, on_the_ellipsoid(LANE), "EPSG:4326", 0.02, [0.0] * 4)
     run = gpr_run(read_gpr(path), anchor=anchor)
     np.testing.assert_allclose(run["pose"].values[:, 1], ALONG[: len(run["pose"])], atol=1e-3)
+    assert any("1 of 10 positions of the satellite receiver left out" in note for note in run.attrs["import_notes"])
+
+
+def test_a_receivers_clock_that_goes_back_is_told(tmp_path):
+    rows = [f"{k + 1}\td\t12:00:{50 - k:02d}\t{LATITUDE[k]:.9f}\tN\t{LONGITUDE[k]:.9f}\tE\t0" for k in range(5)]
+    (tmp_path / "a.cor").write_text("\n".join(rows))
+    notes = []
+    assert len(cor_fixes(tmp_path / "a.cor", TRACES, notes).table) == 5
+    assert notes == ["the receiver's clock in a.cor goes back 4 times"]
+
+
+def test_a_line_that_was_triggered_by_time_has_a_clock(tmp_path):
+    read = read_gpr(write_mala(tmp_path / "a.rd3", COUNTS, DISTANCE_FLAG=0, TIME_FLAG=1))
+    np.testing.assert_allclose(read.time, 0.1 * np.arange(TRACES))
+    assert notes_with(read, "a trace every 0.1 s, by TIME INTERVAL in the header")
+    assert notes_with(read, "DISTANCE FLAG is 0: no wheel was used")
 
 
 def test_a_spacing_that_the_receiver_contradicts_is_told(tmp_path):

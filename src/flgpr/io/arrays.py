@@ -181,7 +181,10 @@ def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Ope
     infos: list[ArrayInfo] = []
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.shape is None or name.startswith("#"):
+        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+            return
+        if item.shape is None:
+            about.append(f"{name}: empty")
             return
         unreadable = damaged.get(repr(name)) or _unreadable(item.dtype)
         if unreadable:

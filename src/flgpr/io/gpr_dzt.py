@@ -27,6 +27,7 @@ from flgpr.io.gpr_parts import (
 from flgpr.io.gpr_positions import DzxContent, nmea_fixes, note_unread, read_dzx
 
 _HEADER = 1024  # bytes, of each channel
+_OLD_HEADER = 512  # bytes, of instruments before 1994
 _MINI_XT = 14  # number of the system StructureScan Mini XT, whose antenna has no name (readgssi)
 
 
@@ -37,7 +38,8 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         raise ValueError(f"its header must have {_HEADER} bytes, the file has {len(raw)}")
     tag, start, samples, bits = struct.unpack_from("<4H", raw, 0)
     per_second, per_metre = struct.unpack_from("<2f", raw, 10)
-    channels = struct.unpack_from("<H", raw, 52)[0]
+    told = struct.unpack_from("<H", raw, 52)[0]
+    channels = told or 1
     types: dict[int, tuple[DTypeLike, float]] = {8: ("u1", 128.0), 16: ("<u2", 32768.0), 32: ("<i4", 0.0)}
     if bits not in types or samples < 4 or not 1 <= channels <= 4:
         raise ValueError(
@@ -45,10 +47,15 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
             f"(its tag is {tag:#06x})"
         )
     notes: list[str] = []
+    if not told:
+        notes.append("the header tells 0 channels: one is read")
     if tag & 0xFF != 0xFF:
         notes.append(f"its tag is {tag:#06x}, not 0xnnFF: so begin files that RADAN edited")
     begin = _HEADER * (start if 0 < start < _HEADER else channels)
-    delays = _delays(raw[:begin], channels, samples, notes)
+    if start == _OLD_HEADER and begin >= path.stat().st_size:
+        begin = _OLD_HEADER
+        notes.append(f"its header has {_OLD_HEADER} bytes, as old files have")
+    delays = _delays(raw, begin, channels, samples, notes)
     sample, offset = types[bits]
     table = read_records(path, begin, np.dtype((sample, (channels, samples))), None, notes, limit)
     words = table[:, 0, :2].astype(np.int64)
@@ -78,14 +85,14 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
     }
 
 
-def _delays(raw: bytes, channels: int, samples: int, notes: list[str]) -> FloatArray:
+def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str]) -> FloatArray:
     """Return the delays (channel, sample), s, by each channel's own header of 1024 bytes."""
     delays = np.empty((channels, samples))
     zero_at_first = 0
     for channel in range(channels):
         base = _HEADER * channel
         window, position = 0.0, 0.0
-        if base + _HEADER <= len(raw):
+        if not channel or base + _HEADER <= min(begin, len(raw)):
             own, own_bits = struct.unpack_from("<2H", raw, base + 4)
             position, window = struct.unpack_from("<2f", raw, base + 22)
             first_bits = struct.unpack_from("<H", raw, 6)[0]

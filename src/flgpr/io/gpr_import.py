@@ -24,6 +24,7 @@ from flgpr.model.track import course, make_track, poses_at
 _BLOCK = 512  # traces that are transformed at a time
 _MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the square of their number
 _LOWEST = 1e6  # Hz, below which no run has tones
+_LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
 _CLOSE = 20.0  # m that the way of a receiver without corrections may be off
 
@@ -208,7 +209,40 @@ def _plausible_fixes(
             f"{len(motion.steps)} of {len(at)} positions of the satellite receiver lie farther from those before than "
             f"a vehicle goes; they are too many to be faults, and all are used: {some_steps(motion.steps)}"
         )
-    return at[motion.plausible], place[motion.plausible]
+    used = np.flatnonzero(motion.plausible)
+    near = _near_by_distance(section, at[used], place[used])
+    if not near.all():
+        notes.append(
+            f"{np.count_nonzero(~near)} of {len(at)} positions of the satellite receiver left out, which are farther "
+            f"from those about them than the traces' own distance: at trace "
+            f"{', '.join(f'{trace:g}' for trace in at[used][~near][:_LISTED])}"
+        )
+    used = used[near]
+    return at[used], place[used]
+
+
+def _near_by_distance(
+    section: GprSection, trace: NDArray[np.float64], place: NDArray[np.float64]
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Tell which places (fix, 3), m, at traces (fix,) lie as near to one about them as the traces' distance allows."""
+    count = len(place)
+    if section.distance is None or count < 3:
+        return np.ones(count, bool)
+    way = np.append(0.0, np.abs(np.diff(section.distance)).cumsum())
+    along = np.interp(trace, np.arange(len(way)), way)
+
+    def near(step: int) -> NDArray[np.bool_]:
+        """Tell of fixes and those so many behind them whether they agree."""
+        apart = np.hypot(*(place[step:, :2] - place[:-step, :2]).T)
+        return np.asarray(apart <= 2 * (along[step:] - along[:-step]) + _CLOSE)
+
+    agrees = np.zeros(count, bool)
+    for step in (1, 2):
+        fits = near(step)
+        agrees[step:] |= fits
+        agrees[:-step] |= fits
+    # Where hardly any agree, it is the distance that is wrong.
+    return agrees if 2 * np.count_nonzero(agrees) > count else np.ones(count, bool)
 
 
 def _judge_fixes(section: GprSection, place: NDArray[np.float64]) -> Motion:
@@ -218,6 +252,8 @@ def _judge_fixes(section: GprSection, place: NDArray[np.float64]) -> Motion:
     limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
     time = section.fix_time
     timed = time.size == len(place) and bool((np.diff(time) > 0).any()) and not bool((np.diff(time) < 0).any())
+    if not timed and section.time is not None:
+        time, timed = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time), True
     return judge_poses(pose, time if timed else None, limits, np.round(section.fixes[:, 0]))
 
 

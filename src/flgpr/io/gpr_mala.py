@@ -35,6 +35,10 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         notes.append(f"DISTANCE FLAG is 0: no wheel was used, and DISTANCE INTERVAL ({step:g} m) is not")
         step = None
     notes.append(ZERO_ASSUMED)
+    seconds = head.number("TIME INTERVAL", 0, 1e6, False)
+    timed = bool(seconds) and head.text("TIME FLAG") == "1"
+    if timed:
+        notes.append(f"the traces' clock is that of a trace every {seconds:g} s, by TIME INTERVAL in the header")
     antenna = head.text("ANTENNAS", "ANTENNA")
     frequency = antenna_frequency(antenna, "MALÅ")
     note_antenna(antenna, frequency, notes)
@@ -44,6 +48,7 @@ def read_mala(path: Path, limit: int) -> dict[str, Any]:
         "traces": exact_floats(table)[:, None],
         "delay": np.arange(samples) * interval,
         "distance": equal_steps(len(table), step, "DISTANCE INTERVAL in the header", notes),
+        "time": np.arange(len(table)) * float(seconds or 0.0) if timed else None,
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "frequencies": (frequency,),

@@ -230,6 +230,9 @@ def settle_fixes(
         notes.append(f"{lost} of {len(found)} positions left out: no place on the Earth, or no trace")
     table = table[good & ~nowhere]
     table[:, 4] = _over_midnight(table[:, 4])
+    back = np.diff(table[:, 4]) < 0
+    if back.any():
+        notes.append(f"the receiver's clock in {name} goes back {np.count_nonzero(back)} times")
     first = np.unique(table[:, 0], return_index=True)[1]
     if first.size < len(table):
         notes.append(f"{len(table) - first.size} positions are further ones of the same trace: its first is used")

@@ -296,14 +296,15 @@ def _geometry(
         return None, settle_fixes(fixes, len(table), notes, "the trace headers"), None
     if unit != 1:
         notes.append(f"the unit of its coordinates is {unit}: they are taken as lengths")
-    nowhere: NDArray[np.bool_] = ~place.any(axis=1)
-    far = np.abs(place[~nowhere]).max(axis=1).min() if (~nowhere).any() else 0.0
-    if nowhere.any() and far > 10 * np.ptp(place[~nowhere], axis=0).max():
+    somewhere = np.asarray(place.any(axis=1))
+    nowhere = np.logical_not(somewhere)
+    far = np.abs(place[somewhere]).max(axis=1).min() if somewhere.any() else 0.0
+    if nowhere.any() and far > 10 * np.ptp(place[somewhere], axis=0).max():
         notes.append(
             f"{np.count_nonzero(nowhere)} of {len(table)} traces are at 0, 0, far from all others, and are put between "
             "their neighbours"
         )
-        place = _between_neighbours(place, np.logical_not(nowhere))
+        place = _between_neighbours(place, somewhere)
     way = np.append(0.0, np.hypot(*np.diff(place, axis=0).T).cumsum()) * metre
     notes.append(f"the distance along the line is that of the traces' coordinates, the {_PLACES[name]}")
     distance = measured_places(way, None, "distances from trace to trace", "the header", notes)

@@ -29,7 +29,7 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING = {"", "nan", "na", "null"}
 _COMMENT = "#%!"
-_BEGIN = re.compile(r"BEGIN\b\s*([^\s,;]*)", re.IGNORECASE)
+_BEGIN = re.compile(r"BEGIN\b[\s,;]*([^\s,;]*)[\s,;]*", re.IGNORECASE)
 _SIGN = re.compile(r"\s*([+-])\s*")
 _HINT = "decimal commas are read where semicolons or tabs part the columns"
 
@@ -250,7 +250,7 @@ def _blocks(path: Path, notes: list[str] | None) -> list[tuple[str, list[tuple[i
             label = begin[1] or "block"
             label = label if label not in blocks else f"{label} {len(blocks) + 1}"
             open_block = blocks[label] = []
-        elif line.strip().upper() == "END":
+        elif line.strip(" \t,;").upper() == "END":
             open_block = None
         else:
             (plain if open_block is None else open_block).append((number, line))
