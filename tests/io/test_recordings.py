@@ -163,7 +163,7 @@ def test_every_channel_has_its_own_window_and_zero(tmp_path):
     run = gpr_run(read, 1, band=(1e8, 1e9))
     assert run.attrs["time_window_s"] == pytest.approx(SAMPLES * INTERVAL / 2)
     assert run.attrs["first_sample_s"] == pytest.approx(-ZERO * INTERVAL / 4)
-    assert "channel 1: time window 25.6 ns" in "\n".join(explain_file(tmp_path / "a.dzt").lines)
+    assert "channel 1 has a header of its own" in "\n".join(explain_file(tmp_path / "a.dzt").lines)
 
 
 def test_headers_of_old_files_and_of_no_channel(tmp_path):
@@ -200,6 +200,9 @@ def test_places_of_the_antennas_tell_a_gather_too(tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE="Reflection")
     set_dt1_words(path, "receiver", [0.5 + 0.1 * k for k in range(TRACES)])
     assert read_gpr(path).gather == "antennas 0.5 to 3.4 apart"
+    set_dt1_words(path, "receiver", [0.5 + k % 3 for k in range(TRACES)])
+    assert not read_gpr(path).gather
+    assert notes_with(read_gpr(path), "the trace headers put the antennas 0.5 to 2.5 apart, which is not used")
     assert not read_gpr(write_dt1(tmp_path / "b.dt1", COUNTS, SURVEY_MODE="Reflection")).gather
     assert notes_with(read_gpr(write_dt1(tmp_path / "c.dt1", COUNTS, SURVEY_MODE="walking")), "is not known")
 

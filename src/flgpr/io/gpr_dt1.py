@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.io.gpr_parts import (
+    FARTHEST,
     INTERVALS,
     MOST_SAMPLES,
     NANOSECOND,
@@ -38,6 +39,7 @@ _LINES = ("", "reflection", "common offset", "common-offset", "profile")
 _GATHERS = ("cmp", "warr", "multi", "transillum", "tomograph", "mog", "zop", "vrp", "borehole")
 """What the entry SURVEY MODE says of a line, and of a survey whose antennas move apart."""
 _LEAST_SEPARATION = 0.005  # m, of two antennas
+_FARTHEST_APART = 1000.0  # m, of two antennas in a gather
 
 
 def read_dt1(path: Path, limit: int) -> dict[str, Any]:
@@ -168,7 +170,13 @@ def _gather(head: Header, words: FloatArray, notes: list[str]) -> str:
         return mode
     if mode.strip().lower() not in _LINES:
         notes.append(f"SURVEY MODE is {mode[:40]!r}, which is not known: it is read as a line of one offset")
-    apart = np.linalg.norm(words[:, 14:17] - words[:, 17:20], axis=1)  # receiver, transmitter
-    if np.isfinite(apart).all() and np.abs(words[:, 14:20]).any() and np.ptp(apart) > max(0.01, 0.1 * apart.mean()):
+    places = words[:, 14:20]  # of receiver and transmitter
+    if not np.isfinite(places).all() or (np.abs(places) > FARTHEST).any() or not places.any():
+        return ""  # not filled in
+    apart = np.linalg.norm(places[:, :3] - places[:, 3:], axis=1)
+    if np.ptp(apart) <= max(0.01, 0.1 * apart.mean()):
+        return ""
+    if (np.diff(apart) >= 0).all() and apart.max() <= _FARTHEST_APART:
         return f"antennas {apart.min():g} to {apart.max():g} apart"
+    notes.append(f"the trace headers put the antennas {apart.min():g} to {apart.max():g} apart, which is not used")
     return ""

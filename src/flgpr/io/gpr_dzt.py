@@ -27,7 +27,7 @@ from flgpr.io.gpr_parts import (
 from flgpr.io.gpr_positions import DzxContent, nmea_fixes, note_unread, read_dzx
 
 _HEADER = 1024  # bytes, of each channel
-_OLD_HEADER = 512  # bytes, of instruments before 1994
+_OLD_HEADER = 512  # bytes, of files older than that structure
 _MINI_XT = 14  # number of the system StructureScan Mini XT, whose antenna has no name (readgssi)
 
 
@@ -80,46 +80,50 @@ def read_dzt(path: Path, limit: int) -> dict[str, Any]:
         "fixes": fixes.table,
         "fix_time": fixes.time,
         "marks": _marks(words[:, 1], beside, notes),
-        "frequencies": _frequencies(raw, channels, notes),
+        "frequencies": _frequencies(raw[: max(begin, _HEADER)], channels, notes),
         "history": tuple(notes),
     }
 
 
 def _delays(raw: bytes, begin: int, channels: int, samples: int, notes: list[str]) -> FloatArray:
-    """Return the delays (channel, sample), s, by each channel's own header of 1024 bytes."""
+    """Return the delays (channel, sample), s, by each channel's own header; samples begin at the byte ``begin``."""
     delays = np.empty((channels, samples))
-    zero_at_first = 0
     for channel in range(channels):
         base = _HEADER * channel
-        window, position = 0.0, 0.0
+        own = None
         if not channel or base + _HEADER <= min(begin, len(raw)):
-            own, own_bits = struct.unpack_from("<2H", raw, base + 4)
-            position, window = struct.unpack_from("<2f", raw, base + 22)
-            first_bits = struct.unpack_from("<H", raw, 6)[0]
-            if window > 0 and own and (own, own_bits) != (samples, first_bits):
-                raise ValueError(
-                    f"channel {channel} must have {samples} samples of {first_bits} bits as the first, got {own} of "
-                    f"{own_bits}"
-                )
-        usable = INTERVALS[0] <= window * NANOSECOND / samples <= INTERVALS[1] and abs(position) <= 100 * window
-        if not usable and channel == 0:
+            own = _delay_of(raw, base, channel, samples)
+        if own is None and channel == 0:
+            position, window = struct.unpack_from("<2f", raw, 22)
             raise ValueError(f"range and position must be times in ns, got {window:g} and {position:g}")
-        if not usable:
+        if own is None:
             notes.append(f"the header of channel {channel} tells no time window: it is taken as that of the first")
-            delays[channel] = delays[0]
-            continue
-        zero_at_first += position == 0
-        delays[channel] = position * NANOSECOND + np.arange(samples) * (window * NANOSECOND / samples)
-    if zero_at_first:
+        delays[channel] = delays[0] if own is None else own
+    if (delays[:, 0] == 0).any():
         notes.append("the header puts time zero at the first sample")
-    for channel in range(1, channels):
-        if (delays[channel] != delays[0]).any():
-            window = (delays[channel, 1] - delays[channel, 0]) * samples / NANOSECOND
+    for channel, delay in enumerate(delays):
+        if (delay != delays[0]).any():
+            window = (delay[1] - delay[0]) * samples / NANOSECOND
             notes.append(
                 f"channel {channel} has a header of its own: time window {window:.6g} ns, time zero "
-                f"{-delays[channel, 0] / NANOSECOND:.6g} ns after its start"
+                f"{-delay[0] / NANOSECOND:.6g} ns after its start"
             )
     return delays
+
+
+def _delay_of(raw: bytes, base: int, channel: int, samples: int) -> FloatArray | None:
+    """Return the delays (sample,), s, that a channel's header at a byte tells; None if it tells no time window."""
+    own_samples, own_bits = struct.unpack_from("<2H", raw, base + 4)
+    first_bits = struct.unpack_from("<H", raw, 6)[0]
+    position, window = struct.unpack_from("<2f", raw, base + 22)
+    if not (INTERVALS[0] <= window * NANOSECOND / samples <= INTERVALS[1] and abs(position) <= 100 * window):
+        return None
+    if own_samples and (own_samples, own_bits) != (samples, first_bits):
+        raise ValueError(
+            f"channel {channel} must have {samples} samples of {first_bits} bits as the first, got {own_samples} of "
+            f"{own_bits}"
+        )
+    return np.asarray(position * NANOSECOND + np.arange(samples) * (window * NANOSECOND / samples), dtype=np.float64)
 
 
 def _distance(

@@ -125,7 +125,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     apart = "unknown" if section.separation is None else f"{section.separation:g} m"
     lines.append(f"antenna {antennas}, separation {apart}")
     lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
-    lines += [*_channel_lines(section), *section.history, *_fix_doubts(section)]
+    lines += [*section.history, *_fix_doubts(section)]
     if section.gather:
         lines.append(
             f"its antennas move apart ({section.gather}): no line of one offset, which flgpr import gpr refuses"
@@ -278,17 +278,6 @@ def _fix_doubts(section: GprSection) -> list[str]:
                 f"the satellite receiver went {way:.4g} m from trace {first} to trace {last}, where the traces' own "
                 f"distance is {told:.4g} m: is their spacing right?"
             )
-    return lines
-
-
-def _channel_lines(section: GprSection) -> list[str]:
-    """Tell in lines where channels have another time window than the first."""
-    if section.channel_delay is None:
-        return []
-    lines = []
-    for channel, delay in enumerate(section.channel_delay):
-        window, zero = (delay[1] - delay[0]) * delay.size * 1e9, -delay[0] * 1e9
-        lines.append(f"channel {channel}: time window {window:.6g} ns, time zero {zero:.6g} ns after its start")
     return lines
 
 
