@@ -647,6 +647,14 @@ def test_notes_are_in_info_in_the_run_and_on_the_screen(tmp_path):
     assert note in CliRunner().invoke(app, ["info", str(store)]).output
 
 
+def test_positions_and_marks_that_a_run_does_not_keep_are_told(tmp_path):
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
+    path.with_suffix(".dzg").write_text(gps_lines([0, 9, 20], LATITUDE[[0, 9, 20]], LONGITUDE[[0, 9, 20]], "dzt"))
+    notes = gpr_run(read_gpr(path)).attrs["import_notes"]
+    assert "3 positions of the satellite receiver are not used: they need an anchor" in notes
+    assert "1 marks of the operator are not kept in the run" in notes
+
+
 def test_what_is_given_in_place_of_the_file_is_in_the_notes(tmp_path):
     read = read_gpr(write_dt1(tmp_path / "a.dt1", COUNTS))
     notes = gpr_run(read, step=0.1, separation=0.5, time_zero=3e-9, window=100e-9).attrs["import_notes"]

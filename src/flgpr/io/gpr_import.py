@@ -78,6 +78,8 @@ def gpr_run(
         told += ", within what the record and its sampling hold"
     notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
     keep, pose = _poses(section, step, height, anchor, notes)
+    if section.marks:
+        notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
     if len(keep) * tones.size * 8 > max_memory:
         size = len(keep) * tones.size * 8 / 1e9
@@ -184,6 +186,9 @@ def _poses(
     if along is None:
         more = " or the anchor" if len(section.fixes) > 1 else ""
         raise ValueError(f"{section.path}: its headers tell no trace spacing: give the step{more}")
+    notes.append("the line is put along +y of the lane, at x = 0")
+    if len(section.fixes):
+        notes.append(f"{len(section.fixes)} positions of the satellite receiver are not used: they need an anchor")
     pose = np.zeros((count, 6))
     pose[:, 1], pose[:, 2] = along, height
     return np.arange(count), pose
