@@ -193,7 +193,8 @@ def test_a_gather_is_no_line(mode, tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE=mode)
     with pytest.raises(ValueError, match=f"its antennas move apart .{mode}"):
         gpr_run(read_gpr(path))
-    assert f"({mode}): no line of one offset" in explain_file(path).lines[-1]
+    assert f"its antennas move apart ({mode}): it is no line of one offset" in explain_file(path).lines
+    assert explain_file(path).lines[-1].startswith("flgpr import gpr refuses it")
 
 
 def test_places_of_the_antennas_tell_a_gather_too(tmp_path):

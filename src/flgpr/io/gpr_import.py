@@ -129,9 +129,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
     lines += [*section.history, *_fix_doubts(section)]
     if section.gather:
-        lines.append(
-            f"its antennas move apart ({section.gather}): no line of one offset, which flgpr import gpr refuses"
-        )
+        lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
         return section.format, lines
     lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr")
     return section.format, lines
