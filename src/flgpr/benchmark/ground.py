@@ -29,6 +29,10 @@ GROUNDS = ("proving-ground-2", "proving-ground-1", "full-wave-1")
 """The packaged descriptions, the first by default."""
 ALL_TIERS = "all"
 """What stands for every tier where one may be chosen."""
+MINES = "mines"
+"""Name of the group of all mines in the scores."""
+BODY = "body "
+"""What stands before the name of a packaged body in the names of groups."""
 
 
 class LaneRow(Table):
@@ -75,10 +79,14 @@ class SplitRow(Table):
 
 
 class TierRow(Table):
-    """Sites at which all lanes of the ground are laid out, under names that every tier has."""
+    """Sites at which all lanes of the ground are laid out, under names that every tier has.
+
+    ``surface`` changes entries of the scene's surface, by design of the lanes, after those of the design itself.
+    """
 
     title: str
     sites: dict[str, str]
+    surface: dict[str, dict[str, float]] = Field(default_factory=dict)
 
 
 class Description(Table):
@@ -106,6 +114,10 @@ class Description(Table):
         names = {tuple(row.sites) for row in self.tiers.values()}
         if len(names) > 1:
             raise ValueError("tiers must name the same sites in the same order, so that they are of one design")
+        for name, row in self.tiers.items():
+            strange = sorted(set(row.surface) - set(self.lanes))
+            if strange:
+                raise ValueError(f"surface of the tier {name} must name designs of lanes, got {', '.join(strange)}")
         if ALL_TIERS in self.tiers:
             raise ValueError(f"tiers must not be called {ALL_TIERS!r}, which stands for every one of them")
         return self
@@ -239,7 +251,8 @@ class Ground:
                 if row.borders is not None:
                     yield _stored_lane(f"{prefix}-1", site, tier, row, preset)
                     continue
-                scene, sensor = self._scene(sites[site], row), _changed_sensor(preset, row)
+                scene = self._scene(sites[site], row, self._tier_surface(tier, design))
+                sensor = _changed_sensor(preset, row)
                 for number in range(1, row.copies + 1):
                     name = f"{prefix}-{number}"
                     seed = zlib.crc32(f"{self.title} {name}".encode())
@@ -247,19 +260,23 @@ class Ground:
                     yield GroundLane(name, site, row.part, scene.lane, seed, named, sensor, tier=tier)
 
     def _sites_by_tier(self) -> dict[str, dict[str, str]]:
-        """Packaged sites by their names on the ground, for the tiers whose lanes it has."""
+        """Give the packaged sites by their names on the ground, for the tiers whose lanes it has."""
         if not self.table.tiers:
             return {"": self.table.sites}
         return {name: row.sites for name, row in self.table.tiers.items() if self.tier in ("", name)}
 
-    def _scene(self, site: str, row: LaneRow) -> Scene:
+    def _tier_surface(self, tier: str, design: str) -> dict[str, float]:
+        """Entries of the surface that a tier changes in lanes of a design."""
+        return self.table.tiers[tier].surface.get(design, {}) if tier else {}
+
+    def _scene(self, site: str, row: LaneRow, tier_surface: dict[str, float]) -> Scene:
         """Put what a design lays onto a packaged site."""
         table = self.table
         unknown = {sort for sort, _, _ in row.targets} - set(table.sorts)
         if unknown:
             raise ValueError(f"targets must be of a sort that is described, got {', '.join(sorted(unknown))}")
         draws = [{**table.sorts[sort], "depth": depth, "count": count} for sort, depth, count in row.targets]
-        surface = {**table.scene.get("surface", {}), **row.surface}
+        surface = {**table.scene.get("surface", {}), **row.surface, **tier_surface}
         own = {"site": site, "length": row.length, "draws": draws, "surface": surface}
         return Scene.model_validate({**table.scene, **own})
 
@@ -286,8 +303,8 @@ def sample_files() -> tuple[Path, Path]:
 def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground:
     """Read a packaged description, or one of your own from a file, or its text; one not valid is a ValueError.
 
-    The quick form has the sites of the table ``quick`` and the lanes and splits that it names, some of them its own,
-    with its entries laid over theirs.
+    The quick form has the sites of the table ``quick``, of each tier if there are tiers, and the lanes and splits that
+    it names, some of them its own, with its entries laid over theirs.
     """
     name = GROUNDS[0] if source is None else str(source)
     if isinstance(source, str) and name not in GROUNDS:
@@ -306,15 +323,23 @@ def load_ground(quick: bool = False, source: str | Path | None = None) -> Ground
     if quick and not over:
         raise ValueError(f"quick must be asked of a ground that has such a form, got {data.get('name')}")
     if quick:
-        for part in ("lanes", "splits"):
-            data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}
-        if "sites" in over:
-            data["sites"] = over.pop("sites")
-        for tier, row in over.pop("tiers", {}).items():
-            data["tiers"][tier] = data["tiers"].get(tier, {}) | row
-        data = laid_over(data, over)
+        data = _quick_form(data, over)
     try:
         return Ground(Description.model_validate(data), quick, text)
     except ValidationError as error:
         faults = "; ".join(describe_fault(one, Description, "ground") for one in error.errors())
         raise ValueError(faults) from None
+
+
+def _quick_form(data: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Lay the table ``quick`` over a description: the lanes and splits that it names alone, and its sites."""
+    for part in ("lanes", "splits"):
+        data[part] = {name: data[part].get(name, {}) | entries for name, entries in over.pop(part, {}).items()}
+    if "sites" in over:
+        data["sites"] = over.pop("sites")
+    for tier, entries in over.pop("tiers", {}).items():
+        data["tiers"][tier] = data["tiers"].get(tier, {}) | entries
+    for row in data.get("tiers", {}).values():
+        surface = row.get("surface", {})
+        row["surface"] = {design: entries for design, entries in surface.items() if design in data["lanes"]}
+    return laid_over(data, over)
