@@ -15,7 +15,7 @@ SECOND = {quick: load_ground(quick) for quick in (False, True)}
 TIERS = {tier.tier: tier for tier in SECOND[False].chosen_tiers()}
 FULLWAVE = load_ground(source="full-wave-1")
 ALL = [*GROUNDS.values(), *SECOND.values(), *(tier for one in SECOND.values() for tier in one.chosen_tiers())]
-PLASTIC = {"tm-62p", "vs-1.6", "vs-2.2", "m19", "plastic-at"}
+PLASTIC = {"tm-62p", "vs-1.6", "vs-2.2", "m19", "tma-4"}
 LEFT_OUT = {"vs-2.2", "pma-1"}
 """Packaged bodies that lie in test lanes alone."""
 
