@@ -9,6 +9,7 @@ from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.signature.body import Body
 from flgpr.simulate.signature.dipoles import Lattice, Waves, choose_cell, lattice_of, scattering_amplitudes, solve_box
 from reference.mie import sphere_amplitudes, unit_vectors
+from simulate.lattices import own_axis_means
 
 SINE = np.sin(np.radians(67))
 
@@ -18,17 +19,6 @@ def one_thread():
     """Small matrix products lose by being shared out."""
     with threadpool_limits(1):
         yield
-
-
-def own_axis_means(fine, sub):
-    """Harmonic mean along an axis of the arithmetic means across, over blocks of sub³ samples."""
-    nx, ny, nz = (n // sub for n in fine.shape)
-    blocks = fine.reshape(nx, sub, ny, sub, nz, sub)
-    means = [
-        (1 / np.mean(1 / blocks.mean(axis=tuple({1, 3, 5} - {axis}), keepdims=True), axis=axis, keepdims=True))
-        for axis in (1, 3, 5)
-    ]
-    return np.stack([m[:, 0, :, 0, :, 0] for m in means], axis=-1)
 
 
 def sampled(inside, shape, cell, medium, soil, sub=4):

@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from threadpoolctl import threadpool_limits
 
+from flgpr.model import SPEED_OF_LIGHT
 from flgpr.simulate.scene import Target
 from flgpr.simulate.signature import build, load_body, packaged_bodies, packaged_table
 from flgpr.simulate.signature import table as nodes
 from flgpr.simulate.signature.body import Body
 from flgpr.simulate.signature.build import build_table, cells_for
-from flgpr.simulate.signature.dipoles import solve_box
+from flgpr.simulate.signature.dipoles import Waves, scattering_amplitudes, solve_box
 from flgpr.simulate.signature.revolution import solve_round
 from flgpr.simulate.signature.table import SignatureTable, find_table, load_table, save_table
 from flgpr.simulate.targets import node_weights
+from simulate.lattices import sample_round
 
 SHAPE = (nodes.PERMITTIVITY.size, nodes.FREQUENCY.size, nodes.DEPTH.size, 1, nodes.SINE.size, nodes.SEPARATION.size, 4)
 TINY = Body(name="tiny", layers=[{"thickness": 0.02, "zones": ((0.03, 2.0),)}])
@@ -123,6 +126,21 @@ def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, freq
     assert np.abs(got - want).max() < limit * np.abs(want).max()
     level = 20 * np.log10(np.linalg.norm(got[:, :2], axis=0) / np.linalg.norm(want[:, :2], axis=0))
     assert np.abs(level).max() < 1.5
+
+
+@pytest.mark.parametrize("name", ["plastic-at-solid", "vs-2.2", "vs-2.2-hollow"])
+@pytest.mark.parametrize("soil", [2, 6])
+def test_deep_down_a_table_of_plastic_is_what_dipoles_on_a_lattice_give(name, soil):
+    """The lattice's cells of 6 mm and its other solver leave a tenth of the amplitude."""
+    table, tone, direction = packaged_table(name), 6, 3
+    eps = nodes.PERMITTIVITY[soil] * (1 - 1j * nodes.LOSS[soil])
+    wavenumber = 2 * np.pi * float(nodes.FREQUENCY[tone]) / SPEED_OF_LIGHT
+    waves = Waves(np.array([wavenumber * nodes.SINE[direction]]), np.zeros(1))
+    lattice = sample_round(table.body, 0.006, eps)
+    with threadpool_limits(1):
+        amplitudes = scattering_amplitudes(lattice, eps, wavenumber, waves)[:, 0, :, 0]
+    want = table.values[soil, tone, -1, 0, direction, 0, :2]
+    assert np.abs(np.diag(amplitudes) - want).max() < 0.15 * np.abs(want).max()
 
 
 def test_without_a_surface_a_table_gives_its_deepest_node():

@@ -1,0 +1,133 @@
+"""Mixes of mines: which bodies, in which shares, stand for the metal, plastic and simulant mines of a lane."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib import resources
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Mix:
+    """Bodies that stand for one kind of mine, in declared shares."""
+
+    name: str  #: of the mix
+    kind: str  #: what truth and scores call its mines: "metal", "plastic" or "simulant"
+    about: str  #: what the mix stands for
+    parts: dict[str, int]  #: weight of each body by its name, a whole number, in the declared order
+
+    def __post_init__(self) -> None:
+        whole = all(isinstance(part, int) and part > 0 for part in self.parts.values())
+        if not self.parts or not whole:
+            raise ValueError(f"mix {self.name}: parts must be whole numbers above 0, at least one, got {self.parts}")
+
+    @property
+    def shares(self) -> dict[str, Fraction]:
+        """Share of each body by its name, exact; they sum to one."""
+        total = sum(self.parts.values())
+        return {body: Fraction(part, total) for body, part in self.parts.items()}
+
+
+def find_mix(name: str) -> Mix:
+    """Return the declared mix of that name; another name is a ValueError that lists those there are."""
+    if name not in MIXES:
+        raise ValueError(f"mix must be one of {', '.join(MIXES)}, got {name!r}")
+    return MIXES[name]
+
+
+def mix_counts(mix: str, count: int) -> dict[str, int]:
+    """Return how many of ``count`` mines have each body of a mix, by the method of the largest remainder.
+
+    Equal remainders go to the body that is declared first. Bodies of which there is none are left out.
+
+    Raises
+    ------
+    ValueError
+        If no mix has that name, or ``count`` is negative.
+    """
+    if count < 0:
+        raise ValueError(f"count must not be negative, got {count}")
+    quotas = {body: share * count for body, share in find_mix(mix).shares.items()}
+    counts = {body: math.floor(quota) for body, quota in quotas.items()}
+    by_remainder = sorted(quotas, key=lambda body: counts[body] - quotas[body])
+    for body in by_remainder[: count - sum(counts.values())]:
+        counts[body] += 1
+    return {body: number for body, number in counts.items() if number > 0}
+
+
+def mix_draws(mix: str, depth: float, count: int, **entries: Any) -> list[dict[str, Any]]:
+    """Return the draws of a scene that put ``count`` mines of a mix into the lane, one draw per body.
+
+    Parameters
+    ----------
+    mix : str
+        Name of a declared mix.
+    depth : float
+        Depth of the mines' tops, m.
+    count : int
+        Number of mines in all.
+    **entries
+        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+
+    Raises
+    ------
+    ValueError
+        If no mix has that name, or ``count`` is negative.
+    """
+    kind = find_mix(mix).kind
+    draws = []
+    for body, number in mix_counts(mix, count).items():
+        draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
+    return draws
+
+
+def mix_draws_at_depths(mix: str, counts: Mapping[float, int], **entries: Any) -> list[dict[str, Any]]:
+    """Return the draws of a scene that put mines of a mix at several depths, a draw per depth and body.
+
+    The whole lane's mines are counted by :func:`mix_counts`, brought into an order in which every stretch is near the
+    mix, and dealt to the depths in the order given: depths with few mines do not all get the body declared first.
+
+    Parameters
+    ----------
+    mix : str
+        Name of a declared mix.
+    counts : mapping of float to int
+        Number of mines by the depth of their tops, m.
+    **entries
+        Further entries of every draw, as of ``flgpr.simulate.scene.TargetDraw``.
+
+    Raises
+    ------
+    ValueError
+        If no mix has that name, or a count is negative.
+    """
+    if min(counts.values(), default=0) < 0:
+        raise ValueError(f"counts must not be negative, got {dict(counts)}")
+    kind = find_mix(mix).kind
+    ordered = _interleave(mix_counts(mix, sum(counts.values())))
+    draws = []
+    for depth, count in counts.items():
+        dealt = Counter(ordered[:count])
+        ordered = ordered[count:]
+        for body, number in dealt.items():
+            draws.append({"kind": kind, "body": body, "depth": depth, "count": number, **entries})
+    return draws
+
+
+def _interleave(counts: Mapping[str, int]) -> list[str]:
+    """Return each body as often as counted, evenly spread over the list."""
+    places = []
+    for rank, (body, number) in enumerate(counts.items()):
+        for k in range(number):
+            places.append((Fraction(2 * k + 1, 2 * number), rank, body))
+    return [body for _, _, body in sorted(places)]
+
+
+_DECLARED = tomllib.loads((resources.files("flgpr_papers") / "mines.toml").read_text(encoding="utf-8"))
+MIXES: dict[str, Mix] = {name: Mix(name=name, **table) for name, table in _DECLARED.items()}
+"""The declared mixes by name."""
