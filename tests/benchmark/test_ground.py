@@ -15,9 +15,9 @@ SECOND = {quick: load_ground(quick) for quick in (False, True)}
 TIERS = {tier.tier: tier for tier in SECOND[False].chosen_tiers()}
 FULLWAVE = load_ground(source="full-wave-1")
 ALL = [*GROUNDS.values(), *SECOND.values(), *(tier for one in SECOND.values() for tier in one.chosen_tiers())]
-PLASTIC = {"tm-62p", "vs-1.6", "vs-2.2", "m19", "tma-4"}
-LEFT_OUT = {"vs-2.2", "pma-1"}
-"""Packaged bodies that lie in test lanes alone."""
+PLASTIC = {"tm-62p", "vs-1.6", "vs-2.2", "vs-2.2-hollow", "m19"}
+LEFT_OUT = {"vs-2.2", "vs-2.2-hollow", "pma-1"}
+"""Packaged bodies that lie in test lanes alone; version 1 has not all of them."""
 
 
 def label(ground):
@@ -76,7 +76,8 @@ def test_what_a_split_says_is_new_was_never_seen(ground):
     assert errors == {2 * trained[0].sensor.errors.antenna_gain_db}
     known = set.union(*(bodies(lane) for lane in trained))
     tested = set.union(*(bodies(lane) for lane in ground.tested("standard")))
-    assert tested - known == LEFT_OUT
+    assert tested - known == LEFT_OUT & tested
+    assert {"vs-2.2", "pma-1"} <= tested
 
 
 def test_ground_2_comes_first_and_has_two_tiers_of_one_design():
