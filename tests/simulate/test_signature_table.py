@@ -82,7 +82,7 @@ def test_a_table_made_for_other_nodes_is_refused(tmp_path, monkeypatch):
         load_table(path)
 
 
-@pytest.mark.parametrize("name", ["metal-at", "plastic-at"])
+@pytest.mark.parametrize("name", ["metal-at", "plastic-at", "vs-2.2-hollow"])
 @pytest.mark.parametrize(("soil", "depth"), [(0, 0), (1, 3), (4, 6)])
 def test_a_table_gives_back_its_nodes(name, soil, depth):
     table = packaged_table(name)
@@ -110,7 +110,7 @@ def test_what_the_surface_adds_fades_with_depth():
 BETWEEN = np.array([0.75, 0.9, 0.965])  # sines that are not nodes
 
 
-@pytest.mark.parametrize(("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15)])
+@pytest.mark.parametrize(("name", "limit"), [("metal-at", 0.15), ("plastic-at", 0.15), ("vs-2.2-hollow", 0.15)])
 @pytest.mark.parametrize(("frequency", "soil"), [(1.0e9, 3.4 - 0.04j), (0.71e9, 4.9 - 0.18j)])
 def test_between_its_nodes_a_table_is_what_solving_there_gives(name, limit, frequency, soil):
     """Tone, soil, loss, depth, sine and azimuth all off their nodes."""
