@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.core
 	$(BIN)/flgpr demo -o demo-result
 
-# Detectors side by side on the quick form of the proving ground: some five minutes.
+# Detectors side by side on the quick form of the proving ground, both tiers: some five minutes.
 benchmark: $(VENV)/.benchmark
 	$(BIN)/flgpr benchmark run --quick --workers 2 -o proving-ground
 

@@ -1,7 +1,7 @@
 """Two entries of the proving ground and the oracle: false alarms at a Pd, and how far confidences are log odds.
 
-``python benchmarks/proving_ground.py fused wang2007 --folder ground/ [--folder other/] [--figure out.png]`` opens the
-sealed truth of the first folder, which is logged. Prints Markdown tables.
+``python benchmarks/proving_ground.py fused wang2007 --folder ground/ [--folder other/] [--tier T] [--figure out.png]``
+opens the sealed truth of the first folder, which is logged. Prints Markdown tables. A ground with tiers needs the tier.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from scipy.special import expit
 
 from flgpr.benchmark.ground import Ground
-from flgpr.benchmark.oracle import ORACLE
-from flgpr.benchmark.running import ALARMS, SEALED, passphrase, read_ground
+from flgpr.benchmark.oracle import oracle_file
+from flgpr.benchmark.running import ALARMS, SEALED, entry_folder, passphrase, read_ground
 from flgpr.io import read_table
 from flgpr.scoring import match, open_truth, roc_of
 from flgpr.scoring.matching import Match
@@ -27,9 +27,8 @@ BINS = np.linspace(0, 1, 11)
 
 def matched(ground: Ground, truth: pd.DataFrame, folders: list[Path], entry: str, split: str) -> Match:
     """Match an entry's alarms in a split."""
-    file = next(
-        one / "entries" / entry / split / ALARMS for one in folders if (one / "entries" / entry / split).is_dir()
-    )
+    files = [entry_folder(folder, entry, ground) / split / ALARMS for folder in folders]
+    file = next(one for one in files if one.parent.is_dir())
     lanes = {lane.name: lane.lane for lane in ground.tested(split)}
     own = truth[truth["lane"].isin(lanes)].reset_index(drop=True)
     return match(read_table(file, "alarms"), own, lanes, ground.table.halo)
@@ -69,12 +68,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("entries", nargs="+")
     parser.add_argument("--folder", action="append", type=Path, required=True)
+    parser.add_argument("--tier")
     parser.add_argument("--figure", type=Path)
     given = parser.parse_args()
     home = given.folder[0]
-    ground = read_ground(home)
+    tiers = read_ground(home).chosen_tiers(given.tier)
+    if len(tiers) > 1:
+        parser.error(f"--tier must be one of {', '.join(tier.tier for tier in tiers)}")
+    ground = tiers[0]
     truth, _, _ = open_truth(home / "lanes" / SEALED, passphrase(ground))
-    oracle = pd.read_csv(home / ORACLE) if (home / ORACLE).is_file() else None
+    oracle = pd.read_csv(home / oracle_file(ground)) if (home / oracle_file(ground)).is_file() else None
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     print("| split | kind | who | " + "false alarms per m² at Pd |\n|---|---|---|---|")
@@ -101,7 +104,7 @@ def main() -> None:
     print("\n| split | site | expected calibration error | alarms | hits |\n|---|---|---|---|---|")
     for split, mark in (("standard", "o-"), ("new-site", "s--")):
         one = matched(ground, truth, given.folder, given.entries[0], split)
-        for number, site in enumerate((*ground.table.sites, "all")):
+        for number, site in enumerate((*ground.sites, "all")):
             lanes = [lane.name for lane in ground.tested(split) if site in (lane.site, "all") and not lane.empty]
             table, error = reliability(one, lanes)
             print(f"| {split} | {site} | {error:.3f} | {table['alarms'].sum()} | {table['hits'].sum()} |")

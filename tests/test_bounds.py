@@ -53,6 +53,7 @@ def tables_of(instance):
 
 
 PACKAGED_TABLES = tables_of(load_recipe("wang2007")) | tables_of(load_sensor("sri-array"))
+PACKAGED_TABLES[Description] = load_ground().table.model_dump()
 MODELS = reachable([Recipe, Scene, Sensor, Body, Description, *SETTINGS])
 
 

@@ -136,6 +136,7 @@ def test_the_table_is_the_score_of_the_alarms(field):
     ground = load_ground(False, field / "ground.toml")
     truth = truth_of(ground)
     assert set(scores["entry"]) == {"one", "two"}
+    assert "tier" not in {*scores.columns, *costs.columns}  # the ground has none
     assert set(scores["group"]) == {"mines", "metal", "ap", "arid", "gravel"}
     alarms = read_table(field / "out" / "entries" / "two" / "standard" / ALARMS, "alarms")
     row = scores[(scores["entry"] == "two") & (scores["split"] == "standard") & (scores["far_allowed"] == 0.1)]

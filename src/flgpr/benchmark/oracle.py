@@ -42,7 +42,14 @@ class Looks:
     chip: ComplexArray
 
 
-def run_oracle(folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY) -> pd.DataFrame:
+def oracle_file(ground: Ground) -> str:
+    """Name the file that takes what the oracle finds on a ground, or on one tier of it."""
+    return f"oracle-{ground.tier}.csv" if ground.tier else ORACLE
+
+
+def run_oracle(
+    folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY, tier: str | None = None
+) -> pd.DataFrame:
     r"""Tell for every mine of the test lanes at how many false alarms it would be found by who knows it beforehand.
 
     Of a place seen in scans k, x_k holds the cleaned image about it: all polarizations and sub-bands, 3 x 3 pixels
@@ -62,39 +69,69 @@ def run_oracle(folder: str | Path, recipe: str = "wang2007", how: How = PLAINLY)
     Parameters
     ----------
     folder : str or path
-        Folder of ``flgpr benchmark run``; its truth is opened, which is logged. ``oracle.csv`` is written there.
+        Folder of ``flgpr benchmark run``; its truth is opened, which is logged. ``oracle.csv`` is written there, of a
+        ground with tiers ``oracle-TIER.csv`` for each.
     recipe : str
         Recipe whose images it looks at, with their self-signature and gain.
     how : How, optional
         Who does the work.
+    tier : str, optional
+        The tier to look at; by default, and with "all", every tier of the ground.
 
     Returns
     -------
     DataFrame
         A row per mine in the test lanes of sites that have target-free lanes: lane, target_id, kind, ``looks``, ``far``
-        and ``far_phase`` (false alarms per m² without and with the phase), ``area`` of the target-free ground (m²).
+        and ``far_phase`` (false alarms per m² without and with the phase), ``area`` of the target-free ground (m²). On
+        a ground with tiers also ``body``, if it is a packaged one, and ``tier``.
 
     Raises
     ------
     ValueError
-        If the folder is no benchmark's, its lanes are not there, or no site has a target-free test lane.
+        If the folder is no benchmark's, its lanes are not there, no site has a target-free test lane, or the ground has
+        no such tier.
     """
     home = Path(folder)
-    ground = read_ground(home)
-    truth = open_truth(home / "lanes" / SEALED, passphrase(ground))[0]
+    tiers = read_ground(home).chosen_tiers(tier)
+    for part in tiers:
+        needed = _needed(part)
+        if not needed:
+            raise ValueError(
+                f"sites must have test lanes without targets, whose false alarms count, got none in {home}"
+            )
+        missing = [name for name in needed if not (home / "lanes" / f"{name}.zarr").is_dir()]
+        if missing:
+            raise ValueError(f"lanes must be made by `flgpr benchmark run` first, not there: {', '.join(missing)}")
+    truth = open_truth(home / "lanes" / SEALED, passphrase(tiers[0]))[0]
+    return pd.concat([_look_at_tier(part, home, recipe, how, truth) for part in tiers], ignore_index=True)
+
+
+def _needed(ground: Ground) -> list[str]:
+    """Name the lanes that the oracle looks at."""
+    names = []
+    for site in ground.sites:
+        bare, tested = _lanes(ground, site)
+        if bare is not None and tested:
+            names += [lane.name for lane in (bare, *tested)]
+    return names
+
+
+def _look_at_tier(ground: Ground, home: Path, recipe: str, how: How, truth: pd.DataFrame) -> pd.DataFrame:
+    """Look at a ground or at one of its tiers, and write what was found."""
     jobs: list[tuple[Any, ...]] = []
-    for site in ground.table.sites:
+    for site in ground.sites:
         bare, tested = _lanes(ground, site)
         if bare is not None and tested:
             names = [lane.name for lane in (bare, *tested)]
             rows = truth[truth["lane"].isin(names)].to_dict("list")
             jobs.append(((ground.quick, ground.text), str(home.resolve()), recipe, site, names, rows))
-    if not jobs:
-        raise ValueError(f"sites must have test lanes without targets, whose false alarms count, got none in {home}")
+    name = f"oracle, {ground.tier}" if ground.tier else "oracle"
     with how.executor() as executor:
-        tables = {one["lane"]: one["found"] for one in how.track(executor.run(_of_site, jobs), "oracle", len(jobs))}
+        tables = {one["lane"]: one["found"] for one in how.track(executor.run(_of_site, jobs), name, len(jobs))}
     found = pd.DataFrame([row for job in jobs for row in tables[job[3]]])
-    write_whole(home / ORACLE, found.to_csv(index=False, float_format="%.6g"))
+    if ground.tier:
+        found = found.assign(tier=ground.tier)
+    write_whole(home / oracle_file(ground), found.to_csv(index=False, float_format="%.6g"))
     return found
 
 
@@ -122,6 +159,7 @@ def _of_site(
             at = seen.place == number
             rates = clutter.rates(seen.ahead[at], seen.chip[at], own[at])
             about = {"target_id": mine["target_id"], "kind": mine["kind"], "looks": int(at.sum())}
+            about |= {"body": mine["body"]} if "body" in mine else {}
             found.append({"site": site, "lane": lane.name, **about, **rates})
     return {"lane": site, "found": found}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import tomllib
@@ -96,10 +97,16 @@ def passphrase(ground: Ground) -> str:
     return f"the truth of {ground.title}"
 
 
-def make_lanes(ground: Ground, home: Path, how: How) -> None:
-    """Simulate the lanes that are not there yet; the truth of test lanes is sealed, that of the others lies beside."""
+def make_lanes(ground: Ground, home: Path, how: How, tiers: Sequence[Ground] | None = None) -> None:
+    """Simulate the lanes that are not there yet, of all tiers or of some.
+
+    The truth of all test lanes is sealed, that of the others lies beside. Fingerprints are taken of all lanes that are
+    there, those of other tiers too.
+    """
     seal_tested(ground, home)
-    left = [lane.name for lane in ground.lanes.values() if not (home / f"{lane.name}.zarr").is_dir()]
+    chosen = ground.chosen_tiers() if tiers is None else tiers
+    wanted = [name for tier in chosen for name in tier.lanes]
+    left = [name for name in wanted if not _is_made(home, name)]
     with how.executor() as executor:
         jobs = [(ground.quick, ground.text, name, str(home.resolve())) for name in left]
         for _ in how.track(executor.run(make_lane, jobs), "simulating lanes", len(jobs)):
@@ -107,9 +114,15 @@ def make_lanes(ground: Ground, home: Path, how: How) -> None:
     prints, held = home / PRINTS, Folder(home).read_if_listed(PRINTS)
     known = {} if held is None else parse_columns(held).set_index("sha256", drop=False).to_dict("index")
     rows = [
-        known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name) for name in ground.lanes
+        known.get(read_manifest(home / f"{name}.zarr")["sha256"]) or fingerprint(home, name)
+        for name in ground.lanes
+        if _is_made(home, name)
     ]
     write_whole(prints, pd.DataFrame(rows).to_csv(index=False, float_format="%.7g"))
+
+
+def _is_made(home: Path, name: str) -> bool:
+    return (home / f"{name}.zarr").is_dir()
 
 
 def seal_tested(ground: Ground, home: Path) -> None:
@@ -117,7 +130,7 @@ def seal_tested(ground: Ground, home: Path) -> None:
     home.mkdir(parents=True, exist_ok=True)
     if not (home / SEALED).is_file():
         tested = [lane for lane in ground.lanes.values() if lane.part == "test"]
-        tables = [_truth(lane) for lane in tested]
+        tables = [_truth(lane, with_bodies=bool(ground.table.tiers)) for lane in tested]
         borders = {lane.name: lane.lane for lane in tested}
         seal_truth(
             pd.concat(tables, ignore_index=True), borders, home / SEALED, passphrase(ground), halo=ground.table.halo
@@ -133,8 +146,8 @@ def make_lane(quick: bool, ground: str, name: str, home: str) -> Report:
     return {"lane": name}
 
 
-def _truth(lane: GroundLane) -> pd.DataFrame:
-    truth = lane.truth()
+def _truth(lane: GroundLane, with_bodies: bool) -> pd.DataFrame:
+    truth = lane.truth_with_bodies() if with_bodies else lane.truth()
     return truth.assign(lane=lane.name, target_id=lane.name + "-" + truth["target_id"])
 
 
@@ -235,19 +248,26 @@ def run_entry(ground: Ground, entry: Entry, home: Path, folder: Path, how: How) 
 
 
 def submitted(ground: Ground, home: Path) -> dict[str, pd.DataFrame]:
-    """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``."""
+    """Read the alarm lists SPLIT.csv of a folder; each must name the lanes of its split in the column ``lane``.
+
+    A list may hold alarms in lanes of every tier. For one tier of a ground its own alarms are given, and no list that
+    names none of its lanes.
+    """
     tables = {path.stem: read_table_in(home, path.name, "alarms") for path in sorted(home.glob("*.csv"))}
     for split, table in tables.items():
         if split not in ground.table.splits:
             raise ValueError(
                 f"alarm lists must be named after splits, {', '.join(ground.table.splits)}, got {split}.csv"
             )
-        wanted = {lane.name for lane in ground.tested(split)}
+        wanted = {lane.name for lane in replace(ground, tier="").tested(split)}
         if "lane" not in table.columns or not set(table["lane"]) <= wanted:
             raise ValueError(
                 f"{split}.csv must name the lanes of {split} in the column lane: {', '.join(sorted(wanted))}"
             )
-    return tables
+    if not ground.tier:
+        return tables
+    in_tier = {split: table[table["lane"].isin(ground.lanes)] for split, table in tables.items()}
+    return {split: table.reset_index(drop=True) for split, table in in_tier.items() if len(table)}
 
 
 def made_of(entry: Entry) -> str:
@@ -259,6 +279,8 @@ def _tell(ground: Ground, entry: Entry, folder: Path, fault: str = "") -> None:
     """Write what an entry is, and why it did not finish if so."""
     folder.mkdir(parents=True, exist_ok=True)
     about = {"ground": ground.title, "entry": entry.name, "title": entry.title, "fault": fault}
+    if ground.tier:
+        about["tier"] = ground.tier
     about["made_of"] = made_of(entry)
     write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
 
@@ -269,21 +291,27 @@ def run_benchmark(
     quick: bool = False,
     how: How = PLAINLY,
     ground: str | Path | None = None,
+    tier: str | None = None,
 ) -> Path:
-    """Run detectors on the proving ground: make its lanes, train, freeze, detect; what was stopped goes on.
+    """Run detectors on the proving ground: make its lanes, train, freeze, detect; an interrupted run resumes.
+
+    The lanes of all chosen tiers are made first. Then all entries run on one tier before the first runs on the next, so
+    that a run that is interrupted leaves whole tiers behind.
 
     Parameters
     ----------
     entries : sequence of str or path
         Names of packaged entries, recipes, or folders of alarm lists ``SPLIT.csv``; none takes all packaged entries.
     output : str or path
-        Folder that takes the lanes, ``lanes``, and a folder per entry.
+        Folder that takes the lanes, ``lanes``, and a folder per entry, with one per tier in it where there are tiers.
     quick : bool
         The quick form, which shows that everything runs.
     how : How, optional
         Who does the work.
     ground : str or path, optional
-        Name of another packaged proving ground, or TOML file of one's own, as the packaged ones are described.
+        Name of a packaged proving ground, by default the newest, or TOML file of one's own, as those are described.
+    tier : str, optional
+        The tier to run on; by default, and with "all", every tier of the ground.
 
     Returns
     -------
@@ -293,9 +321,11 @@ def run_benchmark(
     Raises
     ------
     ValueError
-        If an entry is not there, not valid or does not fit the lanes, or the folder is of another form of the ground.
+        If an entry is not there, not valid or does not fit the lanes, the folder is of another form of the ground, or
+        the ground has no such tier.
     """
     chosen, folder = load_ground(quick, None if ground is None else Path(ground)), Path(output)
+    tiers = chosen.chosen_tiers(tier)
     found = [find_entry(one, chosen) for one in entries] or list(packaged_entries(chosen).values())
     if {entry.name for entry in found} & set(ORACLES):
         raise ValueError(f"entries must not be called {' or '.join(ORACLES)}, which are what the oracle gives")
@@ -309,12 +339,21 @@ def run_benchmark(
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "ground.toml", chosen.text)
     write_whole(folder / MARK, json.dumps({"ground": chosen.title, "quick": quick}) + "\n")
-    make_lanes(chosen, folder / "lanes", how)
+    make_lanes(chosen, folder / "lanes", how, tiers)
     how = replace(how, kept=folder / "kept")
-    for entry in how.track(found, "entries", len(found)):
+    jobs = list(itertools.product(tiers, found))
+    for part, entry in how.track(jobs, "entries", len(jobs)):
+        own_folder = entry_folder(folder, entry.name, part)
         try:
-            run_entry(chosen, entry, folder / "lanes", folder / "entries" / entry.name, how)
+            run_entry(part, entry, folder / "lanes", own_folder, how)
         except (ValueError, ModuleNotFoundError) as error:  # the others shall not wait for one that cannot be trained
-            warnings.warn(f"{entry.name} did not finish: {error}", stacklevel=2)
-            _tell(chosen, entry, folder / "entries" / entry.name, str(error))
+            where = f" on the tier {part.tier}" if part.tier else ""
+            warnings.warn(f"{entry.name} did not finish{where}: {error}", stacklevel=2)
+            _tell(part, entry, own_folder, str(error))
     return folder
+
+
+def entry_folder(folder: Path, entry: str, ground: Ground) -> Path:
+    """Folder that takes what an entry makes on a ground, or on one tier of it."""
+    own = folder / "entries" / entry
+    return own / ground.tier if ground.tier else own

@@ -15,13 +15,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from flgpr.benchmark.ground import Ground, load_ground
-from flgpr.benchmark.oracle import ORACLE
+from flgpr.benchmark.figures import opening_split, split_figure, tiers_figure
+from flgpr.benchmark.ground import BODY, MINES, Ground, load_ground
+from flgpr.benchmark.oracle import oracle_file
 from flgpr.benchmark.running import (
+    ABOUT,
     ALARMS,
     ORACLES,
     PRINTS,
     SEALED,
+    entry_folder,
     packaged_entries,
     passphrase,
     read_costs,
@@ -37,7 +40,6 @@ from flgpr.scoring import alarm_hash, chance, clopper_pearson, compare, match, o
 from flgpr.scoring.blind import match_blind
 from flgpr.scoring.matching import Match
 
-MINES = "mines"
 _COUNTS = ("n_detected", "n_targets", "n_false")
 
 
@@ -55,8 +57,10 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
         A row per entry, split, group of targets (``mines``, a site, a kind) and allowed FAR per m²: ``pd`` with
         ``pd_low``, ``pd_high`` (95 %, exact), counts, ``chance``, ``area`` (m²); at the FAR of comparison also mines
         that the entry alone finds (``only``), the reference alone (``reference_only``), and ``p`` of the paired test.
+        On a ground with tiers also a ``tier``, and groups of the targets with one packaged body, ``body BODY``.
     costs : DataFrame
-        A row per entry: processor seconds per km in detection and of all trainings, the largest process in bytes.
+        A row per entry, and per ``tier`` where there are tiers: processor seconds per km in detection and of all
+        trainings, the largest process in bytes.
 
     Raises
     ------
@@ -65,22 +69,34 @@ def score_entries(folders: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataF
     """
     homes = [Path(folder) for folder in folders]
     ground = _ground_of(homes)
-    reference = {split: _alarms_of(homes, ground, split) for split in ground.table.splits}
     rows: list[dict[str, Any]] = []
-    costs = []
-    for home, entry in _entries(homes):
-        for split in ground.table.splits:
-            path = entry / split / ALARMS
-            if path.is_file():
-                rows += _kept_score(ground, home, entry, split, reference[split])
-        costs.append(_cost(ground, entry))
-    for home in homes:
-        if (home / ORACLE).is_file():
-            rows += _oracle_rows(ground, parse_columns(Folder(home).read(ORACLE)))
+    costs: list[dict[str, Any]] = []
+    for tier in ground.chosen_tiers():
+        tier_rows, tier_costs = _score_tier(tier, homes)
+        about = {"tier": tier.tier} if tier.tier else {}
+        rows += [about | row for row in tier_rows]
+        costs += [about | row for row in tier_costs]
     scores = pd.DataFrame(rows)
     if scores.empty:
         raise ValueError(f"folders must hold entries that were run, got none in {', '.join(map(str, folders))}")
     return scores, pd.DataFrame(costs)
+
+
+def _score_tier(ground: Ground, homes: Sequence[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Score all entries and the oracle on a ground or on one of its tiers: rows of scores and of costs."""
+    reference = {split: _alarms_of(homes, ground, split) for split in ground.table.splits}
+    rows: list[dict[str, Any]] = []
+    costs = []
+    for home, name in _entries(homes, ground):
+        entry = entry_folder(home, name, ground)
+        for split in ground.table.splits:
+            if (entry / split / ALARMS).is_file():
+                rows += _kept_score(ground, home, name, split, reference[split])
+        costs.append(_cost(ground, name, entry))
+    for home in homes:
+        if (home / oracle_file(ground)).is_file():
+            rows += _oracle_rows(ground, parse_columns(Folder(home).read(oracle_file(ground))))
+    return rows, costs
 
 
 def _ground_of(homes: Sequence[Path]) -> Ground:
@@ -90,26 +106,35 @@ def _ground_of(homes: Sequence[Path]) -> Ground:
     return grounds[0]
 
 
-def _entries(homes: Sequence[Path]) -> Iterator[tuple[Path, Path]]:
+def _entries(homes: Sequence[Path], ground: Ground) -> Iterator[tuple[Path, str]]:
+    """Find the entries that began on a ground, or on one of its tiers: the benchmark's folder and their names."""
     for home in homes:
-        for mark in sorted((home / "entries").glob("*/entry.json")):
-            yield home, mark.parent
+        for own in sorted((home / "entries").glob("*")):
+            if (entry_folder(home, own.name, ground) / ABOUT).is_file():
+                yield home, own.name
 
 
 def _alarms_of(homes: Sequence[Path], ground: Ground, split: str) -> pd.DataFrame | None:
     """Alarms of the reference in a split, from the first folder that has them."""
-    name = f"entries/{ground.table.reference}/{split}/{ALARMS}"
-    return next((read_table_in(home, name, "alarms") for home in homes if Folder(home).has(name)), None)
+    for home in homes:
+        file = entry_folder(home, ground.table.reference, ground) / split / ALARMS
+        name = file.relative_to(home).as_posix()
+        if Folder(home).has(name):
+            return read_table_in(home, name, "alarms")
+    return None
 
 
 def _kept_score(
-    ground: Ground, home: Path, entry: Path, split: str, reference: pd.DataFrame | None
+    ground: Ground, home: Path, name: str, split: str, reference: pd.DataFrame | None
 ) -> list[dict[str, Any]]:
     """Score an entry's alarms of a split, or read the score of just these alarms beside just this reference."""
+    entry = entry_folder(home, name, ground)
     alarms = read_table_in(entry, f"{split}/{ALARMS}", "alarms")
-    other = None if reference is None or entry.name == ground.table.reference else reference
+    other = None if reference is None or name == ground.table.reference else reference
     sealed = home / "lanes" / SEALED
-    made_of = [ground.table.model_dump(mode="json"), alarm_hash(alarms), other is not None and alarm_hash(other)]
+    # Without tiers nothing is said of them, so that scores of before there were tiers are found again.
+    rules = ground.table.model_dump(mode="json", exclude=None if ground.table.tiers else {"tiers"})
+    made_of = [rules, alarm_hash(alarms), other is not None and alarm_hash(other)]
     key = sha256(json.dumps([made_of, sha256(Folder(sealed.parent).read(sealed.name))]).encode())[:12]
     kept = entry / split / f"score-{key}.json"
     if not Folder(entry).has(f"{split}/{kept.name}"):
@@ -119,25 +144,34 @@ def _kept_score(
         beside = None if other is None else match(other, looked.truth, looked.lanes, looked.halo)
         rows = list(_rows(ground, split, looked, beside))
         write_whole(kept, json.dumps(rows) + "\n")
-    about = {"entry": entry.name, "split": split}
+    about = {"entry": name, "split": split}
     return [about | row for row in Folder(entry).json(f"{split}/{kept.name}")]
 
 
 def _rows(ground: Ground, split: str, matched: Match, reference: Match | None) -> Iterator[dict[str, Any]]:
-    """Give the score of all mines, of every kind of target, and of the mines of every site."""
+    """Give the score of all mines, of every kind of target, of every packaged body, and of the mines of every site."""
     kind = matched.truth["kind"].astype(str)
     mines = _mines(ground, split, kind).to_numpy()
     site = matched.truth["lane"].map({lane.name: lane.site for lane in ground.tested(split)}).to_numpy()
     level = chance(matched)
     groups = {MINES: mines} | {str(one): (kind == one).to_numpy() for one in sorted(kind.unique())}
+    groups |= {name: rows.to_numpy() for name, rows in _body_groups(matched.truth).items()}
     for name, rows in groups.items():
         yield from _points(ground, name, matched, level, rows, reference if name == MINES else None)
-    for name in ground.table.sites:
+    for name in ground.sites:
         own = [lane.name for lane in ground.tested(split) if lane.site == name]
         if own and (mines & (site == name)).any():
             part = _part_of(matched, own)
             rows = _mines(ground, split, part.truth["kind"].astype(str)).to_numpy()
             yield from _points(ground, name, part, chance(part), rows, None)
+
+
+def _body_groups(targets: pd.DataFrame) -> dict[str, pd.Series]:
+    """Tell which targets have each packaged body; none where the truth does not name bodies."""
+    if "body" not in targets.columns:
+        return {}
+    body = targets["body"].fillna("").astype(str)
+    return {f"{BODY}{one}": body == one for one in sorted(body.unique()) if one}
 
 
 def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -149,7 +183,8 @@ def _oracle_rows(ground: Ground, found: pd.DataFrame) -> Iterator[dict[str, Any]
             continue
         mines = _mines(ground, split, own["kind"])
         groups = {MINES: mines} | {str(one): own["kind"] == one for one in sorted(own["kind"].unique())}
-        groups |= {site: mines & (own["site"] == site) for site in ground.table.sites}
+        groups |= _body_groups(own)
+        groups |= {site: mines & (own["site"] == site) for site in ground.sites}
         for (group, rows), allowed in itertools.product(groups.items(), ground.table.fars):
             count, total = int((own.loc[rows, ORACLES[name][0]] <= allowed).sum()), int(rows.sum())
             low, high = clopper_pearson(count, total)
@@ -190,36 +225,52 @@ def _points(
         yield {"group": group, "far_allowed": allowed, **told}
 
 
-def _cost(ground: Ground, entry: Path) -> dict[str, Any]:
+def _cost(ground: Ground, name: str, entry: Path) -> dict[str, Any]:
     costs = read_costs(entry)
-    lanes = {name: cost for name, cost in costs.items() if name in ground.lanes and cost}
-    length = sum(ground.lanes[name].length for name in lanes) / 1000
+    lanes = {lane: cost for lane, cost in costs.items() if lane in ground.lanes and cost}
+    length = sum(ground.lanes[lane].length for lane in lanes) / 1000
     seconds = sum(cost["processor_seconds"] for cost in lanes.values())
     return {
-        "entry": entry.name,
+        "entry": name,
         "seconds_per_km": seconds / length if length else float("nan"),
         "training_seconds": sum(
-            cost["processor_seconds"] for name, cost in costs.items() if name.startswith("training")
+            cost["processor_seconds"] for part, cost in costs.items() if part.startswith("training")
         ),
         "peak_bytes": max((cost["peak_bytes"] for cost in lanes.values()), default=float("nan")),
     }
 
 
+def of_tier(table: pd.DataFrame, ground: Ground) -> pd.DataFrame:
+    """Give the rows of scores or of costs that are of a tier; all of them on a ground without tiers."""
+    return table[table["tier"] == ground.tier] if ground.tier else table
+
+
 def table_text(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame) -> str:
     """Write the table of all mines at the FAR of comparison, in words and figures."""
     lines = [f"{ground.title}: Pd of mines at {ground.table.far:g} false alarms per m², 95 % interval, chance"]
+    for tier in ground.chosen_tiers():
+        own = of_tier(scores, tier)
+        if len(own):
+            lines += _tier_lines(tier, own)
+    name_width = max(len(ground_tier) for ground_tier in ("", *ground.table.tiers))
+    lines += ["", f"{'cost':22} {'':{name_width}} processor s/km  training s  largest process MiB"]
+    for one in costs.to_dict("records"):
+        figures = f"{one['seconds_per_km']:14.0f} {one['training_seconds']:11.0f} {one['peak_bytes'] / 2**20:20.0f}"
+        lines.append(f"  {one['entry']:20} {one.get('tier', ''):{name_width}} {figures}")
+    return "\n".join(lines)
+
+
+def _tier_lines(ground: Ground, scores: pd.DataFrame) -> list[str]:
+    """Write the lines of every split of a ground, or of one of its tiers."""
+    lines = ["", f"TIER {ground.tier}: {ground.tier_title}"] if ground.tier else []
     chosen = scores[(scores["group"] == MINES) & (scores["far_allowed"] == ground.table.far)]
     for split, row in ground.table.splits.items():
         lines += ["", f"{split}: {row.title}"]
         ranked = chosen[chosen["split"] == split].sort_values("pd", ascending=False, kind="stable")
         for one in ranked.to_dict("records"):
-            told = f"  {one['entry']:20} {pd_in_words(one)}"
-            lines.append(told + paired_in_words(one, f"; against {ground.table.reference} "))
-    lines += ["", f"{'cost':22} processor s/km  training s  largest process MiB"]
-    for one in costs.to_dict("records"):
-        figures = f"{one['seconds_per_km']:14.0f} {one['training_seconds']:11.0f} {one['peak_bytes'] / 2**20:20.0f}"
-        lines.append(f"  {one['entry']:20} {figures}")
-    return "\n".join(lines)
+            start = f"  {one['entry']:20} {pd_in_words(one)}"
+            lines.append(start + paired_in_words(one, f"; against {ground.table.reference} "))
+    return lines
 
 
 def pd_in_words(one: Mapping[Any, Any]) -> str:
@@ -249,40 +300,67 @@ def write_table(folders: Sequence[str | Path], output: str | Path) -> str:
     to.mkdir(parents=True, exist_ok=True)
     write_whole(to / "scores.csv", scores.to_csv(index=False, float_format="%.6g"))
     write_whole(to / "costs.csv", costs.to_csv(index=False, float_format="%.4g"))
-    about = {entry.name: Folder(entry).json("entry.json") for _, entry in _entries(homes)}
-    titles = {
-        name: one["title"] + (f"; did not finish: {one['fault']}" if one["fault"] else "")
-        for name, one in about.items()
-    }
+    titles, faults = _titles_and_faults(ground, homes)
     titles |= {name: title for name, (_, title) in ORACLES.items() if name in set(scores["entry"])}
     page = _page(ground, scores, costs, titles)
     if (to / "index.html").is_file() and read_named(to / "index.html").decode("utf-8", "replace") == page:
         tell_finished(to / "index.html")
     write_whole(to / "index.html", page)
-    faults = [f"{name} did not finish: {one['fault']}" for name, one in about.items() if one["fault"]]
     return "\n".join([table_text(ground, scores, costs), *faults])
 
 
+def _titles_and_faults(ground: Ground, homes: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
+    """Tell by name what entries are, with what kept them from finishing, and list the latter in lines of their own."""
+    titles: dict[str, str] = {}
+    faults = []
+    for tier in ground.chosen_tiers():
+        where = f" on the tier {tier.tier}" if tier.tier else ""
+        for home, name in _entries(homes, tier):
+            about = Folder(entry_folder(home, name, tier)).json(ABOUT)
+            titles.setdefault(name, about["title"])
+            if about["fault"]:
+                titles[name] += f"; did not finish{where}: {about['fault']}"
+                faults.append(f"{name} did not finish{where}: {about['fault']}")
+    return titles, faults
+
+
 def _page(ground: Ground, scores: pd.DataFrame, costs: pd.DataFrame, titles: Mapping[str, str]) -> str:
+    tiers = [tier for tier in ground.chosen_tiers() if len(of_tier(scores, tier))]
     return render(
         "benchmark.html",
         ground=ground,
-        splits=[
-            (split, row.title, split_figure(ground, scores, split), list(_page_rows(ground, scores, split)))
-            for split, row in ground.table.splits.items()
-            if (scores["split"] == split).any()
-        ],
+        opening=_opening(ground, scores),
+        opening_split=opening_split(ground),
+        tiers=[(tier, list(_page_splits(tier, of_tier(scores, tier)))) for tier in tiers],
         heads=["entry", *(f"Pd at {far:g} per m²" for far in ground.table.fars), f"against {ground.table.reference}"],
         titles=titles,
-        costs=[
-            (
-                one["entry"],
-                *(f"{one[name]:.0f}" for name in ("seconds_per_km", "training_seconds")),
-                f"{one['peak_bytes'] / 2**20:.0f}",
-            )
-            for one in costs.to_dict("records")
+        cost_heads=[
+            "entry", *(["tier"] if ground.table.tiers else []),
+            ">processor seconds per km", ">training, s", ">largest process, MiB",
         ],
-    )
+        costs=[_cost_cells(one) for one in costs.to_dict("records")],
+    )  # fmt: skip
+
+
+def _opening(ground: Ground, scores: pd.DataFrame) -> dict[str, Figure]:
+    """Draw the figure that opens the page of a ground with tiers, for wide screens and paper and for narrow screens."""
+    if not ground.table.tiers:
+        return {}
+    return {"wide": tiers_figure(ground, scores), "narrow": tiers_figure(ground, scores, narrow=True)}
+
+
+def _cost_cells(one: Mapping[Any, Any]) -> list[str]:
+    """Write a row of the table of costs."""
+    names = [one["entry"], one["tier"]] if "tier" in one else [one["entry"]]
+    figures = [f"{one[name]:.0f}" for name in ("seconds_per_km", "training_seconds")]
+    return [*names, *figures, f"{one['peak_bytes'] / 2**20:.0f}"]
+
+
+def _page_splits(ground: Ground, scores: pd.DataFrame) -> Iterator[tuple[str, str, Figure, list[tuple[str, ...]]]]:
+    """Give name, title, figure and rows of the table of every split that was run."""
+    for split, row in ground.table.splits.items():
+        if (scores["split"] == split).any():
+            yield split, row.title, split_figure(ground, scores, split), list(_page_rows(ground, scores, split))
 
 
 def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tuple[str, ...]]:
@@ -295,27 +373,6 @@ def _page_rows(ground: Ground, scores: pd.DataFrame, split: str) -> Iterator[tup
         yield (str(entry), *(pd_in_words(at[far]) for far in ground.table.fars), paired)
 
 
-def split_figure(ground: Ground, scores: pd.DataFrame, split: str) -> Figure:
-    """Draw Pd of every entry with its interval and chance, of all mines and of every site and kind."""
-    own = scores[(scores["split"] == split) & (scores["far_allowed"] == ground.table.far)]
-    entries = list(own[own["group"] == MINES].sort_values("pd", kind="stable")["entry"])
-    groups = list(dict.fromkeys(own["group"]))
-    figure = Figure(figsize=(2.2 + 1.7 * len(groups), 1.1 + 0.3 * len(entries)), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(1, len(groups), sharey=True))
-    for axis, group in zip(axes, groups, strict=True):
-        rows = own[own["group"] == group].set_index("entry").reindex(entries)
-        places = np.arange(len(entries))
-        value = rows["pd"].to_numpy()
-        axis.hlines(places, rows["pd_low"], rows["pd_high"], color="C0", lw=2)
-        axis.plot(value, places, "o", color="C0", ms=5)
-        axis.plot(rows["chance"], places, "|", color="C3", ms=11, mew=2)
-        targets = rows["n_targets"].max()
-        axis.set(xlim=(-0.03, 1.03), title=f"{group} ({targets:.0f})", xlabel="Pd")
-        axis.set_yticks(places, entries)
-        axis.grid(axis="x", alpha=0.3)
-    return figure
-
-
 def listing(quick: bool = False, lanes: str | Path | None = None, ground: str | Path | None = None) -> list[str]:
     """Tell in lines what enters, which lanes there are and how they are split; with a folder whether they are alike.
 
@@ -325,10 +382,16 @@ def listing(quick: bool = False, lanes: str | Path | None = None, ground: str | 
     chosen = load_ground(quick, None if ground is None else Path(ground))
     lines = [f"{chosen.title}, seen by {chosen.table.sensor}", "", "entries:"]
     lines += [f"  {name:20} {entry.title}" for name, entry in packaged_entries(chosen).items()]
+    if chosen.table.tiers:
+        lines += ["", "tiers, each with all splits:"]
+        lines += [
+            f"  {name:20} {row.title}, at {', '.join(row.sites.values())}" for name, row in chosen.table.tiers.items()
+        ]
     lines += ["", "splits:", *(f"  {name:20} {row.title}" for name, row in chosen.table.splits.items()), "", "lanes:"]
     told = same_lanes(chosen, Path(lanes)) if lanes is not None else {}
+    width = max(20, *(len(name) for name in chosen.lanes))
     for name, lane in chosen.lanes.items():
-        line = f"  {name:20} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
+        line = f"  {name:{width}} {lane.part:9} {lane.length:5g} m {len(lane.truth()):3} targets"
         lines.append(f"{line}  {told[name]}" if told else line)
     return lines
 

@@ -13,7 +13,11 @@ from flgpr.cli.common import Quiet, Scheduler, plain_errors, progress
 benchmark_app = typer.Typer(
     name="benchmark", help="The proving ground: detectors side by side on the same sealed lanes.", no_args_is_help=True
 )
-Chosen = Annotated[str | None, Option(help="full-wave-1, or the TOML of a proving ground of your own.")]
+Chosen = Annotated[
+    str | None,
+    Option(help="proving-ground-2 (the default), proving-ground-1, full-wave-1, or the TOML of a ground of your own."),
+]
+Tier = Annotated[str | None, Option(help="prepared, as-found or another tier of the ground; all by default.")]
 Workers = Annotated[int | None, Option(min=1, help="Processes that share the work.")]
 Quick = Annotated[bool, Option("--quick", help="The quick form, which only shows that all of it runs.")]
 
@@ -27,16 +31,18 @@ def run_command(
     output: Annotated[Path, Option("-o", "--output", help="Folder to work in.")] = Path("proving-ground"),
     quick: Quick = False,
     ground: Chosen = None,
+    tier: Tier = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make the lanes, train on those of training, freeze, detect on those of test, score; goes on where it stopped."""
+    """Make the lanes, train on those of training, freeze, detect on those of test, score; resumes where it stopped."""
     from flgpr import benchmark, tasks
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            benchmark.run_benchmark(entries or [], output, quick, tasks.How(workers, scheduler, track=track), ground)
+            how = tasks.How(workers, scheduler, track=track)
+            benchmark.run_benchmark(entries or [], output, quick, how, ground, tier)
         text = benchmark.write_table([output], output)
     if not quiet:
         typer.echo(text)
@@ -47,6 +53,7 @@ def run_command(
 def oracle_command(
     folder: Annotated[Path, Argument(help="Folder of `flgpr benchmark run`.")],
     recipe: Annotated[str, Option(help="Recipe whose images it looks at.")] = "wang2007",
+    tier: Tier = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
     quiet: Quiet = False,
@@ -56,7 +63,7 @@ def oracle_command(
 
     with plain_errors(quiet):
         with progress(quiet) as track:
-            benchmark.run_oracle(folder, recipe, tasks.How(workers, scheduler, track=track))
+            benchmark.run_oracle(folder, recipe, tasks.How(workers, scheduler, track=track), tier)
         text = benchmark.write_table([folder], folder)
     if not quiet:
         typer.echo(text)
