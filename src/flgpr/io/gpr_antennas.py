@@ -4,10 +4,10 @@ A name is looked up in a table of its maker's models, or states its frequency wi
 number as well as a frequency, and are not taken for one.
 
 Sources: the antenna codes that readgssi collected from files and the maker's staff (``readgssi/constants.py``,
-https://github.com/iannesbitt/readgssi), those of RGPR (``R/readDZT.R``, https://github.com/emanuelhuber/RGPR), GSSI's
-antenna manuals (5103 is 400 MHz, 5106 200 MHz, 3101 900 MHz, 3102 500 MHz, 3207 100 MHz; the horns 4105 and 4108 are
-of 2000 and 1000 MHz), and MALÅ's manuals of ProEx and GroundExplorer. ImpulseRadar's CrossOver antennas are not in it:
-CO4080 is two antennas, of 400 and 800 MHz, and the name does not say whose channel a file holds.
+https://github.com/iannesbitt/readgssi) and those of RGPR (``R/readDZT.R``, https://github.com/emanuelhuber/RGPR). The
+horns 4105 and 4108 (2000 and 1000 MHz), MALÅ's GX models and CO700 are as commonly stated: no document of their makers
+was at hand. ImpulseRadar's CrossOver antennas are not in it: CO4080 is two antennas, of 400 and 800 MHz, and the name
+does not say whose channel a file holds.
 """
 
 from __future__ import annotations
