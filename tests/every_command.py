@@ -142,6 +142,11 @@ COMMANDS = [
         "-o {out}/a.tif",
         "image {in}/tied.zarr --spacing 0.3 --anchor {in}/anchor.toml -o {out}/a.npz",
     ),
+    Command(
+        "image recording",
+        "image {in}/line.dt1 --gain -o {out}/a.png -o {out}/a.npz",
+        "image {in}/line.dt1 --dewow -o {out}/a.npz",
+    ),
     Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),
     Command("recipe for", "recipe for {in}/run.zarr -o {out}/a.toml", "recipe for {in}/line.zarr -o {out}/a.toml"),

@@ -140,6 +140,7 @@ NOT_HERE = (
     "flgpr prepare",
     "flgpr calibrate permittivity",
     "flgpr image",
+    "flgpr view line7",
     "flgpr detect both.zarr",  # tests/physics/test_rail.py detects on the rail
     "flgpr info own.npz",
     "flgpr import mapped own.toml",

@@ -41,7 +41,9 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
 def view(
     paths: Annotated[
         list[Path] | None,
-        Argument(help="Result, run or score; two results or two scores stand side by side; none with --live."),
+        Argument(
+            help="Result, run, recording or score; two results or two scores stand side by side; none with --live."
+        ),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",

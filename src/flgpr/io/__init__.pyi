@@ -33,7 +33,10 @@ from flgpr.io.georeferenced import write_geopackage as write_geopackage
 from flgpr.io.georeferenced import write_geotiff as write_geotiff
 from flgpr.io.georeferenced import write_gpx as write_gpx
 from flgpr.io.georeferenced import write_kml as write_kml
+from flgpr.io.gpr_channels import channels_run as channels_run
+from flgpr.io.gpr_channels import preview_run as preview_run
 from flgpr.io.gpr_files import GprSection as GprSection
+from flgpr.io.gpr_files import is_gpr as is_gpr
 from flgpr.io.gpr_files import read_gpr as read_gpr
 from flgpr.io.gpr_import import gpr_run as gpr_run
 from flgpr.io.gprmax import GprmaxOutput as GprmaxOutput

@@ -58,6 +58,10 @@ from flgpr.tasks.planning import survey_plan as survey_plan
 from flgpr.tasks.preparing import check_steps as check_steps
 from flgpr.tasks.preparing import prepare_run as prepare_run
 from flgpr.tasks.preparing import read_steps as read_steps
+from flgpr.tasks.radargram import Radargram as Radargram
+from flgpr.tasks.radargram import RadargramView as RadargramView
+from flgpr.tasks.radargram import is_recording as is_recording
+from flgpr.tasks.radargram import make_radargram as make_radargram
 from flgpr.tasks.raw import RawRun as RawRun
 from flgpr.tasks.registering import check_register as check_register
 from flgpr.tasks.registering import register_recipe as register_recipe
