@@ -149,6 +149,11 @@ COMMANDS = [
     ),
     Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),
+    Command(
+        "info files",
+        "info {in}/mapped.npz {in}/track.csv --mapping {out}/a.toml",
+        "info {in}/mapped.npz {in}/reflectors.csv --mapping {out}/a.toml",
+    ),
     Command("recipe for", "recipe for {in}/run.zarr -o {out}/a.toml", "recipe for {in}/line.zarr -o {out}/a.toml"),
     Command(
         "anchor",

@@ -12,6 +12,7 @@ from flgpr.io.bundle import write_bundle as write_bundle
 from flgpr.io.cphd import read_cphd as read_cphd
 from flgpr.io.cphd import write_cphd as write_cphd
 from flgpr.io.declared import MAX_MEMORY as MAX_MEMORY
+from flgpr.io.drafting import explain_files as explain_files
 from flgpr.io.explain import Explanation as Explanation
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.io.explain import propose_mapping as propose_mapping

@@ -6,6 +6,7 @@ from flgpr.chain.recipe import recipe_names as recipe_names
 from flgpr.chain.recipe import recipe_text as recipe_text
 from flgpr.design.array import Question as Question
 from flgpr.execution.survey import How as How
+from flgpr.io.drafting import explain_files as explain_files
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside
 from flgpr.live.detector import LiveSettings as LiveSettings
@@ -44,6 +45,7 @@ from flgpr.tasks.exchange import import_gpr as import_gpr
 from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
 from flgpr.tasks.exchange import map_bytes as map_bytes
 from flgpr.tasks.exchange import track_of as track_of
+from flgpr.tasks.exchange import write_draft as write_draft
 from flgpr.tasks.information import model_info as model_info
 from flgpr.tasks.information import run_info as run_info
 from flgpr.tasks.picture import GroundFit as GroundFit

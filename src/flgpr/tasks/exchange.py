@@ -29,7 +29,7 @@ from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
 from flgpr.io.files import existing
 from flgpr.io.mapped import Imported, import_mapped
-from flgpr.io.outputs import whole_output
+from flgpr.io.outputs import whole_output, write_new
 from flgpr.io.run_store import is_stored
 from flgpr.io.tables import json_value, parse_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
@@ -45,6 +45,14 @@ PathLike = str | Path
 TABLE_FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv")
 FORMATS = (*TABLE_FORMATS, "geotiff", "qgis", "cphd")
 _MARGIN = 5.0  # m of ground about the lane
+
+
+def write_draft(mapping: str, output: PathLike) -> Path:
+    """Write the draft of a mapping (TOML); another file there is refused."""
+    target = Path(output)
+    _check_home(target)
+    write_new(target, mapping)
+    return target
 
 
 def import_with_mapping(
