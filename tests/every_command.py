@@ -113,6 +113,11 @@ COMMANDS = [
         "import gpr {in}/line.dt1 -o {out}/a.zarr --height 0.1",
     ),
     Command(
+        "import table",
+        "import table {in}/truth.csv --kind truth -o {out}/a.csv",
+        "import table {in}/reflectors.csv --kind alarms --columns confidence=z_m -o {out}/a.csv",
+    ),
+    Command(
         "simulate",
         "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 3",
         "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 4",

@@ -92,6 +92,27 @@ def import_mapped(
     tell_written(quiet, output)
 
 
+@import_app.command("table")
+def import_table(
+    file: Annotated[Path, Argument(help="CSV of alarms, truth or objects, in any dialect.")],
+    output: Output,
+    kind: Annotated[str, Option(help="What it holds: alarms, truth or objects.")] = "alarms",
+    columns: Annotated[
+        str | None, Option(help="Columns that have other names: x=Rechts,y=Hoch,confidence=Wert.")
+    ] = None,
+    anchor: Annotated[
+        Path | None, Option(help="TOML that ties the lane to the Earth, for longitude and latitude.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Read a table of alarms, truth or objects as others write it, and write it as flgpr does."""
+    with plain_errors(quiet):
+        rows = tasks.import_table(file, output, kind, columns, anchor)
+    if not quiet:
+        typer.echo(f"{len(rows)} rows")
+    tell_written(quiet, output)
+
+
 @import_app.command("cphd")
 def import_cphd(
     file: Annotated[Path, Argument(help="CPHD file.")], output: Output, anchor: Anchor = None, quiet: Quiet = False
@@ -145,6 +166,7 @@ def export(
     time: Annotated[str | None, Option(help="Time of the observation (ISO 8601), kept with every point.")] = None,
     detection: Annotated[str, Option(help="Detection of a result: main or a variant.")] = "main",
     score: Annotated[Path | None, Option(help="Folder of the result's score, whose truth goes on qgis's map.")] = None,
+    columns: Annotated[str | None, Option(help="Columns of a table that have other names: x=Rechts,y=Hoch.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write alarms, truth, run-views or runs for other programs, on the Earth."""
@@ -156,7 +178,7 @@ def export(
         elif to == "qgis":
             tasks.export_qgis(source, output, anchor, detection, time, score)
         elif source.suffix == ".csv":
-            tasks.export_table(source, output, to, anchor, kind, time)
+            tasks.export_table(source, output, to, anchor, kind, time, columns)
         else:
             tasks.export_result(source, output, to, anchor, detection, time)
     tell_written(quiet, output)

@@ -42,8 +42,10 @@ from flgpr.tasks.exchange import export_run as export_run
 from flgpr.tasks.exchange import export_table as export_table
 from flgpr.tasks.exchange import import_cphd as import_cphd
 from flgpr.tasks.exchange import import_gpr as import_gpr
+from flgpr.tasks.exchange import import_table as import_table
 from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
 from flgpr.tasks.exchange import map_bytes as map_bytes
+from flgpr.tasks.exchange import table_reading as table_reading
 from flgpr.tasks.exchange import track_of as track_of
 from flgpr.tasks.exchange import write_draft as write_draft
 from flgpr.tasks.information import model_info as model_info

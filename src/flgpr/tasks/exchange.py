@@ -27,11 +27,12 @@ from flgpr.io import (
 )
 from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.dialects import TableReading, parse_columns_option
 from flgpr.io.files import existing
 from flgpr.io.mapped import Imported, import_mapped
 from flgpr.io.outputs import whole_output, write_new
 from flgpr.io.run_store import is_stored
-from flgpr.io.tables import json_value, parse_table
+from flgpr.io.tables import json_value, parse_table, read_table, table_text
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
@@ -45,6 +46,13 @@ PathLike = str | Path
 TABLE_FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv")
 FORMATS = (*TABLE_FORMATS, "geotiff", "qgis", "cphd")
 _MARGIN = 5.0  # m of ground about the lane
+
+
+def table_reading(columns: str | None = None, anchor: PathLike | None = None) -> TableReading | None:
+    """Make what a user says of a table: columns as ``x=Rechts,y=Hoch``, and the anchor (TOML) of its places."""
+    if columns is None and anchor is None:
+        return None
+    return TableReading({} if columns is None else parse_columns_option(columns), _anchor(anchor))
 
 
 def write_draft(mapping: str, output: PathLike) -> Path:
@@ -147,14 +155,33 @@ def export_table(
     anchor: PathLike | None,
     kind: str = "truth",
     time: str | None = None,
+    columns: str | None = None,
 ) -> Path:
     """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml", "gpx" or "csv".
 
-    ``time`` is when, ISO 8601 with a time zone.
+    ``time`` is when, ISO 8601 with a time zone; ``columns`` are such as ``x=Rechts,y=Hoch``.
     """
     data = read_named(existing(table, f"{kind} file"))
-    rows, digest = parse_table(data, kind, table), sha256(data)
-    return _write_points(rows, Path(output), to, _tie(anchor, None, table), kind, f"sha256:{digest}", time)
+    tie = _tie(anchor, None, table)
+    reading = None if columns is None else TableReading(parse_columns_option(columns), tie)
+    rows, digest = parse_table(data, kind, table, reading), sha256(data)
+    return _write_points(rows, Path(output), to, tie, kind, f"sha256:{digest}", time)
+
+
+def import_table(
+    table: PathLike, output: PathLike, kind: str, columns: str | None = None, anchor: PathLike | None = None
+) -> pd.DataFrame:
+    """Read alarms, truth or objects (``kind``) as others write them, and write the CSV that flgpr reads.
+
+    See :mod:`flgpr.io.dialects`. Another file at the output's place is refused. The table's ``attrs["notes"]`` say what
+    was read otherwise than it stands.
+    """
+    if kind not in ("alarms", "truth", "objects"):
+        raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")
+    _check_home(Path(output))
+    rows = read_table(table, kind, table_reading(columns, anchor) or TableReading())
+    write_new(Path(output), table_text(rows))
+    return rows
 
 
 def export_result(
