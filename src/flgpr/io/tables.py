@@ -59,6 +59,7 @@ def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading 
     with faults_of(path):
         if reading is None and _is_plain(data, kind):
             return _CHECKS[kind](parse_columns(data, *ids))
+        _check_table_size(data)
         text, notes = decoded(data)
         body, more = without_comments(text, kind)
         notes += more
@@ -79,6 +80,12 @@ def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading 
         tell_note(f"{Path(path).name}: {note}")
     checked.attrs["notes"] = notes
     return checked
+
+
+def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
+    """Read a table as flgpr itself writes it, with its own names of columns in UTF-8; all else is a ValueError."""
+    with faults_of(path):
+        return _CHECKS[kind](parse_columns(data, "alarm_id", "target_id", "object_id"))
 
 
 def _is_plain(data: bytes, kind: str) -> bool:
@@ -113,7 +120,7 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     as_text = dict.fromkeys(texts, str)
     head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
     mark = mark_of(head)
-    _check_table_size(data, head.count(mark) + 1, data.count(mark.encode()))
+    _check_table_size(data)
     if mark == ",":
         return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
     if mark == ";" and "," in head:
@@ -129,8 +136,12 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     return unquoted(pd.read_csv(io.StringIO(text), sep=mark, decimal="," if commas else ".", dtype=as_text))
 
 
-def _check_table_size(data: bytes, columns: int, marks: int) -> None:
+def _check_table_size(data: bytes) -> None:
     """Refuse a table that would take far more memory than its file; quoted line ends and marks count as such, too."""
+    head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
+    mark = mark_of(head)
+    columns = head.count(mark) + 1
+    marks = data.count(mark.encode())
     rows = max(data.count(b"\n"), data.count(b"\r"))
     counts = {"rows": (rows, _MOST_ROWS), "columns": (columns, _MOST_COLUMNS), "cells": (rows + marks, _MOST_CELLS)}
     for what, (count, most) in counts.items():
@@ -184,7 +195,11 @@ def plain_text(cell: Any) -> Any:
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table with x and y as GeoJSON points in the lane frame, m, as ``flgpr_frame`` says; whole or absent."""
+    """Write a table with x and y as points in the form of GeoJSON, in the lane frame, m; whole or absent.
+
+    ``flgpr_frame`` says so in the file. GeoJSON itself is longitude and latitude (RFC 7946), so that such a file should
+    end in ``.json``: :func:`flgpr.io.write_earth_geojson` writes what maps read.
+    """
     places = table[["x", "y"]].astype(float).to_numpy().tolist()
     frame = "lane frame: x cross-track, y down-track, metres; not longitude and latitude"
     write_features(path, places, table.drop(columns=["x", "y"]), {"flgpr_frame": frame})

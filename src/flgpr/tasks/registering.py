@@ -16,7 +16,7 @@ from flgpr.execution.lane_run import results_at
 from flgpr.io.dialects import TableReading
 from flgpr.io.files import existing, listed_files
 from flgpr.io.outputs import tell_finished
-from flgpr.io.tables import parse_table
+from flgpr.io.tables import parse_own_table, parse_table
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import Registration, check_head, content_hash, head_of, require_registered, require_truth
@@ -41,6 +41,8 @@ class Entrant:
 
     def table(self) -> pd.DataFrame:
         """Give the alarms."""
+        if self.of_result:
+            return parse_own_table(self.data, "alarms", self.path)
         return parse_table(self.data, "alarms", self.path, self.reading)
 
     def notes(self, line: Mapping[str, Any] | None) -> dict[str, Any]:
