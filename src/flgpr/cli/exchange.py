@@ -16,6 +16,10 @@ FORMATS = ("geojson", "gpkg", "kml", "gpx", "csv", "geotiff", "qgis", "cphd")
 import_app = typer.Typer(name="import", help="Read other formats into a run.", no_args_is_help=True)
 
 Point = tuple[float, float, float]
+FromTrack = Annotated[
+    bool,
+    Option("--anchor-from-track", help="Without an anchor: the first fix is the origin, the course is +y."),
+]
 Anchor = Annotated[Path | None, Option(help="TOML that ties the lane to the Earth.")]
 
 
@@ -72,6 +76,7 @@ def import_mapped(
     survey: Annotated[Path | None, Option(help="CSV of surveyed poses, a line per scan.")] = None,
     track: Annotated[Path | None, Option(help="CSV track, take of Motive, or NMEA log.")] = None,
     anchor: Anchor = None,
+    anchor_from_track: FromTrack = False,
     clock_offset: Annotated[float, Option(help="The track's clock less the radar's, s.")] = 0.0,
     lever_arm: Annotated[Point, Option(help="Positioning antenna in the vehicle frame, m: x y z.")] = (0.0, 0.0, 0.0),
     latency: Annotated[float, Option(help="How late the track's time stamps are, s.")] = 0.0,
@@ -84,9 +89,12 @@ def import_mapped(
     """Import HDF5, MATLAB, NumPy, MCAP, CSV or Touchstone files by a mapping; `flgpr info FILE` drafts one."""
     with plain_errors(quiet):
         axis = None if axes is None else axes.split(",")
-        way = None if track is None else tasks.track_of(track, anchor, body, axis, max_gap)
+        own = anchor_from_track and track is not None and track.suffix.lower() != ".csv"
+        way = track if track is None or own else tasks.track_of(track, anchor, body, axis, max_gap)
         positions = (survey, way, anchor, clock_offset, lever_arm, latency)
-        arrived = tasks.import_with_mapping(mapping, output, list(data or ()), *positions, tasks.parse_size(max_memory))
+        memory = tasks.parse_size(max_memory)
+        files: list[str | Path] = list(data or ())
+        arrived = tasks.import_with_mapping(mapping, output, files, *positions, memory, anchor_from_track)
     for note in () if quiet else arrived.notes:
         typer.echo(note)
     tell_written(quiet, output)
@@ -139,13 +147,15 @@ def import_gpr(
     height: Annotated[float, Option(help="Antennas over the ground, m; 0 is coupled to the ground.")] = 0.0,
     polarization: Annotated[str, Option(help="HH (dipoles across the way), HV, VH or VV.")] = "HH",
     anchor: Anchor = None,
+    anchor_from_track: FromTrack = False,
     max_memory: Annotated[str, Option(help="Largest array that is read.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
     """Import a line that a commercial ground-penetrating radar recorded; `flgpr info FILE` tells what it holds."""
     with plain_errors(quiet):
         run = tasks.import_gpr(
-            file, output, channel, anchor, tasks.parse_size(max_memory), step=step, band=band, separation=separation,
+            file, output, channel, anchor, tasks.parse_size(max_memory), anchor_from_track,
+            step=step, band=band, separation=separation,
             time_zero=None if time_zero is None else time_zero * 1e-9, window=None if window is None else window * 1e-9,
             across=across, height=height, polarization=polarization,
         )  # fmt: skip

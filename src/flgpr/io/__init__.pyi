@@ -69,6 +69,8 @@ from flgpr.io.tables import read_lane as read_lane
 from flgpr.io.tables import read_table as read_table
 from flgpr.io.tables import write_geojson as write_geojson
 from flgpr.io.tables import write_table as write_table
+from flgpr.io.track_anchor import anchor_from_fixes as anchor_from_fixes
+from flgpr.io.tracks import nmea_places as nmea_places
 from flgpr.io.tracks import read_nmea as read_nmea
 from flgpr.io.tracks import read_survey as read_survey
 from flgpr.io.tracks import read_track as read_track

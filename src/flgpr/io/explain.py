@@ -151,7 +151,7 @@ class _Draft:
 
 def _propose(opened: ArrayFile) -> str:
     draft = _Draft(opened)
-    signal, imaginary = find_signal(opened)
+    signal, imaginary = _find_signal(opened)
     if signal is None:
         return ""
     draft.topic = signal.name.rsplit("/", 1)[0] if opened.kind == "MCAP recording" else ""
@@ -168,7 +168,7 @@ def _propose(opened: ArrayFile) -> str:
     way = _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0) if track is None else {}
     positions.pop("way", None)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
-    labels = labels_of(opened, sizes)
+    labels = _labels(opened, sizes)
     dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels, way)
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
@@ -190,7 +190,7 @@ def _propose(opened: ArrayFile) -> str:
         ]
     lines += ["", *_axis_lines(opened, frequency, samples), *_position_lines(opened, positions, "pair" in dims)]
     if stamp is not None:
-        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{unit_of(opened, stamp, "s")}"', ""]
+        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
     if track is not None:
         lines += _track_lines(draft, *track)
     elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
@@ -198,8 +198,7 @@ def _propose(opened: ArrayFile) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
+def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
     complex_ones = [info for info in arrays if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)]
     if complex_ones:
@@ -304,7 +303,7 @@ def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
     angles = [name for name in ("heading", "pitch", "roll") if name in way]
     position = way.get("position")
     if position is not None:
-        unit = unit_of(draft.opened, position, "m")
+        unit = _unit(draft.opened, position, "m")
         beside = ', z = "0?"' if position.shape[1] == 2 else ""
         lines.append(f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}')
         if position.shape[1] == 6:
@@ -330,7 +329,7 @@ def _guess(way: dict[str, ArrayInfo], name: str, without: str) -> str:
 
 
 def _common_unit(draft: _Draft, infos: list[ArrayInfo], usual: str) -> str:
-    units = {unit_of(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
+    units = {_unit(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
     return units.pop() if len(units) == 1 else "?"
 
 
@@ -338,8 +337,8 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     opened = draft.opened
     lines = [
         "[track]  # positions on a clock of their own",
-        f'time = {{variable = {json.dumps(clock.name)}, unit = "{unit_of(opened, clock, "s")}"}}',
-        f'position = {{variable = {json.dumps(position.name)}, unit = "{unit_of(opened, position, "m")}"}}',
+        f'time = {{variable = {json.dumps(clock.name)}, unit = "{_unit(opened, clock, "s")}"}}',
+        f'position = {{variable = {json.dumps(position.name)}, unit = "{_unit(opened, position, "m")}"}}',
     ]
     beside = position.name.rsplit("/", 1)[0]
     turned = [
@@ -358,8 +357,7 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it"]
 
 
-def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
-    """Read the polarizations of a file if it names them, else guess one, marked so."""
+def _labels(opened: ArrayFile, sizes: list[int]) -> list[str]:
     for info in opened.arrays.values():
         if math.prod(info.shape) in sizes:
             values = _values(opened, info)
@@ -410,10 +408,10 @@ def _dims(
 
 def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None) -> list[str]:
     if frequency is not None:
-        unit = unit_of(opened, frequency, "Hz")
+        unit = _unit(opened, frequency, "Hz")
         return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
     if samples is not None:
-        unit = unit_of(opened, samples, "m" if "range" in samples.name.lower() else "ns")
+        unit = _unit(opened, samples, "m" if "range" in samples.name.lower() else "ns")
         meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
         return [
             "[samples]", f"variable = {json.dumps(samples.name)}", f'unit = "{unit}"',
@@ -440,12 +438,12 @@ def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pa
     for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
         info = positions[side][0]
         frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
-        unit = unit_of(opened, info, "m")
+        unit = _unit(opened, info, "m")
         lines += [f"[{side}_position]", f"variable = {json.dumps(info.name)}", f'unit = "{unit}"', *frame, ""]
     return lines
 
 
-def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
+def _unit(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
     kind = next(units for units in UNITS.values() if usual in units)
     stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
@@ -460,3 +458,18 @@ def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
         top = float(np.max(values)) if values is not None else 0.0
         return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
     return f"{usual}?"
+
+
+def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
+    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
+    return _find_signal(opened)
+
+
+def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
+    """Read the polarizations of a file if it names them, else guess one, marked so."""
+    return _labels(opened, sizes)
+
+
+def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
+    """Take the unit that a file states for an array, else guess the usual one and mark it so."""
+    return _unit(opened, info, usual)
