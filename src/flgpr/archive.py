@@ -38,12 +38,14 @@ class Archive(Mapping[str, "NDArray[Any]"]):
 
     Each member must be a ``.npy`` of numbers, booleans or text, stored or deflated, of the size that its header tells.
     All of them together may take ``most`` bytes, and above 64 MiB 200 times the room that they take in the file. Other
-    members, and arrays of Python objects, are passed over. A file that breaks a rule is a ValueError.
+    members, and arrays of Python objects, are passed over, as ``passed_over`` says by name. A file that breaks a rule
+    is a ValueError.
     """
 
     def __init__(self, file: BinaryIO, most: int = MOST_DECODED) -> None:
         _check_directory(file)
         self.members: dict[str, Member] = {}
+        self.passed_over: dict[str, str] = {}
         try:
             self._zip = zipfile.ZipFile(file)
             for entry in self._zip.infolist():
@@ -76,12 +78,14 @@ class Archive(Mapping[str, "NDArray[Any]"]):
     def _add(self, entry: zipfile.ZipInfo) -> None:
         name = entry.filename.removesuffix(".npy")
         if name == entry.filename:
+            self.passed_over[name] = "no array"
             return
         if entry.compress_type not in _METHODS:
             raise ValueError(f"{entry.filename} must be stored or deflated, got method {entry.compress_type}")
         with self._zip.open(entry) as file:
             shape, dtype, head = npy_header(file)
         if dtype.kind not in _KINDS or not dtype.itemsize:
+            self.passed_over[name] = "Python objects" if dtype.hasobject else f"values of type {dtype}"
             return
         if head + array_bytes(shape, dtype) != entry.file_size:
             raise ValueError(f"{entry.filename} holds {entry.file_size} bytes, its header tells {shape} {dtype}")

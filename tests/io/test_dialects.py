@@ -58,8 +58,8 @@ def test_columns_are_known_in_six_languages(head, tmp_path):
         ("# made by us\n# twice\nx,y,confidence\n0.25,3.5,7\n#-1,2,3\n-0.5,10.25,9\n", "utf-8", "3 lines that begin"),
         ("# x,y,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-8", "the header stands behind a #"),
         ("sep=;\nx;y;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "utf-8", None),
-        ("x;längs;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "latin-1", "it is no UTF-8: read as Latin-1"),
-        ("x,längs,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-16", "read as UTF-16"),
+        ("x;längs;confidence\n0,25;3,5;7\n-0,5;10,25;9\n", "latin-1", "the table is text in Latin-1, which is assumed"),
+        ("x,längs,confidence\n0.25,3.5,7\n-0.5,10.25,9\n", "utf-16", "the table is text in UTF-16"),
         ("x [cm],y [mm],confidence\n25,3500,7\n-50,10250,9\n", "utf-8", "x taken from cm to m"),
     ],
 )

@@ -23,6 +23,7 @@ from flgpr.io.tables import read_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
+from io_recordings import gps_lines, two_headers, with_extra_headers
 from take import take_text
 
 ARRAYS = {"field": np.arange(24).reshape(2, 3, 4) * (1 + 2j), "f": np.linspace(1, 2, 4), "tx": np.ones((3, 3))}
@@ -42,6 +43,13 @@ def good(tmp_path_factory):
             file[f"g/{name}"].attrs["units"] = "m"
     (folder / "a.csv").write_text("f;s\n1e9;1+2i\n2e9;-3-4.5i\n")
     (folder / "a.s2p").write_text("# MHz S RI R 50\n500 0.1 0 1 2 3 4 0 0\n600 0.1 0 1 2 3 4 0 0\n")
+    (folder / "down.s2p").write_text("# MHz S RI R 50\n600 0.1 0 1 2 3 4 0 0\n500 0.1 0 1 2 3 4 0 0\n300 1 1 1 1\n")
+    (folder / "vna.csv").write_text("!CSV\nBEGIN CH1\nf,s(REAL),s(IMAG)\n1e9,1,2\n2e9,3,4\nEND\nBEGIN CH2\n1,2\nEND\n")
+    (folder / "wide.csv").write_bytes("fä;s\n1e9;1+2i\n2e9;-3-4,5i\n".encode("utf-16"))
+    with h5py.File(folder / "merged.h5", "w") as file:
+        file.attrs.update({"Title": "a", "gprMax": "3.1", "Iterations": 6, "dt": 2e-11, "nrx": 1})
+        file["rxs/rx1/Ez"] = np.ones((6, 4), np.float32)
+        file["rxs/rx1/label"] = "text"
     (folder / "commas.csv").write_text("f;s\n1e9;1,5+2i\n2e9;-3-4,5i\n")
     turned = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
     (folder / "take.csv").write_text(take_text([0.0, 0.5, 1.0], np.ones((3, 3)), turned, lost=(1,)))
@@ -51,7 +59,10 @@ def good(tmp_path_factory):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-NAMES = ["a.npz", "b.npz", "a.npy", "a.csv", "commas.csv", "a.s2p", "take.csv", "a.mcap", "b.mcap"]
+NAMES = [
+    "a.npz", "b.npz", "a.npy", "a.csv", "commas.csv", "vna.csv", "wide.csv", "a.s2p", "down.s2p", "take.csv", "a.mcap",
+    "b.mcap",
+]  # fmt: skip
 
 
 def read_all(path):
@@ -72,7 +83,7 @@ def test_damaged_array_files(good, name, data, tmp_path):
         assert said is None or (str(path) in said and "\n" not in said)
 
 
-GUARDED = ["a.h5", "a.mat", "b.mat"]
+GUARDED = ["a.h5", "merged.h5", "a.mat", "b.mat"]
 
 
 @pytest.mark.parametrize("name", GUARDED)
@@ -81,9 +92,10 @@ GUARDED = ["a.h5", "a.mat", "b.mat"]
 def test_damaged_files_that_a_child_reads(good, name, data, tmp_path):
     path = tmp_path / name
     path.write_bytes(damaged(good[name], data.draw))
-    with in_forks(), mock.patch("flgpr.io.arrays._PATIENCE", 5.0):
-        said = refusal(read_all, path)
-    assert said is None or (str(path) in said and "\n" not in said)
+    for call in (read_all, explain_file) if name == "merged.h5" else (read_all,):
+        with in_forks(), mock.patch("flgpr.io.arrays._PATIENCE", 5.0):
+            said = refusal(call, path)
+        assert said is None or (str(path) in said and "\n" not in said)
 
 
 @pytest.mark.parametrize("name", GUARDED)
@@ -120,8 +132,27 @@ def test_damaged_cphd(small_run, data, tmp_path):
 COR = "".join(f"{k + 1}\t2024-04-04\t12:00:00\t{47.9 + k * 1e-6}\tN\t11.3\tE\t0.0\tM\t1\n" for k in range(6)).encode()
 FIX = "Trace #{0} at position 1\n$GSSIS,{0},0\n$GPGGA,120000.00,4754.0{0},N,1118.0,E,4,9,0.9,0.0,M,0.0,M,,*00\n"
 GPS = "".join(FIX.format(k) for k in range(1, 6)).encode()
+GP2 = gps_lines([0, 2, 5], [47.9, 47.90001, 47.90002], [11.3] * 3, "gp2").encode()
+DZX = (
+    b"<DZX><GlobalProperties><horizontalUnit>m</horizontalUnit><unitsPerScan>0.05</unitsPerScan></GlobalProperties>"
+    b"<File><Profile><WayPt><scan>1</scan><mark>User</mark><distance>1</distance></WayPt><WayPt><scan>5</scan>"
+    b"<distance>2</distance></WayPt></Profile></File></DZX>"
+)
 RECORDINGS = {
     "dt1": (write_dt1, ".hd", ".gps", GPS),
+    "gp2.dt1": (
+        lambda path, one: write_dt1(path, one, real=True, DATA_TYPE="", POSITION_UNITS="cm"),
+        ".hd",
+        ".gp2",
+        GP2,
+    ),
+    "dzx.dzt": (two_headers, None, ".dzx", DZX),
+    "new.sgy": (
+        lambda path, one: with_extra_headers(write_segy(path, one, code=5), len(one), width=4),
+        None,
+        None,
+        b"",
+    ),
     "dzt": (lambda path, one: write_dzt(path, np.stack([one, one], 1), names=("50400", "")), None, ".dzg", GPS),
     "rd3": (write_mala, ".RAD", ".cor", COR),
     "rd7": (write_mala, ".RAD", ".cor", COR),
@@ -139,7 +170,7 @@ def test_damaged_recordings(kind, data, tmp_path):
     """Damage to the recording, its header or its positions; what can still be read makes a run or is refused."""
     write, header, positions, places = RECORDINGS[kind]
     folder, good = tmp_path / "damaged", tmp_path / "good"
-    path = folder / f"a.{kind}"
+    path = folder / f"a.{kind.rpartition('.')[2]}"
     if not good.exists():
         folder.mkdir()
         good.mkdir()

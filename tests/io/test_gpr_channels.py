@@ -11,7 +11,7 @@ BOTH = np.stack([section(20), -3 * section(20)], axis=1)
 
 @pytest.fixture
 def line(tmp_path):
-    return read_gpr(write_dzt(tmp_path / "a.DZT", BOTH, names=("50400", "50900")))
+    return read_gpr(write_dzt(tmp_path / "a.DZT", BOTH, names=("50400", "3101")))
 
 
 def test_every_channel_is_a_pair_as_it_would_be_alone(line):

@@ -137,4 +137,4 @@ def test_faults_are_told(files, tmp_path):
         del file["rxs/rx1/Ex"]
         file["rxs/rx1/Ex"] = np.stack([values, values], axis=1)
 
-    changed(merge, "merged files are not read")
+    changed(merge, "this is a merged B-scan: give the scans' own results")

@@ -53,6 +53,40 @@ def test_antennas_on_the_ground_ask_for_its_permittivity(line):
         tasks.make_picture(line)
 
 
+def test_a_section_goes_down_to_the_end_of_the_record_and_z_alone_bounds_it(tmp_path):
+    """1200 ns in ground of permittivity 6 are 73 m; a section of 3 m would not be seen to be part of it."""
+    write_dt1(tmp_path / "a.dt1", section(20), TOTAL_TIME_WINDOW=1200, TIMEZERO_AT_POINT=1)
+    tasks.import_gpr(tmp_path / "a.dt1", tmp_path / "a.zarr", band=(2e6, 100e6))
+    ground = SPEED_OF_LIGHT / 6**0.5
+    made = tasks.make_picture(tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5))
+    depth = -float(made.image["z"].values[0])
+    assert depth == pytest.approx(1200e-9 * ground / 2, abs=0.5)
+    assert made.image["z"].values[-1] == pytest.approx(0, abs=0.5)
+    part = tasks.make_picture(tmp_path / "a.zarr", tasks.View(permittivity=6.0, spacing=0.5, z=(-20.0, -5.0)))
+    np.testing.assert_allclose(part.image["z"].values[[0, -1]], [-20, -5])
+    np.testing.assert_allclose(part.image["y"].values, made.image["y"].values)
+
+
+def test_a_section_begins_where_the_record_does(line):
+    held = open_run(line)
+    window, first = held.attrs["time_window_s"], held.attrs["first_sample_s"]
+    made = tasks.make_picture(line, tasks.View(permittivity=TRUE))
+    assert -made.image["z"].values[0] == pytest.approx(SPEED * (window + first) / 2, abs=made.spacing)
+
+
+def test_the_label_of_the_colour_bar_is_whole(line):
+    """Drawn, the label lies within the figure, also where the panel is low."""
+    from flgpr.report.figures import image_figure
+
+    made = tasks.make_picture(line, tasks.View(permittivity=TRUE, z=(-0.4, 0.0)))
+    figure = image_figure(made.image, made.peaks, open_run(line)["pose"].values)
+    figure.canvas.draw()
+    bar = figure.axes[-1]
+    box = bar.yaxis.label.get_window_extent()
+    assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_noise_tells_no_permittivity_and_an_edge_is_none(line, tmp_path):
     held = open_run(line).compute()
     rng = np.random.default_rng(0)

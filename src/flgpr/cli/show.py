@@ -154,6 +154,7 @@ def info_lines(told: dict[str, Any]) -> list[str]:
     lines += [
         *(f"  channels       {line}" for line in told["health"]),
         *_recipe_lines(told["recipes"]),
+        *(f"  note           {line}" for line in told["import_notes"]),
         *(f"  warning        {line}" for line in told["warnings"]),
         *(["", *_coverage_map(told)] if vehicle else []),
     ]

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from flgpr.io.files import existing
 from flgpr.io.motive import is_motive, read_motive
 from flgpr.io.recording import Recording
 from flgpr.io.tables import read_text_table
+from flgpr.io.touchstone import touchstone_text
 
 LIMIT = MAX_MEMORY
 """Largest array that is read, bytes, unless told otherwise."""
@@ -32,6 +33,9 @@ _CONVERTED = {b"SQLite format 3": "a ROS 2 bag (or another file) in SQLite", b"#
 _CHILD = Path(__file__).with_name("child.py")
 _PATIENCE = 120.0  # s
 _MOST_OF_ALL = 8  # times the largest array that all arrays of an archive may take: they are read one by one
+_PAIRS = (("real", "imag"), ("re", "im"), ("r", "i"))
+"""Names of the fields of a record that is a complex number."""
+_COMPLEX_PAIRS = [{*pair} for pair in _PAIRS]
 _SPARE = 2**29  # bytes that a child may take beside what it reads
 
 
@@ -55,6 +59,8 @@ class ArrayFile:
     _read: Callable[[str], Any] = field(repr=False)
     limit: int = LIMIT
     about: list[str] = field(default_factory=list)  #: what else the file tells, a line each
+    #: what was assumed, changed or left out so far, in words, which an import keeps
+    notes: list[str] = field(default_factory=list)
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one of ``arrays`` in the machine's byte order; if it is too large or damaged, that is a ValueError."""
@@ -86,11 +92,12 @@ def open_arrays(path: str | Path, limit: int = LIMIT) -> ArrayFile:
     if path.stat().st_size > limit and opener is not _open_mcap:
         raise ValueError(f"{path}: a file must hold at most {limit / 1e9:g} GB, got {path.stat().st_size / 1e9:.3g} GB")
     about: list[str] = []
+    notes: list[str] = []
     with _plainly(path, kind):
-        infos, read = opener(path, limit, about)
+        infos, read = opener(path, limit, about, notes)
     if not infos and not about:
         raise ValueError(f"{path}: this {kind} holds no array")
-    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about)
+    return ArrayFile(path, kind, {info.name: info for info in infos}, read, limit, about, notes)
 
 
 @contextmanager
@@ -109,7 +116,8 @@ def _plainly(path: Path, kind: str) -> Iterator[None]:
 _Opened = tuple[list[ArrayInfo], Callable[[str], Any]]
 
 
-_Opener = Callable[[Path, int, list[str]], _Opened]
+_Opener = Callable[[Path, int, list[str], list[str]], _Opened]
+"""Opens a file with a limit for its arrays, bytes; adds lines to what it tells, and to the notes of an import."""
 
 
 def _format_of(path: Path) -> tuple[str, _Opener]:
@@ -152,30 +160,39 @@ def _in_child(library: str, *arguments: object, stdout: Any = subprocess.DEVNULL
         raise ValueError(said[-1] if said and done.returncode > 0 else f"the {library} library crashes on it")
 
 
-def _open_mcap(path: Path, limit: int, about: list[str]) -> _Opened:
-    recording = Recording(path, limit)
+def _open_mcap(path: Path, limit: int, about: list[str], notes: list[str]) -> _Opened:
+    recording = Recording(path, limit, notes)
     about += recording.lines
     return [ArrayInfo(*one) for one in recording.arrays], recording.read
 
 
-def _open_motive(path: Path, limit: int, about: list[str]) -> _Opened:  # noqa: ARG001
+def _open_motive(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
     arrays, units, told = read_motive(path)
     about += told
     infos = [ArrayInfo(name, value.shape, str(value.dtype), units.get(name, "")) for name, value in arrays.items()]
     return infos, arrays.__getitem__
 
 
-def _open_hdf5(path: Path, *_: Any) -> _Opened:
-    _in_child("HDF5", path)
+def _open_hdf5(path: Path, _: int, about: list[str], *_notes: list[str]) -> _Opened:
+    with tempfile.TemporaryFile() as file:
+        _in_child("HDF5", path, stdout=file)
+        file.seek(0)
+        damaged = dict(line.split("\t", 1) for line in file.read().decode(errors="replace").splitlines())
     infos: list[ArrayInfo] = []
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.shape is not None and not name.startswith("#"):
-            matlab = "MATLAB_class" in item.attrs
-            shape = item.shape[::-1] if matlab else item.shape
-            unit = next((item.attrs[key] for key in ("units", "unit", "UNITS") if key in item.attrs), "")
-            unit = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-            infos.append(ArrayInfo(name, tuple(map(int, shape)), str(item.dtype), unit))
+        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+            return
+        if item.shape is None:
+            about.append(f"{name}: empty")
+            return
+        unreadable = damaged.get(repr(name)) or _unreadable(item.dtype)
+        if unreadable:
+            about.append(f"{name}: not read: {unreadable}")
+            return
+        shape = item.shape[::-1] if "MATLAB_class" in item.attrs else item.shape
+        kind = "text" if h5py.check_string_dtype(item.dtype) else str(item.dtype)
+        infos.append(ArrayInfo(name, tuple(map(int, shape)), kind, _unit_of(item)))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
@@ -185,27 +202,58 @@ def _open_hdf5(path: Path, *_: Any) -> _Opened:
         with h5py.File(path, "r") as file:
             item = file[name]
             check_expansion(name, item.nbytes, item.id.get_storage_size())
-            values = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+            values = item[()]
+            if h5py.check_string_dtype(item.dtype):
+                values = np.asarray(item.asstr(errors="replace")[()], dtype=np.str_)
             return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
     return infos, read
 
 
-def _open_mat(path: Path, limit: int, *_: Any) -> _Opened:
+def _unit_of(item: Any) -> str:
+    """Return the unit that an attribute of an HDF5 array states; empty if there is none, or none that can be read."""
+    for key in ("units", "unit", "UNITS"):
+        with suppress(KeyError, OSError, TypeError, ValueError, RuntimeError):
+            unit = item.attrs[key]
+            return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+    return ""
+
+
+def _unreadable(kind: np.dtype[Any]) -> str:
+    """Say why values of a type of HDF5 are neither numbers nor text; empty if they are."""
+    if h5py.check_string_dtype(kind):
+        return ""
+    if h5py.check_ref_dtype(kind):
+        return "references to other parts of the file"
+    if h5py.check_vlen_dtype(kind) is not None:
+        return "rows of different lengths"
+    if kind.names:
+        numbers = all(kind[name].kind in "fiu" for name in kind.names)
+        if numbers and {name.lower() for name in kind.names} in _COMPLEX_PAIRS:
+            return ""
+        return f"records of {', '.join(kind.names)}"
+    return "" if kind.kind in "fciubUS" else f"values of type {kind}"
+
+
+def _open_mat(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
     arrays: dict[str, NDArray[Any]] = {}
     with tempfile.TemporaryFile() as file:
         _in_child("MATLAB", path, limit, _SPARE, stdout=file)
         end = file.seek(0, os.SEEK_END)
         file.seek(0)
+        passed_over = np.load(file, allow_pickle=False)
+        about += [f"{one}" for one in passed_over.tolist()]
         while file.tell() < end:
             name = str(np.load(file, allow_pickle=False))
             arrays[name] = np.load(file, allow_pickle=False)
     return _held(arrays)
 
 
-def _open_npz(path: Path, limit: int, *_: Any) -> _Opened:
+def _open_npz(path: Path, limit: int, about: list[str], *_notes: list[str]) -> _Opened:
     with open_named(path) as file:
-        members = Archive(file, _MOST_OF_ALL * limit).members
+        archive = Archive(file, _MOST_OF_ALL * limit)
+    members = archive.members
+    about += [f"{name}: not read: {reason}" for name, reason in archive.passed_over.items()]
     infos = [ArrayInfo(name, member.shape, str(member.dtype)) for name, member in members.items()]
 
     def read(name: str) -> Any:
@@ -229,13 +277,21 @@ def _open_npy(path: Path, *_: Any) -> _Opened:
     return [ArrayInfo("array", shape, str(dtype))], read
 
 
+def _open_text(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
+    return _held(read_text_table(path, notes))
+
+
 def _held(arrays: dict[str, NDArray[Any]]) -> _Opened:
     return [ArrayInfo(name, value.shape, str(value.dtype)) for name, value in arrays.items()], arrays.__getitem__
 
 
-def _open_touchstone(path: Path, *_: Any) -> _Opened:
-    network = optional("skrf", "vna").Network(str(path))
+def _open_touchstone(path: Path, _: int, _about: list[str], notes: list[str]) -> _Opened:
+    library = optional("skrf", "vna")
+    text = touchstone_text(path, notes)
+    network = library.Network(text)
     s, ports = np.asarray(network.s), network.nports
+    if text.tones not in (0, len(network.f)):
+        raise ValueError(f"it holds {text.tones} tones, of which the scikit-rf library reads {len(network.f)}")
     join = "" if ports < 10 else "_"
     arrays = {"frequency": np.asarray(network.f, dtype=np.float64), "s": s}
     arrays |= {f"s{a + 1}{join}{b + 1}": s[:, a, b] for a in range(ports) for b in range(ports)}
@@ -247,7 +303,7 @@ _FORMATS: tuple[tuple[str, str, _Opener], ...] = (
     (r"\.mat", "MATLAB file", _open_mat),
     (r"\.npz", "NumPy archive", _open_npz),
     (r"\.npy", "NumPy array", _open_npy),
-    (r"\.(csv|txt|dat|tsv)", "table of numbers", lambda path, *_: _held(read_text_table(path))),
+    (r"\.(csv|txt|dat|tsv)", "table of numbers", _open_text),
     (r"\.(s\d+p|ts)", "Touchstone file", _open_touchstone),
 )
 
@@ -257,7 +313,7 @@ def _as_complex(values: NDArray[Any]) -> NDArray[Any]:
     if not names:
         return values
     low = {name.lower(): name for name in names}
-    for real, imaginary in (("real", "imag"), ("re", "im"), ("r", "i")):
+    for real, imaginary in _PAIRS:
         if set(low) == {real, imaginary}:
             first, second = values[low[real]], values[low[imaginary]]
             return first + np.asarray(1j).astype(np.complex64 if first.dtype.itemsize == 4 else np.complex128) * second

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 
 def look(path: str) -> None:
-    """Read all attributes and all but the largest arrays of an HDF5 file."""
+    """Read all attributes and all but the largest arrays of an HDF5 file; name those that are damaged, a line each."""
     import h5py
 
     def notes(item: Any) -> None:
@@ -25,18 +25,27 @@ def look(path: str) -> None:
             with contextlib.suppress(Exception):
                 item.attrs[name]
 
-    def visit(_: str, item: Any) -> None:
+    def visit(name: str, item: Any) -> None:
         notes(item)
         if isinstance(item, h5py.Dataset) and item.size is not None and item.size < 10_000_000:
-            item[()]
+            try:
+                item[()]
+            except Exception as error:
+                reason = " ".join(str(error).split())[:120] or type(error).__name__
+                damaged.append(f"{name!r}\tdamaged ({reason})")
 
+    damaged: list[str] = []
     with h5py.File(path, "r") as file:
         notes(file)
         file.visititems(visit)
+    print(*damaged, sep="\n", end="\n" if damaged else "")
 
 
 def unpack(path: str, limit: int, spare: int) -> None:
-    """Write the arrays of a MATLAB file to standard output as ``.npy``, each after its name."""
+    """Write the arrays of a MATLAB file to standard output as ``.npy``, each after its name.
+
+    The first array holds lines that say what is passed over.
+    """
     # SciPy holds a complex array, its parts and their product at once; the spare bytes are the interpreter's.
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     most = 2**62 if hard == resource.RLIM_INFINITY else hard
@@ -45,34 +54,38 @@ def unpack(path: str, limit: int, spare: int) -> None:
 
     warnings.simplefilter("ignore")
     # MATLAB keeps whole numbers in fewer bytes: only mat_dtype tells their class, but it drops imaginary parts.
-    kinds = {name: value.dtype for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True))}
-    arrays = dict(_members("", loadmat(path, appendmat=False)))
+    passed_over: list[str] = []
+    kinds = {name: value.dtype for name, value in _members("", loadmat(path, appendmat=False, mat_dtype=True), [])}
+    arrays = dict(_members("", loadmat(path, appendmat=False), passed_over))
     if sum(value.nbytes for value in arrays.values()) > limit:
         raise MemoryError
     with open(1, "wb", closefd=False) as out:
+        np.save(out, np.array(passed_over, dtype=np.str_), allow_pickle=False)
         for name, value in arrays.items():
             kind = np.result_type(kinds[name], np.complex64) if np.iscomplexobj(value) else kinds[name]
             np.save(out, np.array(name), allow_pickle=False)
             np.save(out, value.astype("u1" if kind == np.dtype(bool) else kind, copy=False), allow_pickle=False)
 
 
-def _members(label: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+def _members(label: str, value: Any, passed_over: list[str]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Go into structures and cells in MATLAB's order; objects, functions and sparse arrays are passed over."""
     if isinstance(value, dict):
         for name, one in value.items():
             if isinstance(one, str) and name != "__version__":
-                raise ValueError(f"{name}: {one}")  # SciPy goes on beyond variables that it cannot read
-            if not name.startswith("__"):
-                yield from _members(name, one)
+                passed_over.append(f"{name}: not read: {one}")  # SciPy goes on beyond variables that it cannot read
+            elif not name.startswith("__"):
+                yield from _members(name, one, passed_over)
     elif type(value) is np.ndarray and value.dtype.hasobject:
         for k, one in enumerate(value.ravel(order="F")):
             place = label if value.dtype.names and value.size == 1 else f"{label}[{k}]"
             for name in value.dtype.names or ():
-                yield from _members(f"{place}.{name}", one[name])
+                yield from _members(f"{place}.{name}", one[name], passed_over)
             if not value.dtype.names:
-                yield from _members(place, one)
+                yield from _members(place, one, passed_over)
     elif type(value) is np.ndarray:
         yield label, value.reshape(()) if value.dtype.kind == "U" and value.size == 1 else value
+    else:
+        passed_over.append(f"{label}: not read: {type(value).__name__}")
 
 
 if __name__ == "__main__":

@@ -79,16 +79,6 @@ def parse_columns_option(text: str) -> dict[str, str]:
     return found
 
 
-def decoded(data: bytes) -> tuple[str, list[str]]:
-    """Decode a table: UTF-8, UTF-16 with a byte order mark, else Latin-1, which a note tells."""
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16"), ["read as UTF-16"]
-    try:
-        return data.decode("utf-8-sig"), []
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace"), ["it is no UTF-8: read as Latin-1"]
-
-
 def without_comments(text: str, kind: str) -> tuple[str, list[str]]:
     """Leave out lines that begin with ``#``, and a first line ``sep=;``; a header behind a ``#`` is one.
 

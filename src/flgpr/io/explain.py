@@ -18,13 +18,16 @@ from flgpr.io.declared import MAX_MEMORY
 from flgpr.io.extras import optional
 from flgpr.io.files import existing
 from flgpr.io.gpr_files import is_gpr
-from flgpr.io.gprmax import explain_gprmax, is_gprmax
+from flgpr.io.gprmax import explain_gprmax, explain_merged, is_gprmax
 from flgpr.io.mapping import UNITS
 from flgpr.model import POLARIZATIONS
 
 _SMALL = 2_000_000  # values; larger arrays are not read to explain them
 _NO_SUFFIX = ("in", "h", "min")  # units that are words in names
 _LONG_UNITS = {"meter": "m", "metre": "m", "foot": "ft", "feet": "ft", "degree": "deg", "radian": "rad", "second": "s"}
+_CLOCK = re.compile(r"gps|gnss|utc|epoch|stamp|scan|trace|pps|pose|slow")
+"""What a time is called that is no delay of samples."""
+_SHORTEST_SCANS = 1e-4  # s, that times of scans reach
 _ANTENNA = re.compile(r"tx|rx|ant|elem|rec|source")
 _PLACE = re.compile(r"pos|xyz|way|track|gps|gnss|rtk|coord|traj|odom|loc|place|transl|reference")
 _COMPONENTS = {
@@ -66,10 +69,11 @@ def explain_file(path: str | Path, limit: int = LIMIT) -> Explanation:
         return Explanation(path, *explain_gpr(path, limit))
     opened = open_arrays(path, limit)
     if opened.kind == "HDF5 file" and is_gprmax(path):
-        return Explanation(path, "result of gprMax", explain_gprmax(path))
+        lines, mapping = explain_merged(path)
+        return Explanation(path, "result of gprMax", lines or explain_gprmax(path), mapping)
     if opened.kind == "MCAP recording":  # whose arrays are too many, and take too long, to look at all
-        return Explanation(path, opened.kind, opened.about, _propose(opened))
-    lines = opened.about + [_line(opened, info) for info in opened.arrays.values()]
+        return Explanation(path, opened.kind, opened.about + opened.notes, _propose(opened))
+    lines = opened.about + opened.notes + [_line(opened, info) for info in opened.arrays.values()]
     if opened.kind == "take of OptiTrack Motive":
         return Explanation(path, opened.kind, [*lines, "read as a track: --track FILE --body NAME --axes x,-z,y"])
     return Explanation(path, opened.kind, lines, _propose(opened))
@@ -123,7 +127,10 @@ def _explain_nmea(path: Path) -> Explanation:
 def _line(opened: ArrayFile, info: ArrayInfo) -> str:
     shape = " x ".join(map(str, info.shape)) or "one value"
     text = f"{info.name}: {shape} {info.dtype}" + (f" [{info.unit}]" if info.unit else "")
-    values = _values(opened, info)
+    try:
+        values = opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+    except ValueError as error:
+        return f"{text}, not read: {str(error).removeprefix(f'{opened.path}: ')}"
     if values is None or values.dtype.kind not in "fciu" or not values.size:
         return text
     size = np.abs(values) if np.iscomplexobj(values) else values.astype(np.float64)
@@ -135,7 +142,13 @@ def _line(opened: ArrayFile, info: ArrayInfo) -> str:
 
 
 def _values(opened: ArrayFile, info: ArrayInfo) -> Any:
-    return opened.read(info.name) if math.prod(info.shape) <= _SMALL else None
+    """Read a small array; None if it is large or cannot be read, which keeps no other from being explained."""
+    if math.prod(info.shape) > _SMALL:
+        return None
+    try:
+        return opened.read(info.name)
+    except ValueError:
+        return None
 
 
 @dataclass
@@ -151,25 +164,25 @@ class _Draft:
 
 def _propose(opened: ArrayFile) -> str:
     draft = _Draft(opened)
-    signal, imaginary = _find_signal(opened)
+    signal, imaginary = find_signal(opened)
     if signal is None:
         return ""
     draft.topic = signal.name.rsplit("/", 1)[0] if opened.kind == "MCAP recording" else ""
     draft.used |= {signal.name, *([imaginary] if imaginary else [])}
     sizes = list(signal.shape)
     frequency = _find_axis(draft, ("freq", "hz", "tone"), sizes)
-    samples = None
     recorded = opened.kind == "MCAP recording"  # whose arrays all are over messages
-    for count in () if frequency or recorded else (sizes[-1:], sizes):
-        samples = samples or _find_axis(draft, ("range", "delay", "time", "t_ns", "twt"), count)
+    samples, sure = (None, True) if frequency or recorded else _find_samples(draft, sizes)
     axis = frequency or samples
     positions = _find_positions(draft, signal)
     track = _find_track(draft, positions, sizes)
     way = _find_way(draft, positions, sizes, math.prod(axis.shape) if axis else 0) if track is None else {}
     positions.pop("way", None)
     stamp = _find_axis(draft, ("time", "stamp", "t_"), sizes)
-    labels = _labels(opened, sizes)
-    dims = _dims(sizes, axis, bool(frequency), positions, stamp, labels, way)
+    labels = labels_of(opened, sizes)
+    dims = _dims(
+        sizes, axis, "frequency" if frequency else "sample" if sure else "sample?", positions, stamp, labels, way
+    )
     lines = [
         f"# Draft for {opened.path.name}. What ends in a question mark is a guess: check it and take the mark away.",
         f"title = {json.dumps(opened.path.stem)}",
@@ -188,9 +201,9 @@ def _propose(opened: ArrayFile) -> str:
             "# interleaved = true  # if real and imaginary parts alternate",
             "# shape = [-1, 1]  # of a flat record",
         ]
-    lines += ["", *_axis_lines(opened, frequency, samples), *_position_lines(opened, positions, "pair" in dims)]
+    lines += ["", *_axis_lines(opened, frequency, samples, sure), *_position_lines(opened, positions, "pair" in dims)]
     if stamp is not None:
-        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{_unit(opened, stamp, "s")}"', ""]
+        lines += ["[time]", f"variable = {json.dumps(stamp.name)}", f'unit = "{unit_of(opened, stamp, "s")}"', ""]
     if track is not None:
         lines += _track_lines(draft, *track)
     elif not any(len(infos[0].shape) == 3 for infos in positions.values()):
@@ -198,15 +211,17 @@ def _propose(opened: ArrayFile) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
+def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
+    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
     arrays = [info for info in opened.arrays.values() if math.prod(info.shape) > 1]
     complex_ones = [info for info in arrays if re.match(r"complex|.*(\('r(eal)?'|\('re')", info.dtype, re.DOTALL)]
     if complex_ones:
         return max(complex_ones, key=lambda info: math.prod(info.shape)), None
     for info in arrays:
         for real, imaginary in (("real", "imag"), ("re", "im"), ("_i", "_q")):
-            other = re.sub(real, imaginary, info.name, flags=re.IGNORECASE)
-            if other != info.name and other in opened.arrays and opened.arrays[other].shape == info.shape:
+            wanted = re.sub(real, imaginary, info.name, flags=re.IGNORECASE).lower()
+            other = next((name for name in opened.arrays if name.lower() == wanted and name != info.name), None)
+            if other is not None and opened.arrays[other].shape == info.shape:
                 return info, other
     large = [
         info
@@ -216,8 +231,12 @@ def _find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
     return (max(large, key=lambda info: math.prod(info.shape)), None) if large else (None, None)
 
 
-def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> ArrayInfo | None:
-    for info in draft.rest():
+def _find_axis(
+    draft: _Draft, words: tuple[str, ...], sizes: list[int], among: list[ArrayInfo] | None = None, fast: bool = False
+) -> ArrayInfo | None:
+    for info in draft.rest() if among is None else among:
+        if fast and not _is_fast(draft.opened, info):
+            continue
         count = math.prod(info.shape)
         if count in sizes and max(info.shape, default=0) == count and count > 1:
             name = info.name.lower().replace("/", ".").split(".")[-1]
@@ -234,11 +253,40 @@ def _find_axis(draft: _Draft, words: tuple[str, ...], sizes: list[int]) -> Array
     return None
 
 
+def _find_samples(draft: _Draft, sizes: list[int]) -> tuple[ArrayInfo | None, bool]:
+    """Find the two-way delays or ranges of the samples, and tell whether they can be nothing else.
+
+    A "time" may be the radar's fast time or the scans' clock: values below a tenth of a millisecond are the former.
+    """
+    for count in (sizes[-1:], sizes):
+        found = _find_axis(draft, ("range", "delay", "t_ns", "twt", "fast"), count)
+        if found is not None:
+            return found, True
+    times = [info for info in draft.rest() if "time" in info.name.lower() and not _CLOCK.search(info.name.lower())]
+    for wanted, sure in ((times, True), (times, False)):
+        for count in (sizes[-1:], sizes):
+            found = _find_axis(draft, ("time",), count, wanted, sure)
+            if found is not None:
+                return found, sure
+    return None, True
+
+
+def _is_fast(opened: ArrayFile, info: ArrayInfo) -> bool:
+    """Tell whether times can only be those of samples: by their unit, or because they are that small."""
+    unit = unit_suffix(info)
+    if unit in ("ns", "ps", "us"):
+        return True
+    values = _values(opened, info)
+    return values is not None and bool(values.size) and float(np.abs(values).max()) < _SHORTEST_SCANS
+
+
 def _find_positions(draft: _Draft, signal: ArrayInfo) -> dict[str, list[ArrayInfo]]:
     sides: dict[str, list[ArrayInfo]] = {}
     for info in draft.rest():
         if info.shape and info.shape[-1] == 3 and len(info.shape) >= 2:
             name = info.name.lower()
+            if name == "table" and len(draft.opened.arrays) > 1:
+                continue  # all columns of a text, which have names of their own
             if draft.topic:
                 if _PLACE.search(name.rsplit("/", 1)[-1]):
                     sides.setdefault("way", []).append(info)
@@ -303,7 +351,7 @@ def _pose_lines(draft: _Draft, way: dict[str, ArrayInfo]) -> list[str]:
     angles = [name for name in ("heading", "pitch", "roll") if name in way]
     position = way.get("position")
     if position is not None:
-        unit = _unit(draft.opened, position, "m")
+        unit = unit_of(draft.opened, position, "m")
         beside = ', z = "0?"' if position.shape[1] == 2 else ""
         lines.append(f'position = {{variable = {json.dumps(position.name)}{beside}, unit = "{unit}"}}')
         if position.shape[1] == 6:
@@ -329,7 +377,7 @@ def _guess(way: dict[str, ArrayInfo], name: str, without: str) -> str:
 
 
 def _common_unit(draft: _Draft, infos: list[ArrayInfo], usual: str) -> str:
-    units = {_unit(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
+    units = {unit_of(draft.opened, info, usual) for info in infos} or {f"{usual}?"}
     return units.pop() if len(units) == 1 else "?"
 
 
@@ -337,8 +385,8 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     opened = draft.opened
     lines = [
         "[track]  # positions on a clock of their own",
-        f'time = {{variable = {json.dumps(clock.name)}, unit = "{_unit(opened, clock, "s")}"}}',
-        f'position = {{variable = {json.dumps(position.name)}, unit = "{_unit(opened, position, "m")}"}}',
+        f'time = {{variable = {json.dumps(clock.name)}, unit = "{unit_of(opened, clock, "s")}"}}',
+        f'position = {{variable = {json.dumps(position.name)}, unit = "{unit_of(opened, position, "m")}"}}',
     ]
     beside = position.name.rsplit("/", 1)[0]
     turned = [
@@ -357,7 +405,8 @@ def _track_lines(draft: _Draft, clock: ArrayInfo, position: ArrayInfo) -> list[s
     return [*lines, "clock_offset = 0.0  # the track's clock less the radar's, s; flgpr.calibrate finds it"]
 
 
-def _labels(opened: ArrayFile, sizes: list[int]) -> list[str]:
+def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
+    """Read the polarizations of a file if it names them, else guess one, marked so."""
     for info in opened.arrays.values():
         if math.prod(info.shape) in sizes:
             values = _values(opened, info)
@@ -376,7 +425,7 @@ def _sibling(name: str, other: str) -> str:
 
 
 def _dims(
-    sizes: list[int], axis: ArrayInfo | None, is_frequency: bool, positions: dict[str, list[ArrayInfo]],
+    sizes: list[int], axis: ArrayInfo | None, axis_name: str, positions: dict[str, list[ArrayInfo]],
     stamp: ArrayInfo | None, labels: list[str], way: dict[str, ArrayInfo],
 ) -> list[str]:  # fmt: skip
     """Name the axes whose length tells what they are; the others get a question mark."""
@@ -385,10 +434,10 @@ def _dims(
     def put(count: int, name: str) -> None:
         fits = [k for k, size in enumerate(sizes) if size == count and names[k] == "?"]
         if fits and name not in names:
-            names[fits[-1]] = name if len(fits) == 1 else f"{name}?"
+            names[fits[-1]] = name if len(fits) == 1 or name.endswith("?") else f"{name}?"
 
     if axis is not None:
-        put(math.prod(axis.shape), "frequency" if is_frequency else "sample")
+        put(math.prod(axis.shape), axis_name)
     if stamp is not None:
         put(math.prod(stamp.shape), "scan")
     if labels[0] != "HH?":
@@ -406,15 +455,17 @@ def _dims(
     return [name if name != "?" else "scan, polarization, pair, tx, rx or single?" for name in names]
 
 
-def _axis_lines(opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None) -> list[str]:
+def _axis_lines(
+    opened: ArrayFile, frequency: ArrayInfo | None, samples: ArrayInfo | None, sure: bool
+) -> list[str]:  # fmt: skip
     if frequency is not None:
-        unit = _unit(opened, frequency, "Hz")
+        unit = unit_of(opened, frequency, "Hz")
         return ["[frequency]", f"variable = {json.dumps(frequency.name)}", f'unit = "{unit}"', ""]
     if samples is not None:
-        unit = _unit(opened, samples, "m" if "range" in samples.name.lower() else "ns")
+        unit = unit_of(opened, samples, "m" if "range" in samples.name.lower() else "ns")
         meaning = "range?" if unit.rstrip("?") in UNITS["length"] else "delay?"
         return [
-            "[samples]", f"variable = {json.dumps(samples.name)}", f'unit = "{unit}"',
+            "[samples]", f"variable = {json.dumps(samples.name + ('' if sure else '?'))}", f'unit = "{unit}"',
             f'meaning = "{meaning}"  # delay, range (one way) or path (there and back)',
             "band = []  # first and last frequency to keep", 'band_unit = "GHz"', "",
         ]  # fmt: skip
@@ -438,38 +489,36 @@ def _position_lines(opened: ArrayFile, positions: dict[str, list[ArrayInfo]], pa
     for side in ("tx", "rx") if "tx" in positions and "rx" in positions else list(positions)[:1]:
         info = positions[side][0]
         frame = ['frame = "lane?"'] if len(info.shape) == 3 else []
-        unit = _unit(opened, info, "m")
+        unit = unit_of(opened, info, "m")
         lines += [f"[{side}_position]", f"variable = {json.dumps(info.name)}", f'unit = "{unit}"', *frame, ""]
     return lines
 
 
-def _unit(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
+def unit_suffix(info: ArrayInfo) -> str:
+    """Return the unit that ends an array's name, such as ns of t_ns; empty if there is none."""
+    last = re.split(r"[_\W]", info.name.lower())[-1]
+    for units in UNITS.values():
+        suffixes = {unit.lower(): unit for unit in units if unit not in _NO_SUFFIX}
+        if last in suffixes and last != info.name.lower():
+            return suffixes[last]
+    return ""
+
+
+def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
     """Take the unit the file states, by attribute or at the end of the name, else guess by size and mark it so."""
     kind = next(units for units in UNITS.values() if usual in units)
     stated = info.unit.strip().lower().rstrip("s") if len(info.unit) > 2 else info.unit
     if _LONG_UNITS.get(stated, info.unit) in kind:
         return _LONG_UNITS.get(stated, info.unit)
-    last = re.split(r"[_\W]", info.name.lower())[-1]
-    suffixes = {unit.lower(): unit for unit in kind if unit not in _NO_SUFFIX}
-    if last in suffixes and last != info.name.lower():
-        return suffixes[last]
+    suffix = unit_suffix(info)
+    if suffix in kind:
+        return suffix
     if usual == "Hz":
         values = _values(opened, info)
         top = float(np.max(values)) if values is not None else 0.0
         return "Hz?" if top >= 1e6 else "MHz?" if top >= 100 else "GHz?"
+    if usual == "ns":
+        values = _values(opened, info)
+        if values is not None and values.size and 0 < float(np.abs(values).max()) < _SHORTEST_SCANS:
+            return "s?"
     return f"{usual}?"
-
-
-def find_signal(opened: ArrayFile) -> tuple[ArrayInfo | None, str | None]:
-    """Find the array that is most likely the measured field, and the one of its imaginary part if that is apart."""
-    return _find_signal(opened)
-
-
-def labels_of(opened: ArrayFile, sizes: list[int]) -> list[str]:
-    """Read the polarizations of a file if it names them, else guess one, marked so."""
-    return _labels(opened, sizes)
-
-
-def unit_of(opened: ArrayFile, info: ArrayInfo, usual: str) -> str:
-    """Take the unit that a file states for an array, else guess the usual one and mark it so."""
-    return _unit(opened, info, usual)

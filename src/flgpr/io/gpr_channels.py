@@ -29,7 +29,7 @@ def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, 
         default all are put at x = 0, which ``import_notes`` say.
     **options
         Those of :func:`flgpr.io.gpr_run` but ``channel``. ``band`` is by default a quarter of the lowest to twice the
-        highest nominal frequency of the antennas.
+        highest nominal frequency of the antennas, or all that is recorded where one of these is unknown.
 
     Returns
     -------
@@ -78,9 +78,7 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     """
     section = read_gpr(path, max_memory)
     step = None if section.distance is not None else 1.0
-    interval = float(section.delay[1] - section.delay[0])
-    lowest = max(_LOWEST, 1 / (interval * section.delay.size))
-    options: dict[str, Any] = {"step": step, "band": (lowest, _NYQUIST_SHARE * 0.5 / interval)}
+    options: dict[str, Any] = {"step": step, "band": _widest_band(section)}
     options["max_memory"] = max_memory
     more = [] if step is None else ["no trace spacing is known: traces are put 1 m apart"]
     try:
@@ -103,15 +101,21 @@ def _places(channel_x: Sequence[float] | None, count: int) -> list[float]:
     return places
 
 
-def _common_band(section: GprSection) -> tuple[float, float] | None:
-    """Return a band, Hz, that holds those of all antennas; None where one of them is unknown."""
+def _common_band(section: GprSection) -> tuple[float, float]:
+    """Return a band, Hz, that holds those of all antennas; all that is recorded where one of them is unknown."""
     known = [one for one in section.frequencies if one is not None]
+    lowest, highest = _widest_band(section)
     if len(known) < section.traces.shape[1]:
-        return None
-    interval = float(section.delay[1] - section.delay[0])
-    lowest = max(_LOWEST, 1 / (interval * section.delay.size))
-    low = max(min(known) / 4, lowest)
-    return low, min(2 * max(known), _NYQUIST_SHARE * 0.5 / interval)
+        return lowest, highest
+    return max(min(known) / 4, lowest), min(2 * max(known), highest)
+
+
+def _widest_band(section: GprSection) -> tuple[float, float]:
+    """Return the band, Hz, that the records and the sampling of all channels hold."""
+    delays = [section.delay_of(channel) for channel in range(section.traces.shape[1])]
+    intervals = [float(delay[1] - delay[0]) for delay in delays]
+    shortest = min(interval * delay.size for interval, delay in zip(intervals, delays, strict=True))
+    return max(_LOWEST, 1 / shortest), _NYQUIST_SHARE * 0.5 / max(intervals)
 
 
 def _notes_of_all(runs: Sequence[xr.Dataset]) -> list[str]:

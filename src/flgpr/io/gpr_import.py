@@ -12,17 +12,21 @@ from numpy.typing import NDArray
 
 from flgpr.io.anchor import Anchor
 from flgpr.io.declared import MAX_MEMORY
-from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, MissingHeaderError, read_gpr
+from flgpr.io.gpr_files import NOT_READ, READERS, GprSection, read_gpr
+from flgpr.io.gpr_parts import MissingHeaderError
 from flgpr.io.mapped import impulse_to_frequency
 from flgpr.model import make_run
 from flgpr.model.bounds import LARGEST
-from flgpr.model.motion import judge_poses, some_steps
+from flgpr.model.motion import Motion, judge_poses, some_steps
 from flgpr.model.plausible import MotionLimits
 from flgpr.model.track import course, make_track, poses_at
 
 _BLOCK = 512  # traces that are transformed at a time
 _MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the square of their number
 _LOWEST = 1e6  # Hz, below which no run has tones
+_LISTED = 3  # fixes that are named
+_EARTH = 6_371_000.0  # m, its mean radius
+_CLOSE = 20.0  # m that the way of a receiver without corrections may be off
 
 
 def gpr_run(
@@ -55,16 +59,23 @@ def gpr_run(
     notes = list(section.history)
     if channels > 1:
         notes.append(f"channel {channel} of {channels}: the file does not tell where their antennas are")
-    delay = _delay(section.delay, time_zero, window)
+    if section.gather:
+        raise ValueError(
+            f"{section.path}: its antennas move apart ({section.gather}): it is no line of one offset and makes no run"
+        )
+    delay = _delay(section.delay_of(channel), time_zero, window)
     apart = section.separation if separation is None else separation
     if apart is None:
         apart = 0.0
         notes.append("no antenna separation is told: transmitter and receiver are put at one place")
     if not (0 <= apart <= 100 and math.isfinite(height) and height >= 0):
         raise ValueError(f"separation and height must not be negative, the first at most 100 m, got {apart}, {height}")
+    notes += _given_instead(section, channel, step, time_zero, window, separation)
     nominal = section.frequencies[channel]
     chosen = _band(band, nominal, delay)
     told = "given" if band is not None else "a quarter to twice the antenna's" if nominal else "by the sampling"
+    if band is None and nominal and (chosen[0] > nominal / 4 or chosen[1] < 2 * nominal):
+        told += ", within what the record and its sampling hold"
     notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
     keep, pose = _poses(section, step, height, anchor, notes)
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
@@ -106,7 +117,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
         f"time window {samples * interval * 1e9:.6g} ns, time zero {abs(zero):.6g} ns {side} its start",
     ]
     if section.distance is not None and count > 1:
-        length = abs(float(section.distance[-1] - section.distance[0]))
+        length = float(np.abs(np.diff(section.distance)).sum())  # there and back, where a line turns round
         lines.append(f"length {length:.6g} m, trace spacing {length / (count - 1):.4g} m")
     else:
         lines.append("trace spacing unknown: give --step" + (" or --anchor" if len(section.fixes) > 1 else ""))
@@ -114,7 +125,12 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     apart = "unknown" if section.separation is None else f"{section.separation:g} m"
     lines.append(f"antenna {antennas}, separation {apart}")
     lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
-    lines += section.history
+    lines += [*section.history, *_fix_doubts(section)]
+    if section.gather:
+        lines.append(
+            f"its antennas move apart ({section.gather}): no line of one offset, which flgpr import gpr refuses"
+        )
+        return section.format, lines
     lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr")
     return section.format, lines
 
@@ -179,18 +195,110 @@ def _plausible_fixes(
     """Leave out fixes (fix, 3) in the lane that no vehicle reaches, with a note; give the others' traces and places.
 
     Traces in between are put on the line from fix to fix, so that one wrong fix would move all to its next ones. The
-    headers tell at best a nominal rate of traces, so that no time is asked.
+    times are the receiver's own; the headers tell at best a nominal rate of traces.
     """
     at = section.fixes[:, 0]
-    pose = np.concatenate([place, np.zeros_like(place)], axis=1)
-    limits = MotionLimits(scans=int(LARGEST))  # fixes may be as many traces apart as they like
-    motion = judge_poses(pose, None, limits, np.round(at))
+    motion = _judge_fixes(section, place)
     if motion.left_out:
         notes.append(
             f"{len(motion.left_out)} of {len(at)} positions of the satellite receiver left out, which no vehicle "
             f"reaches; traces are counted as scans: {some_steps(motion.steps)}"
         )
-    return at[motion.plausible], place[motion.plausible]
+    elif motion.steps:
+        notes.append(
+            f"{len(motion.steps)} of {len(at)} positions of the satellite receiver lie farther from those before than "
+            f"a vehicle goes; they are too many to be faults, and all are used: {some_steps(motion.steps)}"
+        )
+    used = np.flatnonzero(motion.plausible)
+    near = _near_by_distance(section, at[used], place[used])
+    if not near.all():
+        notes.append(
+            f"{np.count_nonzero(~near)} of {len(at)} positions of the satellite receiver left out, which are farther "
+            f"from those about them than the traces' own distance: at trace "
+            f"{', '.join(f'{trace:g}' for trace in at[used][~near][:_LISTED])}"
+        )
+    used = used[near]
+    return at[used], place[used]
+
+
+def _near_by_distance(
+    section: GprSection, trace: NDArray[np.float64], place: NDArray[np.float64]
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Tell which places (fix, 3), m, at traces (fix,) lie as near to one about them as the traces' distance allows."""
+    count = len(place)
+    if section.distance is None or count < 3:
+        return np.ones(count, bool)
+    way = np.append(0.0, np.abs(np.diff(section.distance)).cumsum())
+    along = np.interp(trace, np.arange(len(way)), way)
+
+    def near(step: int) -> NDArray[np.bool_]:
+        """Tell of fixes and those so many behind them whether they agree."""
+        apart = np.hypot(*(place[step:, :2] - place[:-step, :2]).T)
+        return np.asarray(apart <= 2 * (along[step:] - along[:-step]) + _CLOSE)
+
+    agrees = np.zeros(count, bool)
+    for step in (1, 2):
+        fits = near(step)
+        agrees[step:] |= fits
+        agrees[:-step] |= fits
+    # Where hardly any agree, it is the distance that is wrong.
+    return agrees if 2 * np.count_nonzero(agrees) > count else np.ones(count, bool)
+
+
+def _judge_fixes(section: GprSection, place: NDArray[np.float64]) -> Motion:
+    """Judge places (fix, 3), m, of the receiver as those of a vehicle, by their times where these go on."""
+    pose = np.concatenate([place, np.zeros_like(place)], axis=1)
+    # Fixes may be as many traces apart as they like, and a receiver without corrections wanders from fix to fix.
+    limits = MotionLimits(scans=int(LARGEST), acceleration=1000.0)
+    time = section.fix_time
+    timed = time.size == len(place) and bool((np.diff(time) > 0).any()) and not bool((np.diff(time) < 0).any())
+    if not timed and section.time is not None:
+        time, timed = np.interp(section.fixes[:, 0], np.arange(len(section.time)), section.time), True
+    return judge_poses(pose, time if timed else None, limits, np.round(section.fixes[:, 0]))
+
+
+def _fix_doubts(section: GprSection) -> list[str]:
+    """Tell in lines which positions of the receiver no vehicle reaches, and where they contradict the distances."""
+    if len(section.fixes) < 2:
+        return []
+    # Near the middle of the line a degree is as long as there; far away it need only be far.
+    longitude, latitude = np.radians(section.fixes[:, 1]), np.radians(section.fixes[:, 2])
+    middle = float(np.median(latitude))
+    east = np.angle(np.exp(1j * (longitude - np.median(longitude)))) * math.cos(middle)
+    place = _EARTH * np.stack([east, latitude - middle, np.zeros_like(east)], axis=1)
+    lines: list[str] = []
+    at, kept = _plausible_fixes(section, place, lines)
+    lines = [line.replace("left out, which", "an import with an anchor leaves out, which") for line in lines]
+    if section.distance is not None and len(at) > 1:
+        way = float(np.hypot(*np.diff(kept[:, :2], axis=0).T).sum())
+        first, last = int(np.ceil(at[0])), int(np.floor(at[-1]))
+        told = float(np.abs(np.diff(section.distance[first : last + 1])).sum())
+        if abs(way - told) > _CLOSE and not 0.5 < way / max(told, 1e-9) < 2.0:
+            lines.append(
+                f"the satellite receiver went {way:.4g} m from trace {first} to trace {last}, where the traces' own "
+                f"distance is {told:.4g} m: is their spacing right?"
+            )
+    return lines
+
+
+def _given_instead(
+    section: GprSection, channel: int, step: float | None, time_zero: float | None, window: float | None,
+    separation: float | None,
+) -> list[str]:  # fmt: skip
+    """Tell in lines what was given in place of what the file tells."""
+    delay = section.delay_of(channel)
+    told: dict[str, tuple[float | None, float | None, str]] = {
+        "separation": (separation, section.separation, "m"),
+        "time window": (window, (delay[1] - delay[0]) * delay.size, "s"),
+        "time zero": (time_zero, -float(delay[0]), "s"),
+    }
+    lines = []
+    for name, (given, own, unit) in told.items():
+        if given is not None and own is not None and not math.isclose(given, own, rel_tol=1e-9, abs_tol=1e-15):
+            lines.append(f"{name} {given:.6g} {unit} is given in place of the file's, {own:.6g} {unit}")
+    if step is not None and section.distance is not None:
+        lines.append(f"equal steps of {step:.6g} m are given in place of the file's {section.distance.size} places")
+    return lines
 
 
 def _spectra(

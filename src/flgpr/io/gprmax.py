@@ -8,6 +8,7 @@ time step and number of steps, ``rxs/rx1`` and so on hold the fields ``Ex`` to `
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ FloatArray = NDArray[np.float64]
 FORMAT = "flgpr-gprmax-1"
 MANIFEST = "manifest.json"
 ENDINGS = (".h5", ".out")
+_MERGED = "this is a merged B-scan: give the scans' own results, or import it by a mapping that flgpr info drafts"
 _FIELDS = ("Ex", "Ey", "Ez", "Hx", "Hy", "Hz", "Ix", "Iy", "Iz")
 
 
@@ -99,6 +101,8 @@ def _read(path: Path) -> GprmaxOutput:
     with h5py.File(path, "r") as file:
         if "gprMax" not in file.attrs:
             raise ValueError(f"{path}: the root must have the attribute gprMax, got {', '.join(file.attrs) or 'none'}")
+        if merged_fields(file):
+            raise ValueError(f"{path}: {_MERGED}")
         told = {name: _attribute(file, name, path) for name in ("gprMax", "Iterations", "dx_dy_dz", "dt")}
         step, steps = float(told["dt"]), int(told["Iterations"])
         if not (np.isfinite(step) and step > 0 and steps > 0):
@@ -150,10 +154,7 @@ def _receiver(group: Any, steps: int, path: Path) -> GprmaxReceiver:
         if name in group:
             values = np.asarray(group[name][()], dtype=np.float64)
             if values.shape != (steps,):
-                raise ValueError(
-                    f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}"
-                    + (": merged files are not read, give the scans' own" if values.ndim == 2 else "")
-                )
+                raise ValueError(f"{path}: {group.name}/{name} must hold {steps} values, got the shape {values.shape}")
             fields[name] = values
     position = np.asarray(_attribute(group, "Position", path), dtype=np.float64)
     return GprmaxReceiver(_text(group.attrs.get("Name", group.name)), position, fields)
@@ -185,6 +186,78 @@ def pulse(kind: str, frequency: float, time: ArrayLike) -> NDArray[np.float64]:
     if kind == "gaussiandotnorm":
         return np.asarray(-np.sqrt(2 * width * np.exp(1.0)) * late * bell)
     raise ValueError(f"the waveform must be gaussian, gaussiandot, gaussiandotnorm or ricker, got {kind!r}")
+
+
+def merged_fields(file: Any) -> dict[str, tuple[int, int]]:
+    """Return the fields of a merged B-scan by their names in the file: their (step, trace) shapes; none if it is none.
+
+    gprMax's tools/outputfiles_merge.py copies the root's attributes but those of the grid, and makes every receiver's
+    fields two-dimensional.
+    """
+    found = {}
+    for group in _numbered(file, "rxs"):
+        for name in _FIELDS:
+            item = group.get(name)
+            if isinstance(item, h5py.Dataset) and len(item.shape) == 2:
+                found[f"{group.name.lstrip('/')}/{name}"] = (int(item.shape[0]), int(item.shape[1]))
+    return found
+
+
+def explain_merged(path: Path) -> tuple[list[str], str]:
+    """Tell in lines what a merged B-scan holds, and draft the mapping that imports it; no lines if it is none."""
+    try:
+        with h5py.File(path, "r") as file:
+            fields = merged_fields(file)
+            if not fields:
+                return [], ""
+            version, title = _text(file.attrs["gprMax"]), _text(file.attrs.get("Title", ""))
+            interval = float(np.asarray(file.attrs.get("dt", np.nan)))
+    except (TypeError, KeyError, OSError, RuntimeError, AttributeError, OverflowError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: cannot be read as a result of gprMax: it is damaged ({words})") from None
+    if not (np.isfinite(interval) and interval > 0):
+        raise ValueError(f"{path}: dt must be greater than 0, got {interval:g} s")
+    # The field of a source along the same axis is the strongest, mostly Ez.
+    chosen = next((name for name in fields if name.endswith("/Ez")), next(iter(fields)))
+    steps, traces = fields[chosen]
+    lines = [
+        f"result of gprMax {version}: {title or 'no title'}",
+        f"merged B-scan of {traces} traces x {steps} steps of {1e9 * interval:.4g} ns",
+        *(f"{name}: {shape[0]} x {shape[1]}" for name, shape in fields.items()),
+        "a merged file tells neither cells nor places: where the scans were is for the mapping to say",
+    ]
+    mapping = [
+        f"# Draft for {path.name}. What ends in a question mark is a guess: check it and take the mark away.",
+        f"title = {json.dumps(title or path.stem)}",
+        'polarization = ["HH?"]',
+        "",
+        "[files]",
+        f"data = {json.dumps(path.name)}",
+        "",
+        "[signal]",
+        f"variable = {json.dumps(chosen)}",
+        f'dims = ["sample", "scan"]  # of {steps} x {traces}',
+        "",
+        "[samples]",
+        f"span = [0.0, {interval * (steps - 1):.9g}]  # of gprMax's own clock: the pulse leaves later",
+        'unit = "s"',
+        'meaning = "delay?"  # delay, range (one way) or path (there and back)',
+        "band = []  # first and last frequency to keep",
+        'band_unit = "GHz"',
+        "",
+        "[antenna_position]  # in the vehicle frame",
+        *(f'{axis} = "0?"' for axis in "xyz"),
+        'unit = "m"',
+        "",
+        "[pose]  # of every scan: of a file beside this one, or by flgpr import mapped --survey",
+        *(f'{axis} = "?"' for axis in "xyz"),
+        'unit = "m?"',
+        'heading = "0?"',
+        'pitch = "0?"',
+        'roll = "0?"',
+        'angle_unit = "deg"',
+    ]
+    return lines, "\n".join(mapping) + "\n"
 
 
 def explain_gprmax(path: Path) -> list[str]:

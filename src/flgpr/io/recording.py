@@ -28,6 +28,8 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time in ns
 _LARGEST_JSON = 64 * 2**20  # bytes of a message; it takes many times that when it is read
 _WINDOW = 2**27  # largest window of zstd, bytes
+_DAMAGED = object()
+"""What stands for a message that cannot be read."""
 _STAMPS = ({"sec", "nanosec"}, {"sec", "nsec"})
 
 
@@ -41,24 +43,30 @@ class _Series:
     count: int = 0
     first: int = 0  # log times, ns
     last: int = 0
-    fields: dict[str, Any] = field(default_factory=dict)  # of the first message
+    fields: dict[str, Any] = field(default_factory=dict)  # of the first message that can be read
+    known: bool = False  # whether one was read
+    damaged: int = 0  # messages that cannot be read, of those looked at
     fault: str = ""
 
 
 class Recording:
     """An MCAP file: ``arrays`` are (name, shape, type, unit) of all it holds, ``lines`` tell its topics.
 
+    A message that is damaged is left out; ``notes`` count them, those among the messages read so far.
+
     Every numeric field of a topic is an array over its messages, ``TOPIC/field.of.field``; a field of numbers alone,
     such as a position or a quaternion, is one (message, n) besides. Stamps are seconds; ``TOPIC@log_time`` and
     ``TOPIC@publish_time`` are the recorder's. Transforms are ``TOPIC/FRAME>CHILD/...``.
     """
 
-    def __init__(self, path: Path, limit: int) -> None:
+    def __init__(self, path: Path, limit: int, notes: list[str] | None = None) -> None:
         self.path, self.limit = path, limit
         self._series: dict[str, _Series] = {}
+        self._lost: dict[str, _Series] = {}  # topics of transforms, whose messages may be damaged
         self._columns: dict[str, NDArray[Any]] = {}
         self._places: dict[str, tuple[str, str]] = {}
         self.arrays: list[tuple[str, tuple[int, ...], str, str]] = []
+        self.notes = [] if notes is None else notes
         self._count()
 
     @property
@@ -68,11 +76,12 @@ class Recording:
         for one in self._series.values():
             span = f" over {(one.last - one.first) / 1e9:.6g} s" if one.count > 1 else ""
             tables = [f"{name}." for name, value in one.fields.items() if f"{name}.x" in one.fields and np.ndim(value)]
-            what = one.fault or ", ".join(
+            shapes = ", ".join(
                 f"{name} {'x'.join(map(str, np.shape(value)))}".strip()
                 for name, value in one.fields.items()
                 if not name.startswith(tuple(tables))
             )
+            what = shapes if one.known else one.fault
             told.append(f"{one.name}: {one.count} {one.kind or one.encoding}{span}; {what or 'no numbers'}")
         return told or ["no messages"]
 
@@ -92,9 +101,10 @@ class Recording:
         columns = {
             name: np.empty((one.count, *np.shape(value)), np.asarray(value).dtype) for name, value in fields.items()
         }
-        row = 0
+        row, damaged = 0, one.damaged
+        one.damaged = 0
         for topic, told, log, publish in self._messages({series}):
-            if topic != series:
+            if topic != series or told is _DAMAGED:
                 continue
             flat = _flat(told) | {"@log_time": np.float64(log / 1e9), "@publish_time": np.float64(publish / 1e9)}
             for name in list(columns):
@@ -110,17 +120,29 @@ class Recording:
                         f"message {row}"
                     )
             row += 1
+        if not row:
+            raise ValueError(f"{series}: none of its {one.count} messages can be read: {one.fault}")
+        if one.damaged and one.damaged != damaged:
+            self._note_damage(one)
+        one.damaged = max(one.damaged, damaged)
         # Messages are mostly in order, but several writers may share a file.
-        order = np.argsort(columns["@log_time"], kind="stable")
-        self._columns = {_joined(series, name): column[order] for name, column in columns.items()}
+        order = np.argsort(columns["@log_time"][:row], kind="stable")
+        self._columns = {_joined(series, name): column[:row][order] for name, column in columns.items()}
+
+    def _note_damage(self, one: _Series) -> None:
+        self.notes.append(f"{one.name}: {one.damaged} of {one.count} messages are damaged and left out ({one.fault})")
 
     def _count(self) -> None:
         for name, told, log, _ in self._messages(None):
             one = self._series[name]
             one.first, one.last = (min(one.first, log), max(one.last, log)) if one.count else (log, log)
-            if told is not None and not one.count:
+            if told is not None and told is not _DAMAGED and not one.known:
                 one.fields = {key: value for key, value in _flat(told).items() if not isinstance(value, str)}
+                one.known = True
             one.count += 1
+        for one in (*self._series.values(), *self._lost.values()):
+            if one.damaged:
+                self._note_damage(one)
         for one in self._series.values():
             for name, value in {"@log_time": np.float64(), "@publish_time": np.float64(), **one.fields}.items():
                 values = np.asarray(value)
@@ -144,6 +166,8 @@ class Recording:
                 channel = records.Channel.read(streams(BytesIO(data)))
                 channels[channel.id] = channel
             elif kind == _MESSAGE:
+                if len(data) < _MESSAGE_HEAD.size:
+                    raise ValueError(f"a message must have {_MESSAGE_HEAD.size} bytes or more, got {len(data)}")
                 number, _, log, publish = _MESSAGE_HEAD.unpack_from(data)
                 content = data[_MESSAGE_HEAD.size :]
                 if number not in channels:
@@ -156,11 +180,14 @@ class Recording:
                 transforms = schema is not None and schema.name.endswith("TFMessage") and decode is not None
                 if not transforms:
                     one = self._series[topic]
-                    needed = decode is not None and (topic in wanted if wanted is not None else not one.count)
-                    told = decode(content) if needed and decode is not None else None
+                    needed = decode is not None and (topic in wanted if wanted is not None else not one.known)
+                    told = _decoded(decode, content, one) if needed and decode is not None else None
                     yield topic, told, log, publish
                 elif decode is not None and (wanted is None or any(name.startswith(f"{topic}/") for name in wanted)):
-                    for told in decode(content).get("transforms", ()):
+                    lost = self._lost.setdefault(topic, _Series(topic, "transforms", "cdr"))
+                    message = _decoded(decode, content, lost)
+                    lost.count += 1
+                    for told in () if message is _DAMAGED else message.get("transforms", ()):
                         parent, child = str(told["header"]["frame_id"]), str(told["child_frame_id"])
                         name = f"{topic}/{parent}>{child}"
                         self._series.setdefault(name, _Series(name, "transforms", "cdr"))
@@ -173,9 +200,14 @@ class Recording:
         if encoding == "json":
             return _from_json
         if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
+            try:
+                decoder = message_decoder(schema.name, schema.data.decode("utf-8"))
+            except ValueError as error:
+                one.fault = f"not read: {' '.join(str(error).split())[:160]}"
+                return None
             if schema.name.endswith("TFMessage"):
                 self._series.pop(name)
-            return message_decoder(schema.name, schema.data.decode("utf-8"))
+            return decoder
         layout = schema.encoding if schema is not None else "no"
         one.fault = f"not read: {encoding or 'unknown'} messages with {layout or 'no'} definition"
         return None
@@ -241,6 +273,16 @@ class Recording:
         if len(held) != size:
             raise ValueError(f"a chunk must unpack to the {size} bytes that it declares, got {len(held)} or more")
         return bytes(held)
+
+
+def _decoded(decode: Decoder, content: bytes, one: _Series) -> Any:
+    """Return what a message says; ``_DAMAGED`` for one that is damaged, which its series counts."""
+    try:
+        return decode(content)
+    except (ValueError, KeyError, IndexError, OverflowError, RecursionError) as error:
+        one.damaged += 1
+        one.fault = " ".join(str(error).split())[:120] or type(error).__name__
+        return _DAMAGED
 
 
 def _joined(series: str, name: str) -> str:

@@ -61,6 +61,7 @@ class Sources:
                 values = self._open[path].read(variable)
             except ValueError as error:
                 raise ValueError(f"{where}: {error}") from None
+            self.notes += [note for note in self._open[path].notes if note not in self.notes]
             if values.dtype.kind not in "fciu":
                 raise ValueError(f"{where}: {path}: {variable} must hold numbers, got {values.dtype}")
             held += values.nbytes

@@ -16,9 +16,10 @@ from pandas.api.types import is_numeric_dtype
 
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.io.declared import MAX_MEMORY
-from flgpr.io.dialects import TableReading, column_targets, decoded, mark_of, named_columns, without_comments
+from flgpr.io.dialects import TableReading, column_targets, mark_of, named_columns, without_comments
 from flgpr.io.files import existing, faults_of, write_whole
 from flgpr.io.notes import tell_note
+from flgpr.io.text import decode_text
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
 from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 
@@ -31,6 +32,8 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """What a spreadsheet may run, the full-width forms of the signs included, or such text that was quoted."""
 _PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MISSING = {"", "nan", "na", "null"}
+_COMMENT = "#%!"
+_BEGIN = re.compile(r"BEGIN\b[\s,;]*([^\s,;]*)[\s,;]*", re.IGNORECASE)
 _SIGN = re.compile(r"\s*([+-])\s*")
 _HINT = "decimal commas are read where semicolons or tabs part the columns"
 
@@ -60,7 +63,8 @@ def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading 
         if reading is None and _is_plain(data, kind):
             return _CHECKS[kind](parse_columns(data, *ids))
         _check_table_size(data)
-        text, notes = decoded(data)
+        notes: list[str] = []
+        text = decode_text(data, "the table", notes)
         body, more = without_comments(text, kind)
         notes += more
         if not body.strip():
@@ -243,14 +247,26 @@ def json_value(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
+def read_text_table(path: Path, notes: list[str] | None = None) -> dict[str, NDArray[Any]]:
     """Read a text table; columns are separated by semicolons, commas, tabs or blanks, complex numbers are ``a+bi``.
 
-    A first line that is not of numbers names the columns; lines that begin with ``#`` or ``%`` are left out. Between
-    semicolons or tabs, numbers may have a decimal comma, if none has a decimal point. It comes as ``table`` (row,
-    column), and with a header line also as every column that holds numbers, by name.
+    A first line that is not of numbers names the columns; lines that begin with ``#``, ``%`` or ``!`` are left out.
+    Between semicolons or tabs, numbers may have a decimal comma, if none has a decimal point. It comes as ``table``
+    (row, column), and with a header line also as every column that holds numbers, by name. Where lines BEGIN and END
+    part blocks, as network analysers write them, the arrays of several blocks are ``BLOCK/name``. ``notes`` get a line
+    for an encoding other than UTF-8, see :func:`flgpr.io.text.decode_text`.
     """
-    rows = _rows(path)
+    blocks = _blocks(path, notes)
+    found: dict[str, NDArray[Any]] = {}
+    for label, lines in blocks:
+        arrays = _parse_lines(lines)
+        found |= arrays if len(blocks) == 1 else {f"{label}/{name}": values for name, values in arrays.items()}
+    return found
+
+
+def _parse_lines(lines: list[tuple[int, str]]) -> dict[str, NDArray[Any]]:
+    """Read the numbered lines of one table."""
+    rows = _rows(lines)
     if not rows:
         raise ValueError("there is no line with values")
     heads = [str(plain_text(cell.strip())) for cell in rows[0][1]]
@@ -281,11 +297,34 @@ def read_text_table(path: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    text = read_named(path, MAX_MEMORY).decode("utf-8-sig")
+def _blocks(path: Path, notes: list[str] | None) -> list[tuple[str, list[tuple[int, str]]]]:
+    """Return the lines of a text, with their numbers, in the blocks that BEGIN and END part; one if there is none."""
+    text = decode_text(read_named(path, MAX_MEMORY), path.name, notes)
     if "\x00" in text:
         raise ValueError("it holds zero bytes and is no text")
-    lines = [(k + 1, line) for k, line in enumerate(text.splitlines()) if line.strip() and line.lstrip()[0] not in "#%"]
+    plain: list[tuple[int, str]] = []
+    blocks: dict[str, list[tuple[int, str]]] = {}
+    open_block: list[tuple[int, str]] | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.lstrip()[0] in _COMMENT:
+            continue
+        begin = _BEGIN.fullmatch(line.strip())
+        if begin is not None:
+            label = begin[1] or "block"
+            label = label if label not in blocks else f"{label} {len(blocks) + 1}"
+            open_block = blocks[label] = []
+        elif line.strip(" \t,;").upper() == "END":
+            open_block = None
+        else:
+            (plain if open_block is None else open_block).append((number, line))
+    if not blocks:
+        return [("", plain)]
+    if plain and notes is not None:
+        notes.append(f"{len(plain)} lines outside BEGIN and END are not read")
+    return list(blocks.items())
+
+
+def _rows(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
     if not lines:
         return []
     first = lines[0][1]
@@ -296,7 +335,7 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         return [(k, line.split()) for k, line in lines]
     cells = csv.reader([line for _, line in lines], delimiter=mark)
     rows = [(k, row) for (k, _), row in zip(lines, cells, strict=True)]
-    return rows if mark == "," or "," not in text else _with_points(rows)
+    return rows if mark == "," or not any("," in line for _, line in lines) else _with_points(rows)
 
 
 def _with_points(rows: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:

@@ -21,6 +21,7 @@ from flgpr.io.files import existing, faults_of
 from flgpr.io.mapping import factor
 from flgpr.io.motive import is_motive
 from flgpr.io.tables import read_text_table
+from flgpr.io.text import decode_text
 from flgpr.model.track import TRACK_COLUMNS, bridged, course, make_track
 
 _DAY = 86400.0
@@ -53,13 +54,14 @@ def read_track(
     take = is_motive(existing(path, "track"))
     if not take and (body is not None or axes is not None):
         raise ValueError(f"{path}: body and axes are of takes of OptiTrack Motive, this is none")
+    encoding: list[str] = []
     with faults_of(path):
-        time, pose = _take(Path(path), body, axes) if take else _fixes(read_text_table(Path(path)), heading)
+        time, pose = _take(Path(path), body, axes) if take else _fixes(read_text_table(Path(path), encoding), heading)
         keep, notes = bridged(time, pose, max_gap)
         if heading == "course":
             pose[keep, 3] = course(pose[keep, :3])
         track = make_track(time[keep], pose[keep, :3], *pose[keep, 3:].T)
-    track.attrs["notes"] = notes
+    track.attrs["notes"] = [*encoding, *notes]
     return track
 
 
@@ -149,11 +151,12 @@ def read_nmea(
     headings: list[tuple[float, float]] = []
     seen: dict[int, int] = {}
     now = -math.inf
-    for number, line in enumerate(read_named(path, MAX_MEMORY).splitlines()):
+    notes: list[str] = []
+    for number, line in enumerate(decode_text(read_named(path, MAX_MEMORY), path.name, notes).splitlines()):
         if not line.strip():
             continue
         try:
-            message = nmea.NMEAReader.parse(line.strip() + b"\r\n")
+            message = nmea.NMEAReader.parse(line.strip().encode("latin-1", "replace") + b"\r\n")
             if message.msgID == "GGA":
                 seen[message.quality] = seen.get(message.quality, 0) + 1
                 if message.quality in quality:
@@ -171,7 +174,17 @@ def read_nmea(
     time, place = table[keep, 0], anchor.from_geodetic(table[keep, 1:])
     if height is not None:
         place[:, 2] = height
-    return make_track(time, place, _headings(time, place, headings, anchor.azimuth))
+    track = make_track(time, place, _headings(time, place, headings, anchor.azimuth))
+    unused = sum(seen.values()) - len(fixes)
+    if unused:
+        counts = ", ".join(f"{count} of {one}" for one, count in sorted(seen.items()))
+        notes.append(f"{unused} of {sum(seen.values())} fixes are not of quality {quality} and not used ({counts})")
+    if not keep.all():
+        notes.append(f"{np.count_nonzero(~keep)} fixes whose time does not go on are not used")
+    if not headings:
+        notes.append("no sentence tells a heading: it is the direction of the way")
+    track.attrs["notes"] = notes
+    return track
 
 
 def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
@@ -182,11 +195,11 @@ def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[n
     path = existing(path)
     nmea = optional("pynmeagps", "gnss")
     places: list[tuple[float, float, float]] = []
-    for number, line in enumerate(read_named(path, MAX_MEMORY).splitlines()):
+    for number, line in enumerate(decode_text(read_named(path, MAX_MEMORY), path.name).splitlines()):
         if not line.strip():
             continue
         try:
-            message = nmea.NMEAReader.parse(line.strip() + b"\r\n")
+            message = nmea.NMEAReader.parse(line.strip().encode("latin-1", "replace") + b"\r\n")
             if message.msgID == "GGA" and message.quality in quality:
                 places.append((message.lon, message.lat, float(message.alt) + float(message.sep)))
         except Exception as error:

@@ -239,7 +239,9 @@ def image_figure(image: xr.DataArray, peaks: pd.DataFrame, pose: NDArray[np.floa
                         str(number), peak, xytext=(6, 6), textcoords="offset points", color="white", fontsize=8
                     )
                     axes.plot(*peak, "o", mfc="none", mec="white", markersize=9)
-        figure.colorbar(drawn, ax=line[-1], label=f"{label}, dB re its strongest pixel", shrink=0.8, pad=0.02)
+        bar = figure.colorbar(drawn, ax=line[-1], shrink=0.8, pad=0.02)
+        # On two lines, so that the bar of a low panel holds its label as a whole.
+        bar.set_label(f"{label}, dB re its\nstrongest pixel", fontsize=9)
     fixed = ", ".join(f"{axis} = {image[axis].values[0]:g} m" for axis in "xyz" if axis not in wide)
     figure.suptitle(", ".join(part for part in (str(image.attrs.get("title", "")), fixed) if part), fontsize=10)
     return figure

@@ -33,9 +33,10 @@ def run_info(
 
     Beside the description (:func:`flgpr.results.description.describe_run`) it is the unambiguous path, range resolution
     (m), largest step between tones (Hz), span travelled (m), ``array_m`` (how far the antennas reach across, along and
-    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, and ``warnings`` of what
-    is seldom meant. The recipe's images and lane decide what is covered; without one it is the ground from 1 to 5 array
-    heights ahead and 1.2 to either side. The recipe is tried, and with ``recipes`` all packaged ones are.
+    up), ``looks`` on a coarse grid, what of ``recipes`` does not fit the run, entry by entry, ``import_notes`` of what
+    an import assumed, replaced or left out, and ``warnings`` of what is seldom meant. The recipe's images and lane
+    decide what is covered; without one it is the ground from 1 to 5 array heights ahead and 1.2 to either side. The
+    recipe is tried, and with ``recipes`` all packaged ones are.
     """
     dataset = open_run(run)
     table = None if recipe is None else load_recipe(recipe)
@@ -69,6 +70,7 @@ def run_info(
         figure = geometry_figure(description, lane, looks, 0.1 * (lane.x_max - lane.x_min))
         with whole_output(Path(plot)) as made:
             figure.savefig(made, dpi=110, format="png", metadata={"Software": None})
+    doubts = geometry_doubts(dataset) + motion.notes()
     return description | {
         "unambiguous_path_m": unambiguous if math.isfinite(unambiguous) else None,
         "uniform_tones": bool(steps.size == 0 or np.ptp(steps) < 1e-3 * np.median(steps)),
@@ -83,7 +85,8 @@ def run_info(
         "looks": {"mean": float(looks.mean()), "most": int(looks.max()), "unseen_share": float((looks == 0).mean())},
         "looks_map": looks.values.tolist(),
         "recipes": {name: _faults(dataset, load_recipe(name)) for name in names},
-        "warnings": geometry_doubts(dataset) + motion.notes(),
+        "import_notes": [str(note) for note in dataset.attrs.get("import_notes", []) if note not in doubts],
+        "warnings": doubts,
     }
 
 

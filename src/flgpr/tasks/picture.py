@@ -29,7 +29,7 @@ PathLike = str | Path
 Extent = tuple[float, float] | float
 ENDINGS = (".png", ".npz", ".zarr", ".tif")
 _MOST, _CHOSEN = 50_000_000, 300_000  # pixels at most, and where the spacing is ours to choose
-_DEEPEST = 3.0  # m, of a section that is not told its depth
+_ONE_TONE = 20e-9  # s, to which a section of a single tone goes down
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,11 @@ class View:
 
     Each of ``x``, ``y``, ``z`` (lane frame, m) is a pair of limits or one value; two pairs are a plane, three a volume.
     What is not told follows from the run: the ground ahead of antennas that stand above it, else the section below the
-    line, down to half the unambiguous range. ``scans`` are the first and the last that are summed, default all;
-    ``spacing`` (m) is by default a quarter of the wavelength, or what gives 300 000 pixels. ``permittivity`` is that of
-    all between antennas and pixels, 1 by default; for antennas that are coupled to the ground it must be told.
-    ``half_space`` is that of ground below z = 0, at whose surface paths are refracted.
+    line, down to the end of the record; ``z`` alone bounds that section or sets the height of that ground. ``scans``
+    are the first and the last that are summed, default all; ``spacing`` (m) is by default a quarter of the wavelength,
+    or what gives 300 000 pixels. ``permittivity`` is that of all between antennas and pixels, 1 by default; for
+    antennas that are coupled to the ground it must be told. ``half_space`` is that of ground below z = 0, at whose
+    surface paths are refracted.
     Antennas farther than ``reach`` (m) from a pixel, level with the ground, do not help to image it.
     """
 
@@ -207,17 +208,9 @@ def _axes(
     frequency, slow = run["frequency"].values, math.sqrt(view.half_space or view.permittivity or 1.0)
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
     height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
-    if all(value is None for value in limits.values()):
-        if height > 0:
-            lane = seen_ground(run, pose)
-            limits = {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
-        else:
-            step = float(np.diff(frequency).mean()) if frequency.size > 1 else math.inf
-            deep = min(SPEED_OF_LIGHT / slow / (4 * step), _DEEPEST)
-            along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
-            ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}
-            limits = {axis: float(ends[axis].mean()) for axis in "xy"} | {"z": (-deep, 0.0)}
-            limits[along] = float(ends[along].min()), float(ends[along].max())
+    if view.x is None and view.y is None:
+        usual = _ground_ahead(run, pose) if height > 0 else _section_below(run, pose, slow)
+        limits = usual if view.z is None else usual | {"z": view.z}
     elif view.z is None:
         limits["z"] = 0.0
     told = {axis: value for axis, value in limits.items() if value is not None}
@@ -249,6 +242,33 @@ def _axes(
         for axis in "xyz"
     }
     return axes, spacing
+
+
+def _ground_ahead(run: xr.Dataset, pose: NDArray[np.float64]) -> dict[str, Extent | None]:
+    """Return the limits of the ground that antennas above it see, m."""
+    lane = seen_ground(run, pose)
+    return {"x": (lane.x_min, lane.x_max), "y": (lane.y_min, lane.y_max), "z": 0.0}
+
+
+def _section_below(run: xr.Dataset, pose: NDArray[np.float64], slow: float) -> dict[str, Extent | None]:
+    """Return the limits of the section below a line, m, down to the end of the record."""
+    along = "x" if np.ptp(pose[:, 0]) > np.ptp(pose[:, 1]) else "y"
+    ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}
+    limits: dict[str, Extent | None] = {axis: float(ends[axis].mean()) for axis in "xy"}
+    limits[along] = float(ends[along].min()), float(ends[along].max())
+    limits["z"] = (-_recorded_depth(run, slow), 0.0)
+    return limits
+
+
+def _recorded_depth(run: xr.Dataset, slow: float) -> float:
+    """Return how deep a wave goes by the end of the record, m, or by the tones' repetition where there is no record."""
+    frequency = run["frequency"].values
+    window, first = run.attrs.get("time_window_s"), run.attrs.get("first_sample_s")
+    if window is not None and first is not None and window + first > 0:
+        last = float(window) + float(first)
+    else:
+        last = 1 / float(np.diff(frequency).mean()) if frequency.size > 1 else _ONE_TONE
+    return SPEED_OF_LIGHT / slow * last / 2
 
 
 def _peaks(image: xr.DataArray, count: int) -> pd.DataFrame:

@@ -105,7 +105,7 @@ def radargram(section: GprSection, view: RadargramView = RadargramView()) -> Rad
     if view.permittivity is not None and not 1 <= view.permittivity <= 100:
         raise ValueError(f"permittivity must be from 1 to 100, got {view.permittivity:g}")
     number = _chosen_traces(len(section.traces), view.traces)
-    delay = section.delay
+    delay = section.delay_of(view.channel)
     samples = _samples_until(delay, view.until)
     if number.size * delay.size > _MOST:
         raise ValueError(
@@ -180,8 +180,9 @@ def _samples_until(delay: FloatArray, until: float | None) -> int:
 
 def _window_samples(section: GprSection, view: RadargramView) -> int:
     """Tell how many samples, an odd number of at least 3, the window of dewow and gain takes."""
-    interval = float(section.delay[1] - section.delay[0])
-    record = interval * section.delay.size
+    delay = section.delay_of(view.channel)
+    interval = float(delay[1] - delay[0])
+    record = interval * delay.size
     nominal = section.frequencies[view.channel]
     if view.window is not None:
         if not 0 < view.window <= record:
