@@ -23,6 +23,7 @@ from flgpr.io.tables import read_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
+from io_open import way, write_ogpr, write_su
 from io_recordings import gps_lines, two_headers, with_extra_headers
 from take import take_text
 
@@ -160,6 +161,8 @@ RECORDINGS = {
     "dt": (write_ids, None, None, b""),
     "sgy": (write_segy, None, None, b""),
     "segy": (lambda path, counts: write_segy(path, counts, code=1, unit=2), None, None, b""),
+    "su": (write_su, None, None, b""),
+    "ogpr": (lambda path, counts: write_ogpr(path, counts[:, None], places=way(len(counts))), None, None, b""),
 }
 
 
