@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -135,7 +135,10 @@ def import_cphd(
 
 @import_app.command("gpr")
 def import_gpr(
-    file: Annotated[Path, Argument(help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy or .segy.")],
+    file: Annotated[
+        list[Path],
+        Argument(help="Recording: .dt1, .dzt, .rd3, .rd7, .iprb, .sgy, .segy, .su or .ogpr; several make a survey."),
+    ],
     output: Output,
     channel: Annotated[int, Option(help="Channel of a file that has several, from 0.")] = 0,
     step: Annotated[float | None, Option(help="Trace spacing, m, in place of the header's.")] = None,
@@ -148,17 +151,46 @@ def import_gpr(
     polarization: Annotated[str, Option(help="HH (dipoles across the way), HV, VH or VV.")] = "HH",
     anchor: Anchor = None,
     anchor_from_track: FromTrack = False,
+    topography: Annotated[
+        bool, Option("--topography", help="With an anchor: put the line on the receiver's heights.")
+    ] = False,
+    all_channels: Annotated[bool, Option("--all-channels", help="All channels in one run, a pair each.")] = False,
+    channel_x: Annotated[
+        list[float] | None, Option(help="Place of a channel's antennas across the way, m; once per channel.")
+    ] = None,
+    mark_spacing: Annotated[float | None, Option(help="Distances from the marks, which stand every so many m.")] = None,
+    line_spacing: Annotated[float | None, Option(help="Several lines: parallel, so many m apart.")] = None,
+    zigzag: Annotated[bool, Option("--zigzag", help="Several lines: every other one runs back.")] = False,
+    lines: Annotated[Path | None, Option(help="Several lines: CSV of where each begins and ends.")] = None,
     max_memory: Annotated[str, Option(help="Largest array that is read.")] = "2GB",
     quiet: Quiet = False,
 ) -> None:
-    """Import a line that a commercial ground-penetrating radar recorded; `flgpr info FILE` tells what it holds."""
+    """Import a line that a commercial radar recorded, or several as a survey; `flgpr info FILE` tells what it holds."""
     with plain_errors(quiet):
-        run = tasks.import_gpr(
-            file, output, channel, anchor, tasks.parse_size(max_memory), anchor_from_track,
-            step=step, band=band, separation=separation,
-            time_zero=None if time_zero is None else time_zero * 1e-9, window=None if window is None else window * 1e-9,
-            across=across, height=height, polarization=polarization,
-        )  # fmt: skip
+        memory = tasks.parse_size(max_memory)
+        headers: dict[str, Any] = {
+            "step": step,
+            "band": band,
+            "separation": separation,
+            "time_zero": None if time_zero is None else time_zero * 1e-9,
+            "window": None if window is None else window * 1e-9,
+            "across": across,
+            "height": height,
+            "polarization": polarization,
+            "topography": topography,
+        }
+        together = len(file) > 1 or all_channels or mark_spacing is not None
+        if together and channel:
+            raise ValueError("channel is of a single line; a survey takes all channels")
+        if not together and (line_spacing is not None or zigzag or lines is not None or channel_x):
+            raise ValueError("line-spacing, zigzag and lines are of several lines, channel-x of --all-channels")
+        if together:
+            run = tasks.import_lines(
+                file, output, anchor, memory, anchor_from_track=anchor_from_track, mark_spacing=mark_spacing,
+                line_spacing=line_spacing, zigzag=zigzag, lines=lines, channel_x=channel_x or None, **headers,
+            )  # fmt: skip
+        else:
+            run = tasks.import_gpr(file[0], output, channel, anchor, memory, anchor_from_track, **headers)
     if not quiet:
         for note in run.attrs["import_notes"]:
             typer.echo(f"note: {note}")

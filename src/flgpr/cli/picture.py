@@ -83,6 +83,9 @@ def image(
     reach: Annotated[float | None, Option(help="How far antennas may be from what they help to image, m.")] = None,
     anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth, for .tif.")] = None,
     points: Annotated[int, Option(help="Brightest points to tell.", min=1, max=100)] = 5,
+    depth: Annotated[
+        list[float] | None, Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat.")
+    ] = None,
     channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
     until: Annotated[float | None, Option(help="Recording: last two-way time, ns; all by default.")] = None,
     dewow: Annotated[bool, Option("--dewow", help="Recording: take the running mean off each trace.")] = False,
@@ -99,6 +102,7 @@ def image(
         of_runs = {
             "x": x, "y": y, "z": z, "at-x": at_x, "at-y": at_y, "at-z": at_z, "spacing": spacing,
             "polarization": polarization, "band": band, "ground": ground, "reach": reach, "anchor": anchor,
+            "depth": depth or None,
         }  # fmt: skip
         _draw_recording(
             run, output, of_runs, scans if scan is None else (scan, scan), channel, until, dewow, background, gain,
@@ -122,6 +126,17 @@ def image(
             None if band is None else (band[0] * 1e9, band[1] * 1e9), window, permittivity, ground,
             float("inf") if reach is None else reach,
         )  # fmt: skip
+        if depth:
+            slices = tasks.make_slices(run, depth, view, output, track)
+            sizes = " x ".join(str(slices.image.sizes[axis]) for axis in "xy")
+            if as_json:
+                shape = dict(slices.image.sizes)
+                told = {"scans": slices.scans, "depths_m": depth, "spacing_m": slices.spacing, "shape": shape}
+                typer.echo(json.dumps(told))
+            elif not quiet:
+                typer.echo(f"{slices.scans} scans, {len(depth)} slices of {sizes} pixels of {slices.spacing:g} m")
+            tell_written(quiet or as_json, *output)
+            return
         made = tasks.make_picture(run, view, output, anchor, points, track)
     if as_json:
         found = {"spacing_m": made.spacing, "scans": made.scans, "shape": dict(made.image.sizes)}

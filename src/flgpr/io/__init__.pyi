@@ -40,6 +40,11 @@ from flgpr.io.gpr_files import GprSection as GprSection
 from flgpr.io.gpr_files import is_gpr as is_gpr
 from flgpr.io.gpr_files import read_gpr as read_gpr
 from flgpr.io.gpr_import import gpr_run as gpr_run
+from flgpr.io.gpr_survey import LINE_STARTS as LINE_STARTS
+from flgpr.io.gpr_survey import LineLayout as LineLayout
+from flgpr.io.gpr_survey import place_by_marks as place_by_marks
+from flgpr.io.gpr_survey import read_line_ends as read_line_ends
+from flgpr.io.gpr_survey import survey_run as survey_run
 from flgpr.io.gprmax import GprmaxOutput as GprmaxOutput
 from flgpr.io.gprmax import GprmaxRun as GprmaxRun
 from flgpr.io.gprmax import read_gprmax as read_gprmax

@@ -46,7 +46,7 @@ def channels_run(section: GprSection, channel_x: Sequence[float] | None = None, 
     places = _places(channel_x, count)
     options.setdefault("band", None)
     if options["band"] is None:
-        options["band"] = _common_band(section)
+        options["band"] = common_band(section)
     runs = [gpr_run(section, channel, **options) for channel in range(count)]
     tones = runs[0]["frequency"].values
     for channel, run in enumerate(runs):
@@ -101,7 +101,7 @@ def _places(channel_x: Sequence[float] | None, count: int) -> list[float]:
     return places
 
 
-def _common_band(section: GprSection) -> tuple[float, float]:
+def common_band(section: GprSection) -> tuple[float, float]:
     """Return a band, Hz, that holds those of all antennas; all that is recorded where one of them is unknown."""
     known = [one for one in section.frequencies if one is not None]
     lowest, highest = _widest_band(section)

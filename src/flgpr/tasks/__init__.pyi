@@ -89,4 +89,7 @@ from flgpr.tasks.simulation import list_bodies as list_bodies
 from flgpr.tasks.simulation import make_signature as make_signature
 from flgpr.tasks.simulation import simulate_lane as simulate_lane
 from flgpr.tasks.simulation import write_gprmax_lane as write_gprmax_lane
+from flgpr.tasks.slices import Slices as Slices
+from flgpr.tasks.slices import make_slices as make_slices
+from flgpr.tasks.survey_lines import import_lines as import_lines
 from flgpr.tasks.training import train_runs as train_runs
