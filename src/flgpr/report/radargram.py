@@ -55,7 +55,7 @@ def radargram_figure(
         _distances_above(axes, number, distance)
     if depth is not None:
         _depth_beside(axes, time, depth)
-    figure.colorbar(drawn, ax=axes, label=unit, shrink=0.8, pad=0.02 if depth is None else 0.1)
+    figure.colorbar(drawn, ax=axes, label=unit, shrink=0.8, pad=0.02 if depth is None else 0.03)
     return figure
 
 
