@@ -193,7 +193,8 @@ def test_a_gather_is_no_line(mode, tmp_path):
     path = write_dt1(tmp_path / "a.dt1", COUNTS, SURVEY_MODE=mode)
     with pytest.raises(ValueError, match=f"its antennas move apart .{mode}"):
         gpr_run(read_gpr(path))
-    assert f"({mode}): no line of one offset" in explain_file(path).lines[-1]
+    assert f"its antennas move apart ({mode}): it is no line of one offset" in explain_file(path).lines
+    assert explain_file(path).lines[-1].startswith("flgpr import gpr refuses it")
 
 
 def test_places_of_the_antennas_tell_a_gather_too(tmp_path):
@@ -645,6 +646,14 @@ def test_notes_are_in_info_in_the_run_and_on_the_screen(tmp_path):
     assert note in done.output
     assert any(note in one for one in open_run(store).attrs["import_notes"])
     assert note in CliRunner().invoke(app, ["info", str(store)]).output
+
+
+def test_positions_and_marks_that_a_run_does_not_keep_are_told(tmp_path):
+    path = write_dzt(tmp_path / "a.dzt", COUNTS[:, None])
+    path.with_suffix(".dzg").write_text(gps_lines([0, 9, 20], LATITUDE[[0, 9, 20]], LONGITUDE[[0, 9, 20]], "dzt"))
+    notes = gpr_run(read_gpr(path)).attrs["import_notes"]
+    assert "3 positions of the satellite receiver are not used: they need an anchor" in notes
+    assert "1 marks of the operator are not kept in the run" in notes
 
 
 def test_what_is_given_in_place_of_the_file_is_in_the_notes(tmp_path):

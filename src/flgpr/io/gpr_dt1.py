@@ -62,6 +62,9 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
     megahertz = head.number("NOMINAL FREQUENCY", 0, 1e5, False)
     distance, separation = _lengths(head, words, notes)
     fixes = _fixes(path, words, notes)
+    gather = _gather(head, words, notes)
+    if gather:
+        notes.append(f"its antennas move apart ({gather}): it is no line of one offset")
     return {
         "traces": traces[:, None],
         # Points are counted from 1.
@@ -73,7 +76,7 @@ def read_dt1(path: Path, limit: int) -> dict[str, Any]:
         "marks": tuple(np.flatnonzero(words[:, 24] == 1).tolist()),
         "frequencies": (megahertz * 1e6 if megahertz else None,),
         "separation": separation,
-        "gather": _gather(head, words, notes),
+        "gather": gather,
         "history": tuple(notes),
     }
 

@@ -80,6 +80,8 @@ def gpr_run(
         told += ", within what the record and its sampling hold"
     notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
     keep, pose = _poses(section, step, height, anchor, topography, notes)
+    if section.marks:
+        notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
     if len(keep) * tones.size * 8 > max_memory:
         size = len(keep) * tones.size * 8 / 1e9
@@ -129,9 +131,7 @@ def explain_gpr(path: Path, max_memory: int = MAX_MEMORY) -> tuple[str, list[str
     lines.append(f"{len(section.fixes)} positions of a satellite receiver, {len(section.marks)} marks")
     lines += [*section.history, *_fix_doubts(section)]
     if section.gather:
-        lines.append(
-            f"its antennas move apart ({section.gather}): no line of one offset, which flgpr import gpr refuses"
-        )
+        lines.append("flgpr import gpr refuses it, for a run is a line of one offset")
         return section.format, lines
     lines.append(f"to import it: flgpr import gpr {shlex.quote(str(path))} -o {shlex.quote(path.stem)}.zarr")
     return section.format, lines
@@ -191,6 +191,9 @@ def _poses(
     if along is None:
         more = " or the anchor" if len(section.fixes) > 1 else ""
         raise ValueError(f"{section.path}: its headers tell no trace spacing: give the step{more}")
+    notes.append("the line is put along +y of the lane, at x = 0")
+    if len(section.fixes):
+        notes.append(f"{len(section.fixes)} positions of the satellite receiver are not used: they need an anchor")
     pose = np.zeros((count, 6))
     pose[:, 1], pose[:, 2] = along, height
     return np.arange(count), pose

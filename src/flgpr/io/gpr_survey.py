@@ -81,7 +81,8 @@ def place_by_marks(section: GprSection, spacing: float) -> GprSection:
     outside = int(np.count_nonzero(before | after))
     if outside:
         note += f"; {outside} traces before the first and after the last mark go on at the steps beside them"
-    return replace(section, distance=distance - distance[0], history=(*section.history, note))
+    # The marks are used up: nothing of them is left to be kept.
+    return replace(section, distance=distance - distance[0], marks=(), history=(*section.history, note))
 
 
 def survey_run(
