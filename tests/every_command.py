@@ -113,6 +113,11 @@ COMMANDS = [
         "import gpr {in}/line.dt1 -o {out}/a.zarr --height 0.1",
     ),
     Command(
+        "import gpr survey",
+        "import gpr {in}/line.dt1 {in}/line.dt1 -o {out}/a.zarr --line-spacing 0.5",
+        "import gpr {in}/line.dt1 {in}/line.dt1 -o {out}/a.zarr --line-spacing 0.6",
+    ),
+    Command(
         "import table",
         "import table {in}/truth.csv --kind truth -o {out}/a.csv",
         "import table {in}/reflectors.csv --kind alarms --columns confidence=z_m -o {out}/a.csv",
@@ -151,6 +156,11 @@ COMMANDS = [
         "image recording",
         "image {in}/line.dt1 --gain -o {out}/a.png -o {out}/a.npz",
         "image {in}/line.dt1 --dewow -o {out}/a.npz",
+    ),
+    Command(
+        "image depth",
+        "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.2 --depth 0.4 -o {out}/a.png -o {out}/a.npz",
+        "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.3 -o {out}/a.npz",
     ),
     Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),

@@ -1,6 +1,7 @@
 """Channels, marks, topography and many lines into one run, and depth slices of it: by command, against the places."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,7 +94,8 @@ def test_all_channels_become_pairs_of_one_run(tmp_path):
 
 def test_distances_come_from_the_marks(tmp_path):
     line = read_gpr(write_dt1(tmp_path / "a.dt1", section(40)))
-    marked = place_by_marks(type(line)(**{**vars(line), "marks": (4, 14, 34)}), 2.0)
+    line = replace(line, marks=(4, 14, 34))
+    marked = place_by_marks(line, 2.0)
     assert marked.distance[[4, 14, 34]] - marked.distance[4] == pytest.approx([0, 2, 4])
     assert np.diff(marked.distance[:14]) == pytest.approx([0.2] * 13)
     assert np.diff(marked.distance[14:]) == pytest.approx([0.1] * 25)
@@ -103,9 +105,9 @@ def test_distances_come_from_the_marks(tmp_path):
     )
     np.testing.assert_allclose(gpr_run(marked)["pose"].values[:, 1], marked.distance)
     with pytest.raises(ValueError, match="distances from marks need two marks or more, got 0"):
-        place_by_marks(line, 2.0)
+        place_by_marks(replace(line, marks=()), 2.0)
     with pytest.raises(ValueError, match="mark-spacing must be a positive distance, got 0 m"):
-        place_by_marks(marked, 0.0)
+        place_by_marks(line, 0.0)
 
 
 @pytest.fixture
