@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, Listed, kind_of, parse_json
+from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, parse_json
 
 _LFS = b"version https://git-lfs.github.com/spec/v1"
 _LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
@@ -46,7 +46,7 @@ def _refuse_pointer(path: Path, what: str) -> None:
     """Refuse a pointer of Git LFS, which stands for a file that was not fetched."""
     if path.stat().st_size > _LARGEST_POINTER:
         return
-    with path.open("rb") as file:
+    with open_named(path) as file:
         head = file.read(_LARGEST_POINTER)
     if head.startswith(_LFS):
         size = re.search(rb"^size (\d{1,18})$", head, re.MULTILINE)

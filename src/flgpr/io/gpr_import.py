@@ -26,6 +26,7 @@ _MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the squar
 _LOWEST = 1e6  # Hz, below which no run has tones
 _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
+_LEVEL = 0.01  # m of height, that are none
 _CLOSE = 20.0  # m that the way of a receiver without corrections may be off
 
 
@@ -214,7 +215,7 @@ def _topography(
             "the ground is not taken off"
         )
         return ground
-    if high > low:
+    if high - low > _LEVEL:
         notes.append(
             f"heights of the receiver from {low:.2f} to {high:.2f} m in the lane are not used: the ground is taken as "
             "level; --topography puts the line on them"

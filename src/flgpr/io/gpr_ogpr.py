@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flgpr.door import parse_json
+from flgpr.door import open_named, parse_json
 from flgpr.io.gpr_parts import exact_floats, first_bytes
 
 FloatArray = NDArray[np.float64]
@@ -139,7 +139,9 @@ def _radar_volume(
     stated = str(block.get("valueType", "")).lower()
     if stated and stated.startswith("float") != (width == 4):
         notes.append(f"valueType {stated!r} does not fit samples of {width} bytes: they are read as {_TYPES[width]}")
-    values = np.fromfile(path, dtype=_TYPES[width], count=count, offset=offset).reshape(shape)
+    with open_named(path) as file:
+        file.seek(offset)
+        values = np.frombuffer(file.read(length), dtype=_TYPES[width]).reshape(shape)
     bad = int(np.count_nonzero(~np.isfinite(values).all(axis=(1, 2)))) if width == 4 else 0
     if bad:
         notes.append(f"{bad} of {shape[0]} traces hold samples that are not finite")
@@ -155,16 +157,16 @@ def _places(
         return None, none
     offset, length = _block(path, block)
     slices, channels, samples = shape
-    layouts = {
-        8 * 3 * slices * channels * samples: (slices, channels, samples, 3),
-        8 * 3 * slices * channels: (slices, channels, 1, 3),
-        8 * 3 * slices: (slices, 1, 1, 3),
-    }
-    if length not in layouts:
+    if length not in {24 * slices * channels * samples, 24 * slices * channels, 24 * slices}:
         notes.append(f"Sample Geolocations of {length} bytes found, not understood: positions are not read")
         return None, none
-    grid = np.memmap(path, dtype="<f8", mode="r", offset=offset, shape=layouts[length])
-    place = np.array(grid[:, 0, 0], dtype=np.float64)
+    stride = length // slices  # the first place of a slice is that of its first channel's first sample
+    raw = bytearray()
+    with open_named(path) as file:
+        for number in range(slices):
+            file.seek(offset + number * stride)
+            raw += file.read(24)
+    place = np.frombuffer(bytes(raw), dtype="<f8").reshape(slices, 3).astype(np.float64)
     if not np.isfinite(place).all() or np.abs(place).max() > 1e8 or not np.ptp(place[:, :2], axis=0).any():
         notes.append("Sample Geolocations are not finite, or all at one place: positions are not read")
         return None, none

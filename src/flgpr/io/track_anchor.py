@@ -61,10 +61,11 @@ def anchor_from_fixes(fixes: ArrayLike, number: ArrayLike | None = None) -> tupl
     start = _anchor_at((float(origin[0]), float(origin[1]), float(origin[2])), 0.0)
     east, north, _ = start.from_geodetic(known[motion.plausible][farthest])
     azimuth = math.atan2(east, north)
+    degrees = round(math.degrees(azimuth), 2) % 360.0
     left_out = len(points) - len(trusted)
     notes = [
         f"the lane follows from the track: its origin is the first fix, {origin[1]:.7f} N {origin[0]:.7f} E, its +y "
-        f"points {math.degrees(azimuth) % 360:.2f}° from north to the fix farthest from it, {away[farthest]:.4g} m "
+        f"points {degrees:.2f}° from north to the fix farthest from it, {away[farthest]:.4g} m "
         "away; how well that is known the track does not tell"
     ]
     if left_out:
