@@ -113,6 +113,16 @@ COMMANDS = [
         "import gpr {in}/line.dt1 -o {out}/a.zarr --height 0.1",
     ),
     Command(
+        "import gpr survey",
+        "import gpr {in}/line.dt1 {in}/line.dt1 -o {out}/a.zarr --line-spacing 0.5",
+        "import gpr {in}/line.dt1 {in}/line.dt1 -o {out}/a.zarr --line-spacing 0.6",
+    ),
+    Command(
+        "import table",
+        "import table {in}/truth.csv --kind truth -o {out}/a.csv",
+        "import table {in}/reflectors.csv --kind alarms --columns confidence=z_m -o {out}/a.csv",
+    ),
+    Command(
         "simulate",
         "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 3",
         "simulate {in}/scene.toml --sensor {in}/sensor.toml -o {out}/a.zarr --truth {out}/key.csv --seed 4",
@@ -142,8 +152,23 @@ COMMANDS = [
         "-o {out}/a.tif",
         "image {in}/tied.zarr --spacing 0.3 --anchor {in}/anchor.toml -o {out}/a.npz",
     ),
+    Command(
+        "image recording",
+        "image {in}/line.dt1 --gain -o {out}/a.png -o {out}/a.npz",
+        "image {in}/line.dt1 --dewow -o {out}/a.npz",
+    ),
+    Command(
+        "image depth",
+        "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.2 --depth 0.4 -o {out}/a.png -o {out}/a.npz",
+        "image {in}/line.zarr --permittivity 9 --x -0.2 0.2 --depth 0.3 -o {out}/a.npz",
+    ),
     Command("design", "design {in}/sensor.toml -o {out}/a.html", "design {in}/sensor.toml --depth 0.1 -o {out}/a.html"),
     Command("info", "info {in}/run.zarr --plot {out}/a.png"),
+    Command(
+        "info files",
+        "info {in}/mapped.npz {in}/track.csv --mapping {out}/a.toml",
+        "info {in}/mapped.npz {in}/reflectors.csv --mapping {out}/a.toml",
+    ),
     Command("recipe for", "recipe for {in}/run.zarr -o {out}/a.toml", "recipe for {in}/line.zarr -o {out}/a.toml"),
     Command(
         "anchor",

@@ -96,7 +96,7 @@ def test_nothing_in_the_folder_tells_where_the_targets_of_test_lanes_lie(field):
     for name, lane in ground.lanes.items():
         assert {f"{name}.zarr", f"{name}-lane.toml"} <= files
         assert (f"{name}-truth.csv" in files) == (lane.part == "train")
-        assert not {f"{name}-objects.csv", f"{name}-truth.geojson"} & files
+        assert not {f"{name}-objects.csv", f"{name}-truth.json"} & files
     places = [f"{x:.2f}" for x in truth_of(ground)["y"]]
     sealed = (field / "out" / "lanes" / SEALED).read_text("utf-8")
     assert not [place for place in places if place in sealed]

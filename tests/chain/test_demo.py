@@ -77,10 +77,11 @@ def test_the_report_needs_nothing_beside_it(demo):
         assert word in page
 
 
-def test_geojson_and_csv_hold_the_same_alarms(demo):
+def test_json_and_csv_hold_the_same_alarms_and_no_map_takes_metres_for_degrees(demo):
     folder = demo[0].folder
     table = read_table(folder / "alarms.csv", "alarms")
-    features = json.loads((folder / "alarms.geojson").read_text())["features"]
+    assert not list(folder.rglob("*.geojson"))
+    features = json.loads((folder / "alarms.json").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == table[["x", "y"]].to_numpy().tolist()
     assert [f["properties"]["confidence"] for f in features] == table["confidence"].tolist()
     assert table["confidence"].is_monotonic_decreasing

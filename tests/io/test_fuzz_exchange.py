@@ -14,13 +14,16 @@ from bag import drive
 from damage import FUZZ, damaged, in_forks, refusal
 from flgpr.io.anchor import fit_anchor, read_anchor
 from flgpr.io.arrays import open_arrays
+from flgpr.io.dialects import TableReading
 from flgpr.io.explain import explain_file
 from flgpr.io.gpr_files import read_gpr
 from flgpr.io.gpr_import import gpr_run
 from flgpr.io.mapping import parse_mapping
+from flgpr.io.tables import read_table
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from io_geodesy import LANE, on_the_ellipsoid
 from io_gpr import section, write_dt1, write_dzt, write_ids, write_impulse, write_mala, write_segy
+from io_open import way, write_ogpr, write_su
 from io_recordings import gps_lines, two_headers, with_extra_headers
 from take import take_text
 
@@ -158,6 +161,8 @@ RECORDINGS = {
     "dt": (write_ids, None, None, b""),
     "sgy": (write_segy, None, None, b""),
     "segy": (lambda path, counts: write_segy(path, counts, code=1, unit=2), None, None, b""),
+    "su": (write_su, None, None, b""),
+    "ogpr": (lambda path, counts: write_ogpr(path, counts[:, None], places=way(len(counts))), None, None, b""),
 }
 
 
@@ -205,6 +210,19 @@ def test_damaged_tracks(data, tmp_path):
     path.write_bytes(damaged(TAKE, data.draw))
     said = refusal(read_track, path, "column", None, ("x", "-z", "y"))
     assert said is None or str(path) in said
+
+
+LIST = "# ours\nNr;quer [cm];längs;Wertung\n1;25;3,5;7\n2;-5;10,25;9\n".encode("latin-1")
+
+
+@FUZZ
+@given(data=st.data())
+def test_damaged_lists_of_alarms(data, tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_bytes(damaged(LIST, data.draw))
+    for reading in (None, TableReading({"confidence": "Wertung"})):
+        said = refusal(read_table, path, "alarms", reading)
+        assert said is None or str(path) in said
 
 
 @FUZZ

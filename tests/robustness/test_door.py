@@ -121,7 +121,7 @@ KINDS = {  # how a folder is made and read, and which of its files are damaged
             "features.csv",
             "run_view.npz",
             "recipe.toml",
-            "alarms.geojson",
+            "alarms.json",
             "report.html",
             "roc.json",
             "view/index.json",

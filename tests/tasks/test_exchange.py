@@ -56,6 +56,23 @@ def written(folder, **told):
     return write_result(folder, [detection], text, lane, run)
 
 
+def test_a_result_of_a_tied_run_has_alarms_on_the_earth(anchor, tmp_path):
+    """RFC 7946: longitude first, WGS 84; what lies in the lane alone is no GeoJSON."""
+    tie = read_anchor(anchor)
+    home = written(tmp_path / "tied", georeference=tie.georeference())
+    told = json.loads((home / "alarms.geojson").read_text())
+    assert not (home / "alarms.json").exists()
+    for feature, (x, y) in zip(told["features"], [(0.1, 3.0), (-0.7, 3.5), (1.1, 4.2)], strict=True):
+        lon, lat = feature["geometry"]["coordinates"][:2]
+        lane = tie.from_geodetic([lon, lat, tie.to_geodetic([x, y, 0.0])[2]])
+        np.testing.assert_allclose(lane[:2], (x, y), atol=1e-3)
+        assert (feature["properties"]["lane_x"], feature["properties"]["lane_y"]) == (x, y)
+    assert told["flgpr"]["statement"].startswith("Evidence points of a radar")
+    bare = written(tmp_path / "bare")
+    assert json.loads((bare / "alarms.json").read_text())["flgpr_frame"].startswith("lane frame")
+    assert not list(bare.rglob("*.geojson"))
+
+
 def test_alarms_leave_as_evidence_points(result, anchor, tmp_path):
     exchange.export_result(result, tmp_path / "a.geojson", "geojson", anchor, time="2026-11-21T10:00:00Z")
     told = json.loads((tmp_path / "a.geojson").read_text())

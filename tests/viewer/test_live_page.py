@@ -242,7 +242,8 @@ def test_live_alarms_are_exported_with_their_place_on_earth(live):
     _, data = page.saved("#export-csv")
     rows = list(csv.DictReader(io.StringIO(data.decode())))
     assert [(row["alarm_id"], float(row["y"])) for row in rows] == [("alarm-1", 14.5), ("alarm-2", 16.0)]
-    _, data = page.saved("#export-geojson")
+    name, data = page.saved("#export-geojson")
+    assert name == "flgpr-alarms.geojson"
     longitude, latitude = json.loads(data)["features"][0]["geometry"]["coordinates"]
     assert latitude == pytest.approx(48 + 14.5 / 111_207, abs=1e-6)
     assert longitude == pytest.approx(11 + 1.0 / 74_635, abs=1e-6)

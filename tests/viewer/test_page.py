@@ -222,7 +222,8 @@ def test_exports_are_what_is_shown(watch, shown, demo):
     assert [float(row["confidence"]) for row in rows] == alarms["confidence"][:4].tolist()
     assert (rows[0]["verdict"], rows[0]["note"]) == ("clutter", '\'=post, "roadside"')
     one.page.locator("#rows input").nth(1).check()
-    _, data = one.saved("#export-geojson")
+    name, data = one.saved("#export-geojson")
+    assert name == "flgpr-alarms.json"  # in the lane frame: no map shall take it for places on Earth
     features = json.loads(data)["features"]
     assert [f["properties"]["alarm_id"] for f in features] == ["alarm-2"]
     assert features[0]["geometry"]["coordinates"] == alarms[["x", "y"]].iloc[1].tolist()

@@ -13,6 +13,7 @@ from flgpr import tasks
 from flgpr.calibrate import channel_health, disturbed_tones
 from flgpr.io import open_run, save_run
 from flgpr.tasks import raw as raw_module
+from io_gpr import INTERVAL, SAMPLES, ZERO, section, write_dt1
 
 STEPS = [
     {"do": "dewow", "length_ns": 5.0},
@@ -371,3 +372,28 @@ def test_a_window_of_agc_longer_than_the_trace_is_as_long_as_it(lane, window):
         for one in (80.5, window)
     ]
     assert answers[0] == answers[1]
+
+
+def test_a_recording_is_shown_without_an_import_from_its_first_sample_on(tmp_path, serving, watch):
+    counts = section(40)
+    path = write_dt1(tmp_path / "line.dt1", counts)
+    with serving([path], raw=tasks.RawRun) as viewer:
+        status, answer = ask(viewer, "bscan", polarization="HH", pair="0", scale="signed")
+        assert status == 200
+        delays = answer["delays_ns"]
+        assert delays["start"] == pytest.approx(-ZERO * INTERVAL * 1e9)
+        assert delays["stop"] == pytest.approx((SAMPLES - ZERO) * INTERVAL * 1e9)
+        seen = values_of(answer) * answer["unit"]
+        fine = (np.arange(800) + 0.5) / 800 * SAMPLES  # in samples of the recording
+        for trace in (0, 10, 39):  # the echo is strong where the recorder had its strongest sample
+            level = np.abs(seen[trace])
+            around = np.abs(fine - np.abs(counts[trace]).argmax()) < 1.5
+            assert level[around].max() > 0.8 * level.max()
+        one = watch(viewer)
+        one.until("document.getElementById('health-rows').children.length === 1")
+        page = one.page
+        assert page.locator("#raw-scale").input_value() == "signed"
+        notes = page.locator("#raw-notes li").all_inner_texts()
+        assert any(note.startswith("impulse data taken to frequency") for note in notes)
+        assert page.locator("#raw-notes-head").is_visible()
+        one.close()

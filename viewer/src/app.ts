@@ -609,7 +609,12 @@ export class App {
     if (!this.detection) return;
     const rows = alarmRows(this.source, this.detection, this.exportRows(), (row) => this.note(row));
     if (form === "csv") download("flgpr-alarms.csv", asCsv(rows), "text/csv");
-    else download("flgpr-alarms.geojson", asGeoJson(rows, geographic(this.source.index.georeference)), "application/geo+json");
+    else {
+      // GeoJSON is longitude and latitude; places in the lane alone are JSON, which no map takes for places on Earth.
+      const place = geographic(this.source.index.georeference);
+      if (place) download("flgpr-alarms.geojson", asGeoJson(rows, place), "application/geo+json");
+      else download("flgpr-alarms.json", asGeoJson(rows, null), "application/json");
+    }
   }
 
   /** A project of QGIS with the layers of the result in picture A, made by the server. */

@@ -15,7 +15,7 @@ const MAP = { db: "viridis", signed: "grey" };
 
 interface Bscan {
   scans: number[];
-  delays_ns: { stop: number; count: number };
+  delays_ns: { start: number; stop: number; count: number };
   scale: "db" | "signed";
   unit: number;
   top_db: number | null;
@@ -66,6 +66,9 @@ export class RawPanel {
     el("raw-map").append(...Object.keys(COLOUR_MAPS).map((name) => make("option", {}, name)));
     const { scans } = source.index;
     el("raw-facts").textContent = `${scans.y.length} scans, ${run.pairs} pairs, ${run.polarizations.join(" ")}, ${run.tones} tones from ${digits(run.frequency_hz[0] / 1e9)} to ${digits(run.frequency_hz[1] / 1e9)} GHz`;
+    if (run.recording) el<HTMLSelectElement>("raw-scale").value = "signed";
+    el("raw-notes").replaceChildren(...run.notes.map((words) => make("li", {}, words)));
+    el("raw-notes-head").hidden = !run.notes.length;
     el("raw").querySelectorAll("select, input").forEach((field) =>
       field.addEventListener("change", () => (["raw-range", "raw-map"].includes(field.id) ? this.painted() : void this.ask())),
     );
@@ -79,7 +82,7 @@ export class RawPanel {
     this.canvas.addEventListener("click", (event) => {
       if (this.focus) return;
       const { top, height } = this.box();
-      const delay = this.shown ? ((event.offsetY - top) / height) * this.shown.delays_ns.stop : null;
+      const delay = this.shown ? this.delayAt((event.offsetY - top) / height) : null;
       this.apex = delay !== null && delay > 0 ? delay : null;
       this.mark(this.columnAt(event));
     });
@@ -291,11 +294,11 @@ export class RawPanel {
   private drawHyperbola(pen: CanvasPen, { left, top, width, height }: Box): void {
     const slow = Number(el<HTMLInputElement>("raw-permittivity").value);
     if (!(slow >= 1) || this.apex === null || this.column === null || !this.shown) return;
-    const { scans, delays_ns } = this.shown;
+    const { scans } = this.shown;
     const [places, here, speed] = [this.source.index.scans, scans[this.column]!, (2 * METRES) / Math.sqrt(slow)];
     const points = scans.map((scan, i): [number, number] => {
       const away = Math.hypot(places.x[scan]! - places.x[here]!, places.y[scan]! - places.y[here]!);
-      return [left + ((i + 0.5) / scans.length) * width, top + (Math.hypot(this.apex!, (2 * away) / speed) / delays_ns.stop) * height];
+      return [left + ((i + 0.5) / scans.length) * width, top + this.shareOf(Math.hypot(this.apex!, (2 * away) / speed)) * height];
     });
     pen.path(points.filter(([, y]) => y <= top + height), false, { stroke: "#ffffff", width: 1.6, dash: [6, 4] });
     const words = `permittivity ${format(slow)}, ${fixed(speed, 3)} m/ns, depth ${fixed((this.apex * speed) / 2, 2)} m`;
@@ -316,6 +319,18 @@ export class RawPanel {
 
   private box(): Box {
     return { left: 46, top: 14, width: Math.max(this.canvas.clientWidth - 46 - 104, 10), height: Math.max(this.canvas.clientHeight - 14 - 34, 10) };
+  }
+
+  /** Delay, ns, at a share of the picture's height from above. */
+  private delayAt(share: number): number {
+    const { start, stop } = this.shown!.delays_ns;
+    return start + share * (stop - start);
+  }
+
+  /** Share of the picture's height from above at a delay, ns. */
+  private shareOf(delay: number): number {
+    const { start, stop } = this.shown!.delays_ns;
+    return (delay - start) / (stop - start);
   }
 
   private columnAt(event: MouseEvent): number | null {
@@ -355,13 +370,13 @@ export class RawPanel {
     this.drawHyperbola(pen, box);
     const text = { fill: colour("soft"), size: 10.5 };
     const line = (a: [number, number], b: [number, number]): void => pen.path([a, b], false, { stroke: colour("soft"), width: 1 });
-    for (const value of ticks(0, delays_ns.stop, box.height / 40)) {
-      const y = top + (value / delays_ns.stop) * box.height;
+    for (const value of ticks(delays_ns.start, delays_ns.stop, box.height / 40)) {
+      const y = top + this.shareOf(value) * box.height;
       line([left - 4, y], [left, y]);
       pen.text(left - 6, y + 4, format(value), { ...text, anchor: "end" });
     }
-    for (const value of ticks(0, delays_ns.stop * METRES, box.height / 40)) {
-      const y = top + (value / METRES / delays_ns.stop) * box.height;
+    for (const value of ticks(delays_ns.start * METRES, delays_ns.stop * METRES, box.height / 40)) {
+      const y = top + this.shareOf(value / METRES) * box.height;
       line([right, y], [right + 4, y]);
       pen.text(right + 6, y + 4, format(value), text);
     }
@@ -401,7 +416,7 @@ export class RawPanel {
     if (!this.shown) return;
     const { delays_ns, scale, scans } = this.shown;
     el("raw-scan").textContent = `scan ${scans[column]}`;
-    const delays = Array.from({ length: delays_ns.count }, (_, k) => ((k + 0.5) / delays_ns.count) * delays_ns.stop);
+    const delays = Array.from({ length: delays_ns.count }, (_, k) => this.delayAt((k + 0.5) / delays_ns.count));
     const trace = delays.map((_, k) => {
       const value = HALF[this.values[column * delays_ns.count + k]!]!;
       return Number.isFinite(value) ? value : null;

@@ -52,7 +52,7 @@ export interface Index {
   aperture?: boolean;
   georeference: Georeference | null;
   detections: Detection[];
-  run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number] };
+  run?: { polarizations: string[]; pairs: number; tones: number; frequency_hz: [number, number]; notes: string[]; recording: boolean };
 }
 export interface Curve {
   kind: string | null;

@@ -43,6 +43,22 @@ def plain_errors(quiet: bool = False) -> Iterator[None]:
         raise typer.Exit(2) from None
 
 
+class _Notes(logging.Handler):
+    """Prints what was found, replaced or assumed on reading, each line once."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__()
+        self._quiet = quiet
+        self._said: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take a message of :func:`flgpr.io.notes.tell_note`."""
+        text = record.getMessage()
+        if not self._quiet and text not in self._said:
+            typer.echo(f"note: {text}", err=True)
+        self._said.add(text)
+
+
 class _Teller(logging.Handler):
     """Prints, and remembers, what was there already."""
 
@@ -59,15 +75,22 @@ class _Teller(logging.Handler):
 
 @contextmanager
 def _there_already_told(quiet: bool) -> Iterator[None]:
-    teller, logger = _Teller(quiet), logging.getLogger("flgpr.outputs")
-    level = logger.level
     _there_already.clear()
+    with _heard("flgpr.outputs", _Teller(quiet)), _heard("flgpr.notes", _Notes(quiet)):
+        yield
+
+
+@contextmanager
+def _heard(name: str, handler: logging.Handler) -> Iterator[None]:
+    """Let a handler take the messages of a logger for as long as a command runs."""
+    logger = logging.getLogger(name)
+    level = logger.level
     logger.setLevel(logging.INFO)
-    logger.addHandler(teller)
+    logger.addHandler(handler)
     try:
         yield
     finally:
-        logger.removeHandler(teller)
+        logger.removeHandler(handler)
         logger.setLevel(level)
 
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Run = Annotated[Path, Argument(help="Run store.")]
+RunOrRecording = Annotated[
+    Path, Argument(help="Run store, or a recording (.dzt, .dt1, ...), whose traces are drawn as they are.")
+]
 Pair = tuple[float, float]
 
 
@@ -57,7 +60,7 @@ def prepare(
 
 
 def image(
-    run: Run,
+    run: RunOrRecording,
     output: Annotated[
         list[Path], Option("-o", "--output", help="What to write: .png, .npz, .zarr or .tif; may repeat.")
     ],
@@ -80,11 +83,38 @@ def image(
     reach: Annotated[float | None, Option(help="How far antennas may be from what they help to image, m.")] = None,
     anchor: Annotated[Path | None, Option(help="TOML that ties the lane to the Earth, for .tif.")] = None,
     points: Annotated[int, Option(help="Brightest points to tell.", min=1, max=100)] = 5,
+    depth: Annotated[
+        list[float] | None, Option(help="Depth slices in place of z: a depth below z = 0, m; may repeat.")
+    ] = None,
+    channel: Annotated[int, Option(help="Recording: channel, from 0.", min=0)] = 0,
+    until: Annotated[float | None, Option(help="Recording: last two-way time, ns; all by default.")] = None,
+    dewow: Annotated[bool, Option("--dewow", help="Recording: take the running mean off each trace.")] = False,
+    background: Annotated[bool, Option("--background", help="Recording: take off the mean of all traces.")] = False,
+    gain: Annotated[bool, Option("--gain", help="Recording: bring all times to the line's mean level.")] = False,
+    step_window: Annotated[
+        float | None, Option(help="Recording: window of dewow and gain, ns; two periods of the antenna by default.")
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Focus a run by one scan or over the aperture of many: ground, section or volume."""
+    """Focus a run by one scan or over the aperture of many, or draw the traces of a recording over time."""
+    if tasks.is_recording(run):
+        of_runs = {
+            "x": x, "y": y, "z": z, "at-x": at_x, "at-y": at_y, "at-z": at_z, "spacing": spacing,
+            "polarization": polarization, "band": band, "ground": ground, "reach": reach, "anchor": anchor,
+            "depth": depth or None,
+        }  # fmt: skip
+        _draw_recording(
+            run, output, of_runs, scans if scan is None else (scan, scan), channel, until, dewow, background, gain,
+            step_window, permittivity, quiet, as_json,
+        )  # fmt: skip
+        return
     with plain_errors(quiet), progress(quiet or as_json) as track:
+        of_recordings = {"dewow": dewow, "background": background, "gain": gain}
+        asked = [name for name, wanted in of_recordings.items() if wanted]
+        if asked or channel or until is not None or step_window is not None:
+            named = ", ".join(asked) or "channel, until or step-window"
+            raise ValueError(f"{named}: these are for recordings; of a run, `flgpr prepare` takes the steps")
         for name, pair, one in (("x", x, at_x), ("y", y, at_y), ("z", z, at_z)):
             if pair is not None and one is not None:
                 raise ValueError(f"{name} must be told once, got limits and --at-{name}")
@@ -96,6 +126,17 @@ def image(
             None if band is None else (band[0] * 1e9, band[1] * 1e9), window, permittivity, ground,
             float("inf") if reach is None else reach,
         )  # fmt: skip
+        if depth:
+            slices = tasks.make_slices(run, depth, view, output, track)
+            sizes = " x ".join(str(slices.image.sizes[axis]) for axis in "xy")
+            if as_json:
+                shape = dict(slices.image.sizes)
+                told = {"scans": slices.scans, "depths_m": depth, "spacing_m": slices.spacing, "shape": shape}
+                typer.echo(json.dumps(told))
+            elif not quiet:
+                typer.echo(f"{slices.scans} scans, {len(depth)} slices of {sizes} pixels of {slices.spacing:g} m")
+            tell_written(quiet or as_json, *output)
+            return
         made = tasks.make_picture(run, view, output, anchor, points, track)
     if as_json:
         found = {"spacing_m": made.spacing, "scans": made.scans, "shape": dict(made.image.sizes)}
@@ -106,6 +147,52 @@ def image(
         typer.echo(f"{made.scans} scans, {sizes} pixels of {made.spacing:g} m; brightest points:")
         for line in _point_lines(made.peaks):
             typer.echo(line)
+    tell_written(quiet, *output)
+
+
+def _draw_recording(
+    path: Path,
+    output: list[Path],
+    of_runs: dict[str, Any],
+    traces: tuple[int, int] | None,
+    channel: int,
+    until: float | None,
+    dewow: bool,
+    background: bool,
+    gain: bool,
+    window: float | None,
+    permittivity: float | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Draw the traces of a recording, and tell what was assumed and done."""
+    with plain_errors(quiet):
+        refused = [name for name, value in of_runs.items() if value is not None]
+        if refused:
+            raise ValueError(
+                f"{', '.join(refused)}: a recording is drawn as it is; to focus it, import it first: flgpr import gpr"
+            )
+        view = tasks.RadargramView(
+            channel,
+            traces,
+            None if until is None else until * 1e-9,
+            dewow,
+            background,
+            gain,
+            None if window is None else window * 1e-9,
+            permittivity,
+        )
+        made = tasks.make_radargram(path, view, output)
+    if as_json:
+        shape = {"traces": made.values.shape[0], "samples": made.values.shape[1]}
+        typer.echo(json.dumps(shape | {"unit": made.unit, "steps": made.steps, "notes": made.notes}))
+        return
+    if not quiet:
+        typer.echo(f"{made.title}: {made.values.shape[0]} traces x {made.values.shape[1]} samples, {made.unit}")
+        for step in made.steps:
+            typer.echo(f"step: {step}")
+        for note in made.notes:
+            typer.echo(f"note: {note}")
     tell_written(quiet, *output)
 
 

@@ -41,7 +41,9 @@ def _others(beside: list[str] | None, runs: int) -> list[dict[str, Path]]:
 def view(
     paths: Annotated[
         list[Path] | None,
-        Argument(help="Result, run or score; two results or two scores stand side by side; none with --live."),
+        Argument(
+            help="Result, run, recording or score; two results or two scores stand side by side; none with --live."
+        ),
     ] = None,
     port: Annotated[int, Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 0,
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
@@ -169,19 +171,31 @@ def train(
 
 @app.command()
 def info(
-    run: Annotated[Path, Argument(help="Run store, a file to import, a model, or a result whose model is meant.")],
+    paths: Annotated[
+        list[Path],
+        Argument(
+            help="Run store, file to import, model, or result whose model is meant; or all files of one measurement."
+        ),
+    ],
     recipe: Annotated[
         str | None, Option(help="Recipe whose images and lane decide what is covered; tells whether it fits.")
     ] = None,
     recipes: Annotated[bool, Option("--recipes", help="Tell of every packaged recipe whether it fits.")] = False,
     plot: Annotated[Path | None, Option(help="PNG to write: plan, coverage and side view.")] = None,
+    mapping: Annotated[Path | None, Option(help="TOML to write: the draft of the files' mapping.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Tell what a run, a file or a model holds, in plain words and units; a model is not loaded for it."""
+    """Tell what a run, a file or a model holds, in plain words and units; a model is not loaded for it.
+
+    Several files of one measurement are told together, with one draft of their mapping.
+    """
     with plain_errors():
-        if run.is_file():
-            _explain(run, as_json)
+        run = paths[0]
+        if len(paths) > 1 or run.is_file():
+            _explain(paths, mapping, as_json)
             return
+        if mapping is not None:
+            raise ValueError(f"a mapping is drafted for files, got {run}")
         if (run / "model.bundle").is_file() or (run / "manifest.json").is_file():
             held = tasks.model_info(run)
             typer.echo(json.dumps(held) if as_json else "\n".join(model_lines(held)))
@@ -196,15 +210,23 @@ def info(
         typer.echo(f"plot: {plot.resolve()}")
 
 
-def _explain(path: Path, as_json: bool) -> None:
-    told = tasks.explain_file(path)
+def _explain(paths: list[Path], mapping: Path | None, as_json: bool) -> None:
+    several = len(paths) > 1
+    told = tasks.explain_files(paths, beside=mapping) if several else tasks.explain_file(paths[0])
+    if mapping is not None:
+        if not told.mapping:
+            raise ValueError(f"{paths[0]}: a {told.kind} needs no mapping, none is written to {mapping}")
+        tasks.write_draft(told.mapping, mapping)
     if as_json:
         typer.echo(json.dumps({"kind": told.kind, "lines": told.lines, "mapping": told.mapping}))
         return
-    typer.echo(f"{path}: {told.kind}")
+    typer.echo(told.kind if several else f"{told.path}: {told.kind}")
     for line in told.lines:
         typer.echo(f"  {line}")
-    if told.mapping:
+    if mapping is not None:
+        guesses = told.mapping.count('?"')
+        typer.echo(f"wrote {mapping}, with {guesses} question mark{'s' * (guesses != 1)}")
+    elif told.mapping:
         typer.echo(f"\nA mapping to begin with (flgpr import mapped):\n\n{told.mapping}")
 
 

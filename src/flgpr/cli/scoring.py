@@ -59,6 +59,13 @@ def score(
     agreement: Annotated[
         bool, Option("--agreement", help="Compare verdicts of analysts (JSON of flgpr view) with one another.")
     ] = False,
+    columns: Annotated[
+        str | None, Option(help="Columns of the alarm lists that have other names: x=Rechts,y=Hoch,confidence=Score.")
+    ] = None,
+    truth_columns: Annotated[str | None, Option(help="The same of the truth.")] = None,
+    anchor: Annotated[
+        Path | None, Option(help="TOML that ties the lane to the Earth, for lists and truth by longitude and latitude.")
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -66,6 +73,7 @@ def score(
     """Score a result or an alarm list against truth, open or sealed, or set several side by side."""
     given: dict[str, Any] = {"truth": truth, "objects": objects, "lane": lane, "sealed": sealed}
     given |= {"halo": halo, "far": far, "show": show, "recipe": recipe or None}
+    given |= {"columns": columns, "truth-columns": truth_columns, "anchor": anchor}
     with plain_errors(quiet):
         watched = with_witness(book, witness)
         if agreement:
@@ -98,10 +106,15 @@ def score(
             else:
                 _say_blind(tasks.score_sealed(alarms[0], sealed, _passphrase, home, **how), home, quiet, as_json)
             return
-        _refuse(given, ("truth", "objects", "lane", "halo", "far", "recipe"), "--show goes with --seal")
+        readings = ("columns", "truth-columns", "anchor")
+        _refuse(given, ("truth", "objects", "lane", "halo", "far", "recipe", *readings), "--show goes with --seal")
         if truth is None:
             raise ValueError("score needs --truth or --sealed, got neither")
         rules: dict[str, Any] = {name: value for name, value in (("halo", halo), ("far", far)) if value is not None}
+        how["truth_reading"] = tasks.table_reading(truth_columns, anchor)
+        reading = tasks.table_reading(columns, anchor)
+        if reading is not None:
+            how["reading"] = reading
         if several:
             _refuse({"objects": objects}, (), "several lists are compared without pictures")
             told = tasks.compare_alarms(alarms, truth, home, lane, overwrite=overwrite, **rules, **how)
@@ -144,6 +157,9 @@ def _score_one(
             scored = tasks.score_alarms(alarms, truth, lane, home, **how)
         else:
             _refuse({"halo": how.get("halo")}, (), "a result is scored by the halo of its recipe")
+            reading = how.pop("reading", None)
+            if reading is not None and reading.columns:
+                raise ValueError("columns are of alarm lists: a result's list has its own; see --truth-columns")
             folder = alarms.parent if alarms.name == "alarms.csv" else alarms
             home = output or tasks.score_home(folder)
             _, scored = tasks.score_result(folder, truth, objects, home, track, **how)

@@ -28,6 +28,9 @@ from flgpr.clutter.masks import mixed_mask as mixed_mask
 from flgpr.clutter.masks import roadside_level as roadside_level
 from flgpr.clutter.masks import roadside_mask as roadside_mask
 from flgpr.clutter.masks import subregions as subregions
+from flgpr.clutter.recorded import dewow_traces as dewow_traces
+from flgpr.clutter.recorded import level_traces as level_traces
+from flgpr.clutter.recorded import remove_mean_trace as remove_mean_trace
 from flgpr.clutter.standing import standing_field as standing_field
 from flgpr.clutter.standing import subtract_standing as subtract_standing
 from flgpr.clutter.streaming import Background as Background

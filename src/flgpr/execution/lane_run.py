@@ -33,7 +33,7 @@ from flgpr.execution.lane_work import LaneJob, do_finish, do_fold, do_part, fold
 from flgpr.io import lane_text, write_table
 from flgpr.io.files import listed_files, replace_folder, replaced_by, write_whole
 from flgpr.io.outputs import OVERWRITE, other_output, tell_finished
-from flgpr.io.tables import parse_table
+from flgpr.io.tables import parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.result import MODEL, check_free, read_result, read_result_manifest
@@ -232,7 +232,7 @@ def _bring_together(job: LaneJob, gathering: Path, names: Sequence[str]) -> None
 def _alarms_of(home: Path) -> pd.DataFrame:
     """Read the alarms of a result that is whole, and nothing else of it."""
     files = listed_files(home, read_result_manifest(home))
-    return parse_table(files.read("alarms.csv"), "alarms", home / "alarms.csv")
+    return parse_own_table(files.read("alarms.csv"), "alarms", home / "alarms.csv")
 
 
 def _lasting(job: LaneJob) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from flgpr.io.bundle import write_bundle as write_bundle
 from flgpr.io.cphd import read_cphd as read_cphd
 from flgpr.io.cphd import write_cphd as write_cphd
 from flgpr.io.declared import MAX_MEMORY as MAX_MEMORY
+from flgpr.io.drafting import explain_files as explain_files
 from flgpr.io.explain import Explanation as Explanation
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.io.explain import propose_mapping as propose_mapping
@@ -33,9 +34,17 @@ from flgpr.io.georeferenced import write_geopackage as write_geopackage
 from flgpr.io.georeferenced import write_geotiff as write_geotiff
 from flgpr.io.georeferenced import write_gpx as write_gpx
 from flgpr.io.georeferenced import write_kml as write_kml
+from flgpr.io.gpr_channels import channels_run as channels_run
+from flgpr.io.gpr_channels import preview_run as preview_run
 from flgpr.io.gpr_files import GprSection as GprSection
+from flgpr.io.gpr_files import is_gpr as is_gpr
 from flgpr.io.gpr_files import read_gpr as read_gpr
 from flgpr.io.gpr_import import gpr_run as gpr_run
+from flgpr.io.gpr_survey import LINE_STARTS as LINE_STARTS
+from flgpr.io.gpr_survey import LineLayout as LineLayout
+from flgpr.io.gpr_survey import place_by_marks as place_by_marks
+from flgpr.io.gpr_survey import read_line_ends as read_line_ends
+from flgpr.io.gpr_survey import survey_run as survey_run
 from flgpr.io.gprmax import GprmaxOutput as GprmaxOutput
 from flgpr.io.gprmax import GprmaxRun as GprmaxRun
 from flgpr.io.gprmax import read_gprmax as read_gprmax
@@ -65,6 +74,8 @@ from flgpr.io.tables import read_lane as read_lane
 from flgpr.io.tables import read_table as read_table
 from flgpr.io.tables import write_geojson as write_geojson
 from flgpr.io.tables import write_table as write_table
+from flgpr.io.track_anchor import anchor_from_fixes as anchor_from_fixes
+from flgpr.io.tracks import nmea_places as nmea_places
 from flgpr.io.tracks import read_nmea as read_nmea
 from flgpr.io.tracks import read_survey as read_survey
 from flgpr.io.tracks import read_track as read_track

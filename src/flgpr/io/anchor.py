@@ -241,6 +241,16 @@ def transform_lonlat(lonlat: ArrayLike, crs: str) -> FloatArray:
     return np.stack(_geodesy("EPSG:4326", crs).transform(*points), axis=-1)
 
 
+def lonlat_of(points: ArrayLike, crs: str) -> FloatArray:
+    """Take easting and northing (..., 2) of a projected system, m, to WGS 84 longitude and latitude, degrees.
+
+    Points that do not lie where the system holds, or a system that is not projected, are a ValueError.
+    """
+    system = _system(crs, geographic=False)
+    places = np.asarray(points, dtype=np.float64)
+    return _to_wgs84(system, places.reshape(-1, 2))[0].reshape(places.shape)
+
+
 def _geodesy(source: Any, target: Any) -> Transformer:
     return Transformer.from_crs(source, target, always_xy=True)
 

@@ -135,14 +135,18 @@ def _format_of(path: Path) -> tuple[str, _Opener]:
             raise ValueError(
                 f"{path}: {other} is not read as it is: make MCAP of it, mcap convert {path.name} OUT.mcap"
             )
+    if suffix == ".mcap":
+        raise ValueError(f"{path}: an MCAP recording must begin with its signature: it is empty or damaged")
     if suffix in (".h5", ".hdf5"):
         raise ValueError(f"{path}: an HDF5 file must begin with the HDF5 signature: it is damaged or of another kind")
     for endings, kind, opener in _FORMATS:
         if re.fullmatch(endings, suffix):
             return kind, opener
+    from flgpr.io.gpr_files import READERS  # which are no arrays, but what a user may have meant
+
     raise ValueError(
-        f"{path}: the format must be HDF5, MATLAB, MCAP, .npz, .npy, .csv, .txt or Touchstone (.s2p), got the ending "
-        f"{suffix!r}"
+        f"{path}: the format must be HDF5, MATLAB, MCAP, CPHD, .npz, .npy, .csv, .txt or Touchstone (.s2p), or a "
+        f"recording of a commercial radar ({', '.join(READERS)}), got the ending {suffix!r}"
     )
 
 

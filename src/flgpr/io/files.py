@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +15,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from flgpr.append_log import sync_directory
-from flgpr.door import MOST_JSON, Folder, Listed, kind_of, parse_json
+from flgpr.door import MOST_JSON, Folder, Listed, kind_of, open_named, parse_json
+
+_LFS = b"version https://git-lfs.github.com/spec/v1"
+_LARGEST_POINTER = 1024  # bytes, by Git LFS's specification
 
 
 def sha256(data: bytes | memoryview) -> str:
@@ -31,10 +35,23 @@ def existing(path: str | Path, what: str = "file") -> Path:
     """Give the path of a regular file that is there; else a FileNotFoundError, or a ValueError for a pipe or device."""
     path = Path(path)
     if path.is_file():
+        _refuse_pointer(path, what)
         return path
     if path.exists() and not path.is_dir():
         raise ValueError(f"{what} must be a regular file, got {kind_of(path)}, {path}: save what it gives to a file")
     raise FileNotFoundError(f"{what} not found: {path}")
+
+
+def _refuse_pointer(path: Path, what: str) -> None:
+    """Refuse a pointer of Git LFS, which stands for a file that was not fetched."""
+    if path.stat().st_size > _LARGEST_POINTER:
+        return
+    with open_named(path) as file:
+        head = file.read(_LARGEST_POINTER)
+    if head.startswith(_LFS):
+        size = re.search(rb"^size (\d{1,18})$", head, re.MULTILINE)
+        told = f" of {int(size[1])} bytes" if size else ""
+        raise ValueError(f"{path}: {what} is a pointer of Git LFS to a file{told} that was not fetched: git lfs pull")
 
 
 @contextmanager

@@ -20,11 +20,12 @@ from flgpr.io.gpr_dt1 import read_dt1
 from flgpr.io.gpr_dzt import read_dzt
 from flgpr.io.gpr_ids import read_ids
 from flgpr.io.gpr_mala import read_impulse, read_mala
+from flgpr.io.gpr_ogpr import read_ogpr
 from flgpr.io.gpr_parts import FloatArray, MissingHeaderError
-from flgpr.io.gpr_segy import read_segy
+from flgpr.io.gpr_segy import read_segy, read_su
 
 NOT_READ = {
-    ".ogpr": ("OpenGPR", "there is no reader for it yet; export SEG-Y"),
+    ".gpz": ("GPZ", "a project of pulseEKKO is a zip of DT1 and HD files: unzip it, and give a DT1 file"),
     ".3dra": ("3d-radar", "its layout is not published; export SEG-Y from the maker's Examiner"),
     ".gsf": ("Geoscanners", "there is no reader for it; export SEG-Y from the maker's GPRSoft"),
 }
@@ -61,13 +62,14 @@ class GprSection:
 
 
 def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
-    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ, ImpulseRadar or IDS, or from SEG-Y.
+    """Read a line of traces from a file of Sensors & Software, GSSI, MALÅ, ImpulseRadar or IDS, or from SEG-Y and SU.
 
     The ending, of any case, tells the format: ``.dt1``, ``.dzt``, ``.rd3``, ``.rd7``, ``.iprb``, ``.dt``, ``.sgy``,
-    ``.segy``. Headers, positions and marks (``.hd``, ``.gps``, ``.gp2``, ``.dzg``, ``.dzx``, ``.rad``, ``.iprh``,
-    ``.cor``) lie beside it under the same name. A header that is missing is a FileNotFoundError; one that contradicts
-    the file's size, holds nonsense, or asks for more than ``max_memory`` bytes is a ValueError. What is left out,
-    replaced or assumed is counted in ``history``; damage in a file of positions or marks is told there, too.
+    ``.segy``, ``.su``, ``.ogpr``. Headers, positions and marks (``.hd``, ``.gps``, ``.gp2``, ``.dzg``, ``.dzx``,
+    ``.rad``, ``.iprh``, ``.cor``) lie beside it under the same name. A header that is missing is a FileNotFoundError;
+    one that contradicts the file's size, holds nonsense, or asks for more than ``max_memory`` bytes is a ValueError.
+    What is left out, replaced or assumed is counted in ``history``; damage in a file of positions or marks is told
+    there, too.
     """
     path = existing(path)
     suffix = path.suffix.lower()
@@ -102,6 +104,8 @@ READERS: dict[str, tuple[str, Callable[[Path, int], dict[str, Any]]]] = {
     ".dt": ("IDS DT", read_ids),
     ".sgy": ("SEG-Y", read_segy),
     ".segy": ("SEG-Y", read_segy),
+    ".su": ("Seismic Unix", read_su),
+    ".ogpr": ("OpenGPR", read_ogpr),
 }
 """What each ending is, and how it is read."""
 _HEADERS = {".hd": ".dt1", ".rad": ".rd3 or .rd7", ".iprh": ".iprb"}

@@ -26,6 +26,7 @@ _MOST_HEADINGS = 4000  # fixes whose course is looked for, which takes the squar
 _LOWEST = 1e6  # Hz, below which no run has tones
 _LISTED = 3  # fixes that are named
 _EARTH = 6_371_000.0  # m, its mean radius
+_LEVEL = 0.01  # m of height, that are none
 _CLOSE = 20.0  # m that the way of a receiver without corrections may be off
 
 
@@ -42,6 +43,7 @@ def gpr_run(
     height: float = 0.0,
     polarization: str = "HH",
     anchor: Anchor | None = None,
+    topography: bool = False,
     max_memory: int = MAX_MEMORY,
 ) -> xr.Dataset:
     """Make a run of a line: one scan per trace, one pair, along +y of the lane from the line's start, at x = 0.
@@ -50,8 +52,9 @@ def gpr_run(
     time ``window``, s, and the antennas' ``separation``, m. The antennas lie one behind the other, receiver ahead, or
     side by side with ``across``, ``height`` m above the ground. ``band``, Hz, is by default a quarter to twice the
     antenna's nominal frequency. With an ``anchor`` the satellite receiver's positions put the traces in the lane;
-    traces before its first and after its last are left out. ``import_notes`` say what was assumed. What the headers do
-    not tell and is not given, or does not fit, is a ValueError.
+    traces before its first and after its last are left out; with ``topography`` they are put on the receiver's heights,
+    which else are not used. ``import_notes`` say what was assumed. What the headers do not tell and is not given, or
+    does not fit, is a ValueError.
     """
     channels, samples = section.traces.shape[1:]
     if not 0 <= channel < channels:
@@ -77,7 +80,7 @@ def gpr_run(
     if band is None and nominal and (chosen[0] > nominal / 4 or chosen[1] < 2 * nominal):
         told += ", within what the record and its sampling hold"
     notes.append(f"impulse data taken to frequency, {chosen[0] / 1e6:g} to {chosen[1] / 1e6:g} MHz ({told})")
-    keep, pose = _poses(section, step, height, anchor, notes)
+    keep, pose = _poses(section, step, height, anchor, topography, notes)
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
@@ -161,7 +164,7 @@ def _band(given: tuple[float, float] | None, nominal: float | None, delay: NDArr
 
 
 def _poses(
-    section: GprSection, step: float | None, height: float, anchor: Anchor | None, notes: list[str]
+    section: GprSection, step: float | None, height: float, anchor: Anchor | None, topography: bool, notes: list[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Give the traces that have a pose, and their poses."""
     count = len(section.traces)
@@ -170,14 +173,19 @@ def _poses(
             got = len(section.fixes)
             raise ValueError(f"{section.path}: an anchor needs positions of two traces or more, got {got}")
         place = anchor.from_geodetic(section.fixes[:, 1:])
+        ground = place[:, 2].copy()
         place[:, 2] = height
         at, place = _plausible_fixes(section, place, notes)
+        ground = ground[np.isin(section.fixes[:, 0], at)]
+        place[:, 2] += _topography(section, ground, anchor, topography, notes)
         some = slice(None, None, 1 + len(at) // _MOST_HEADINGS)
         heading = np.interp(at, at[some], np.unwrap(course(place[some])))
         track = make_track(at, place, heading)
         keep = np.arange(math.ceil(at[0]), math.floor(at[-1]) + 1)
         notes.append(f"{len(keep)} of {count} traces lie between positions of the satellite receiver and are kept")
         return keep, poses_at(track, keep)
+    if topography:
+        raise ValueError("topography needs an anchor and a receiver's heights: give --anchor or --anchor-from-track")
     if step is not None and not 1e-5 <= step <= 1e3:
         raise ValueError(f"step must be from 1e-5 to 1e3 m, got {step:g}")
     along = section.distance if step is None else step * np.arange(count)
@@ -190,6 +198,29 @@ def _poses(
     pose = np.zeros((count, 6))
     pose[:, 1], pose[:, 2] = along, height
     return np.arange(count), pose
+
+
+def _topography(
+    section: GprSection, ground: NDArray[np.float64], anchor: Anchor, wanted: bool, notes: list[str]
+) -> NDArray[np.float64]:
+    """Return what the receiver's heights (fix,), m in the lane, add to the antennas'; what is not used is told."""
+    if not anchor.heights_known or not np.isfinite(ground).all():
+        if wanted:
+            raise ValueError(f"{section.path}: topography needs an anchor with heights and a height of every position")
+        return np.zeros(ground.size)
+    low, high = float(ground.min()), float(ground.max())
+    if wanted:
+        notes.append(
+            f"antennas are put on the receiver's heights, {low:.2f} to {high:.2f} m in the lane; its own height over "
+            "the ground is not taken off"
+        )
+        return ground
+    if high - low > _LEVEL:
+        notes.append(
+            f"heights of the receiver from {low:.2f} to {high:.2f} m in the lane are not used: the ground is taken as "
+            "level; --topography puts the line on them"
+        )
+    return np.zeros(ground.size)
 
 
 def _plausible_fixes(

@@ -344,3 +344,54 @@ def _ibm(words: NDArray[Any]) -> NDArray[np.float32]:
     size = np.ldexp(fraction, 4 * (((word >> 24) & 0x7F).astype(np.int32) - 64))
     with np.errstate(over="ignore"):  # what is too large for any recorder is refused by what follows
         return np.where(word >> 31, -size, size).astype(np.float32)
+
+
+def read_su(path: Path, limit: int) -> dict[str, Any]:
+    """Read a file of Seismic Unix: the traces of SEG-Y revision 0 without its headers, IEEE floats of 32 bits.
+
+    Samples and interval are those of the first trace header. The byte order is the one in which the file's size is a
+    whole number of traces; what contradicts is a ValueError.
+    """
+    raw = first_bytes(path, _TRACE_HEAD)
+    if len(raw) < _TRACE_HEAD:
+        raise ValueError(f"its first trace header must have {_TRACE_HEAD} bytes, the file has {len(raw)}")
+    order, samples, interval = _su_order(raw, path.stat().st_size)
+    notes = [
+        f"the byte order is taken as {'big' if order == '>' else 'little'}-endian, in which the trace headers fit",
+        "the sample interval is taken as picoseconds, as radars write it; Seismic Unix itself has microseconds",
+        ZERO_ASSUMED,
+    ]
+    layout = _Layout(0, _TRACE_HEAD, samples)
+    table = read_records(path, 0, _record(layout, order, 5), None, notes, limit)
+    traces = exact_floats(table["samples"])
+    _check_trace_headers(table, samples, notes)
+    dead = np.isin(table["identification"], _DEAD)
+    if dead.any():
+        traces[dead] = np.nan
+        notes.append(f"{np.count_nonzero(dead)} traces without data, as their headers say (dead or dummy)")
+    distance, fixes, separation = _geometry(table, 1.0, notes)
+    return {
+        "traces": traces[:, None],
+        "delay": np.arange(samples) * interval,
+        "distance": distance,
+        "fixes": fixes.table,
+        "fix_time": fixes.time,
+        "separation": separation,
+        "history": tuple(notes),
+    }
+
+
+def _su_order(raw: bytes, size: int) -> tuple[str, int, float]:
+    """Return byte order, samples and interval, s, of a file of Seismic Unix: the order in which all of them fit."""
+    tries: list[tuple[int, str, int, float]] = []
+    for order in "<>":
+        samples = int.from_bytes(raw[114:116], "little" if order == "<" else "big")
+        picoseconds = int.from_bytes(raw[116:118], "little" if order == "<" else "big")
+        interval = picoseconds * 1e-12
+        if samples >= 2 and INTERVALS[0] <= interval <= INTERVALS[1]:
+            rest = size % (_TRACE_HEAD + 4 * samples)
+            tries.append((rest, order, samples, interval))
+    fits = [one for one in tries if one[0] == 0] or tries[:1]
+    if not fits:
+        raise ValueError("its first trace header must tell samples and interval (bytes 115-118), in either byte order")
+    return fits[0][1:]

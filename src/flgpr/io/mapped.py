@@ -38,6 +38,7 @@ class Imported:
     #: the track the poses come from, on its own clock; None if the poses came otherwise
     track: pd.DataFrame | None = None
     notes: list[str] = field(default_factory=list)  #: what was done to the data on the way, in words
+    anchor: Anchor | None = None  #: the anchor that the fixes themselves made, if they were asked to
 
 
 def import_mapped(
@@ -49,6 +50,7 @@ def import_mapped(
     track: pd.DataFrame | None = None,
     clock_offset: float = 0.0,
     anchor: Anchor | None = None,
+    anchor_from_track: bool = False,
 ) -> Imported:
     """Import measured data by a mapping, see ``docs/exchange.md``; what is missing, damaged or does not fit is named.
 
@@ -56,7 +58,8 @@ def import_mapped(
     ``folder`` (by default that of the first data file), else to its own. ``limit`` is the largest array to read, bytes.
     ``pose`` (scan, 6) or ``track``, of the reference point, stand in place of the mapping's, such as from
     :func:`flgpr.io.read_survey` or :func:`flgpr.io.read_nmea`; time on that track is the radar's plus ``clock_offset``,
-    s. ``anchor`` takes positions by longitude and latitude to the lane.
+    s. ``anchor`` takes positions by longitude and latitude to the lane; with
+    ``anchor_from_track`` they make their own (:func:`flgpr.io.anchor_from_fixes`).
     """
     table = mapping if isinstance(mapping, Mapping) else read_mapping(mapping)
     given = [Path(data)] if isinstance(data, (str, Path)) else [Path(one) for one in data or ()]
@@ -67,7 +70,9 @@ def import_mapped(
         raise ValueError("pose and track both tell where the vehicle was: give one")
     where = None if pose is None else np.asarray(pose, dtype=np.float64)
     try:
-        return _Importer(table, files, limit, where, track, clock_offset, anchor).run()
+        importer = _Importer(table, files, limit, where, track, clock_offset, anchor)
+        importer.sources.anchor_from_track = anchor_from_track
+        return importer.run()
     except ValueError as error:
         named = any(str(path) in str(error) for paths in files.values() for path in paths)
         if named or isinstance(mapping, Mapping):
@@ -135,7 +140,8 @@ class _Importer:
         pose, track = self._poses(time, origin, signal.shape[0])
         attrs: dict[str, Any] = {"title": m.title, "source": m.source, "import_notes": self.notes}
         with faults_of(self.files[m.signal.file][0]):
-            return Imported(make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs), track, self.notes)
+            run = make_run(signal, tones, m.polarization, tx, rx, pose, time, attrs)
+        return Imported(run, track, self.notes, self.sources.anchor)
 
     def _signal(self) -> tuple[NDArray[Any], dict[str, int]]:
         spec = self.mapping.signal

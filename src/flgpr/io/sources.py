@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flgpr.io.arrays import ArrayFile, open_arrays
 from flgpr.io.mapping import Entry, Index, Positions, Quantity, Variable, factor
+
+if TYPE_CHECKING:
+    from flgpr.io.anchor import Anchor
 
 _LARGEST, _SMALLEST = 1e30, 1e-30
 FloatArray = NDArray[np.float64]
@@ -28,6 +31,8 @@ class Sources:
     limit: int  #: largest array, and largest sum over the files that are joined, bytes
     grid: tuple[int, ...] = ()  #: lengths of the scan axes of a raster
     notes: list[str] = field(default_factory=list)
+    anchor_from_track: bool = False  #: whether fixes without an anchor make their own
+    anchor: Anchor | None = None  #: what they made
     _open: dict[Path, ArrayFile] = field(default_factory=dict)
 
     @contextmanager

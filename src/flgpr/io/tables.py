@@ -16,11 +16,15 @@ from pandas.api.types import is_numeric_dtype
 
 from flgpr.door import Folder, parse_toml, read_named
 from flgpr.io.declared import MAX_MEMORY
+from flgpr.io.dialects import TableReading, column_targets, mark_of, named_columns, without_comments
 from flgpr.io.files import existing, faults_of, write_whole
+from flgpr.io.notes import tell_note
 from flgpr.io.text import decode_text
 from flgpr.model import Lane, as_lane, check_alarms, check_objects, check_truth
+from flgpr.model.tables import ALARM_COLUMNS, OBJECT_COLUMNS, TRUTH_COLUMNS
 
 _CHECKS = {"alarms": check_alarms, "truth": check_truth, "objects": check_objects}
+_COLUMNS = {"alarms": ALARM_COLUMNS, "truth": TRUTH_COLUMNS, "objects": OBJECT_COLUMNS}
 _NUMBER = re.compile(r"\s*[-+]?\d*([.,]\d*)?([eE][-+]?\d+)?\s*")
 _MOST_HEAD = 100_000  # bytes of a header
 _MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 2_000_000, 4096, 10_000_000
@@ -34,13 +38,16 @@ _SIGN = re.compile(r"\s*([+-])\s*")
 _HINT = "decimal commas are read where semicolons or tabs part the columns"
 
 
-def read_table(path: str | Path, kind: str) -> pd.DataFrame:
+def read_table(path: str | Path, kind: str, reading: TableReading | None = None) -> pd.DataFrame:
     """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError.
 
-    Columns are separated by commas, or by semicolons with decimal points or decimal commas.
+    Columns are separated by commas, or by semicolons or tabs with decimal points or decimal commas. Names of columns
+    in other languages, units in them, comments and other encodings are read, too (:mod:`flgpr.io.dialects`); what was
+    read otherwise than it stands is in ``attrs["notes"]`` and is told (:func:`flgpr.io.notes.tell_note`). ``reading``
+    is what the user says of the columns, and the anchor of places on the Earth.
     """
     path = existing(path, f"{kind} file")
-    return parse_table(read_named(path), kind, path)
+    return parse_table(read_named(path), kind, path, reading)
 
 
 def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.DataFrame:
@@ -49,10 +56,57 @@ def read_table_in(folder: str | Path, name: str | PurePath, kind: str) -> pd.Dat
     return parse_table(place.read(str(name)), kind, place.root / name)
 
 
-def parse_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
+def parse_table(data: bytes, kind: str, path: str | Path, reading: TableReading | None = None) -> pd.DataFrame:
     """Read a table as :func:`read_table` does from the bytes of a file, which errors name."""
+    ids = ("alarm_id", "target_id", "object_id")
+    with faults_of(path):
+        if reading is None and _is_plain(data, kind):
+            return _CHECKS[kind](parse_columns(data, *ids))
+        _check_table_size(data)
+        notes: list[str] = []
+        text = decode_text(data, "the table", notes)
+        body, more = without_comments(text, kind)
+        notes += more
+        if not body.strip():
+            raise ValueError(f"{kind} must have a header, got an empty file")
+        head = body.splitlines()[0]
+        if mark_of(head) == "\t":
+            notes.append("columns are parted by tabs")
+        known = tuple(column.name for column in _COLUMNS[kind])
+        chosen = reading or TableReading()
+        header = _header_of(head)
+        targets = column_targets(header, kind, known, chosen.columns)
+        texts = [header[k] for k, target in targets.items() if target in ids]
+        table, told = named_columns(parse_columns(body.encode(), *ids, *texts), targets, chosen.anchor)
+        checked = _CHECKS[kind](table)
+    notes += told
+    for note in notes:
+        tell_note(f"{Path(path).name}: {note}")
+    checked.attrs["notes"] = notes
+    return checked
+
+
+def parse_own_table(data: bytes, kind: str, path: str | Path) -> pd.DataFrame:
+    """Read a table as flgpr itself writes it, with its own names of columns in UTF-8; all else is a ValueError."""
     with faults_of(path):
         return _CHECKS[kind](parse_columns(data, "alarm_id", "target_id", "object_id"))
+
+
+def _is_plain(data: bytes, kind: str) -> bool:
+    """Tell whether a table has the columns that it must have by their own names, and no comment before them."""
+    head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
+    names = set(_header_of(head)) if "\t" not in head else set()
+    if not {column.name for column in _COLUMNS[kind] if column.required} <= names:
+        return False
+    try:
+        data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return False
+    return b"\n#" not in data
+
+
+def _header_of(head: str) -> list[str]:
+    return [str(plain_text(name.strip())) for name in next(csv.reader([head], delimiter=mark_of(head)), [])]
 
 
 def read_columns(path: Path, *texts: str) -> pd.DataFrame:
@@ -61,7 +115,7 @@ def read_columns(path: Path, *texts: str) -> pd.DataFrame:
 
 
 def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
-    """Read CSV separated by commas, or by semicolons with decimal points or decimal commas; ``texts`` are no numbers.
+    """Read CSV parted by commas, or by semicolons or tabs with decimal points or commas; ``texts`` are no numbers.
 
     A header of both semicolons and commas, or columns of numbers of which some have decimal points and others decimal
     commas, could be read in two ways: a ValueError. So is a table of more than 2 million rows, 4096 columns or 10
@@ -69,24 +123,29 @@ def parse_columns(data: bytes, *texts: str) -> pd.DataFrame:
     """
     as_text = dict.fromkeys(texts, str)
     head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
-    semicolons = ";" in head
-    _check_table_size(data, head.count(";" if semicolons else ",") + 1, data.count(b";" if semicolons else b","))
-    if not semicolons:
+    mark = mark_of(head)
+    _check_table_size(data)
+    if mark == ",":
         return unquoted(pd.read_csv(io.BytesIO(data), dtype=as_text))
-    if "," in head:
+    if mark == ";" and "," in head:
         raise ValueError(f"columns must be separated by commas or by semicolons, got both in {head.strip()[:80]!r}")
     text = data.decode("utf-8-sig")
-    cells = pd.read_csv(io.StringIO(text), sep=";", dtype=str, keep_default_na=False)
+    cells = pd.read_csv(io.StringIO(text), sep=mark, dtype=str, keep_default_na=False)
     rest = [cells[name] for name in cells.columns if name not in texts]
     numbers = [one for one in rest if one.str.fullmatch(_NUMBER).all()]
     commas, points = (any(one.str.contains(mark, regex=False).any() for one in numbers) for mark in ",.")
+    parted = "semicolons" if mark == ";" else "tabs"
     if commas and points:
-        raise ValueError("columns separated by semicolons must have decimal commas or decimal points, got both")
-    return unquoted(pd.read_csv(io.StringIO(text), sep=";", decimal="," if commas else ".", dtype=as_text))
+        raise ValueError(f"columns separated by {parted} must have decimal commas or decimal points, got both")
+    return unquoted(pd.read_csv(io.StringIO(text), sep=mark, decimal="," if commas else ".", dtype=as_text))
 
 
-def _check_table_size(data: bytes, columns: int, marks: int) -> None:
+def _check_table_size(data: bytes) -> None:
     """Refuse a table that would take far more memory than its file; quoted line ends and marks count as such, too."""
+    head = next(iter(data[:_MOST_HEAD].decode("utf-8-sig", errors="replace").splitlines()), "")
+    mark = mark_of(head)
+    columns = head.count(mark) + 1
+    marks = data.count(mark.encode())
     rows = max(data.count(b"\n"), data.count(b"\r"))
     counts = {"rows": (rows, _MOST_ROWS), "columns": (columns, _MOST_COLUMNS), "cells": (rows + marks, _MOST_CELLS)}
     for what, (count, most) in counts.items():
@@ -140,7 +199,11 @@ def plain_text(cell: Any) -> Any:
 
 
 def write_geojson(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table with x and y as GeoJSON points in the lane frame, m, as ``flgpr_frame`` says; whole or absent."""
+    """Write a table with x and y as points in the form of GeoJSON, in the lane frame, m; whole or absent.
+
+    ``flgpr_frame`` says so in the file. GeoJSON itself is longitude and latitude (RFC 7946), so that such a file should
+    end in ``.json``: :func:`flgpr.io.write_earth_geojson` writes what maps read.
+    """
     places = table[["x", "y"]].astype(float).to_numpy().tolist()
     frame = "lane frame: x cross-track, y down-track, metres; not longitude and latitude"
     write_features(path, places, table.drop(columns=["x", "y"]), {"flgpr_frame": frame})

@@ -187,6 +187,27 @@ def read_nmea(
     return track
 
 
+def nmea_places(path: str | Path, quality: tuple[int, ...] = FIXED) -> NDArray[np.float64]:
+    """Read the places (fix, 3) of an NMEA log: longitude, latitude (degrees) and ellipsoidal height (m) of its GGA.
+
+    ``quality`` is as for :func:`read_nmea`; a damaged sentence is a ValueError.
+    """
+    path = existing(path)
+    nmea = optional("pynmeagps", "gnss")
+    places: list[tuple[float, float, float]] = []
+    for number, line in enumerate(decode_text(read_named(path, MAX_MEMORY), path.name).splitlines()):
+        if not line.strip():
+            continue
+        try:
+            message = nmea.NMEAReader.parse(line.strip().encode("latin-1", "replace") + b"\r\n")
+            if message.msgID == "GGA" and message.quality in quality:
+                places.append((message.lon, message.lat, float(message.alt) + float(message.sep)))
+        except Exception as error:
+            words = " ".join(str(error).split())[:120]
+            raise ValueError(f"{path}: line {number + 1} is no valid NMEA sentence: {words}") from None
+    return np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
 def _headings(
     time: NDArray[np.float64], place: NDArray[np.float64], headings: list[tuple[float, float]], azimuth: float
 ) -> NDArray[np.float64]:

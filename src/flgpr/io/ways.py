@@ -10,6 +10,7 @@ import pandas as pd
 from flgpr.io.axes import attitude_of, axes_matrix
 from flgpr.io.mapping import Geodetic, Orientation, Poses, Positions, TrackTable, factor
 from flgpr.io.sources import FloatArray, Sources, real
+from flgpr.io.track_anchor import anchor_from_fixes
 from flgpr.model import POSE_COMPONENTS
 from flgpr.model.track import bridged, course, make_track, reference_track
 
@@ -78,9 +79,15 @@ def _way(
             scale = factor(spec.angle_unit, "angle", f"{where}.angle_unit")
             angles[:, column] = scale * sources.component(entry, file, f"{where}.{name}", count, along)
     if spec.geodetic is not None:
-        if anchor is None:
+        if anchor is None and not sources.anchor_from_track:
             raise ValueError(f"{where}.geodetic needs an anchor, which tells where the lane lies on the Earth")
-        pose[:, :3] = _geodetic(sources, spec.geodetic, f"{where}.geodetic", count, along, anchor)
+        fixes = _geodetic(sources, spec.geodetic, f"{where}.geodetic", count, along)
+        if anchor is None:
+            with sources.entry(f"{where}.geodetic", spec.geodetic.file):
+                anchor, notes = anchor_from_fixes(fixes)
+            sources.anchor = anchor
+            sources.notes += notes
+        pose[:, :3] = _in_the_lane(fixes, spec.geodetic, f"{where}.geodetic", anchor)
         pose[:, 3] = np.angle(np.exp(1j * (pose[:, 3] - anchor.azimuth)))
     return pose
 
@@ -104,23 +111,29 @@ def _attitude(
         return attitude_of(parts, axes, spec.body, spec.euler, where)
 
 
-def _geodetic(sources: Sources, spec: Geodetic, where: str, count: int, along: str, anchor: Anchor) -> FloatArray:
+def _geodetic(sources: Sources, spec: Geodetic, where: str, count: int, along: str) -> FloatArray:
+    """Return longitude and latitude, degrees, and height, m, (count, 3), as they stand in the files."""
     degrees = np.degrees(factor(spec.angle_unit, "angle", f"{where}.angle_unit"))
     scale = factor(spec.unit, "length", f"{where}.unit")
     longitude, latitude, height = (
         sources.component(getattr(spec, name), spec.file, f"{where}.{name}", count, along)
         for name in ("longitude", "latitude", "height")
     )
-    if not anchor.heights_known and not isinstance(spec.height, float):
-        raise ValueError(f"{where}.height must be a number, the height over the ground: the anchor's points have none")
     with sources.entry(where, spec.file):
         known = np.isfinite(longitude) & np.isfinite(latitude)
         if (np.abs(latitude[known] * degrees) > 90).any() or (np.abs(longitude[known] * degrees) > 360).any():
             raise ValueError(f"{where} must have latitudes within 90 and longitudes within 360 degrees")
-    place = np.full((count, 3), np.nan)
+    return np.stack([longitude * degrees, latitude * degrees, height * scale], axis=1)
+
+
+def _in_the_lane(fixes: FloatArray, spec: Geodetic, where: str, anchor: Anchor) -> FloatArray:
+    """Take fixes (count, 3) to the lane; a height alone is one over the ground where the anchor has no heights."""
+    if not anchor.heights_known and not isinstance(spec.height, float):
+        raise ValueError(f"{where}.height must be a number, the height over the ground: the anchor's points have none")
+    known = np.isfinite(fixes[:, :2]).all(axis=1)
+    place = np.full(fixes.shape, np.nan)
     if known.any():
-        fixes = np.stack([longitude * degrees, latitude * degrees, height * scale], axis=1)[known]
-        place[known] = anchor.from_geodetic(fixes)
+        place[known] = anchor.from_geodetic(fixes[known])
     if not anchor.heights_known:
-        place[:, 2] = height * scale
+        place[:, 2] = fixes[:, 2]
     return place

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -23,12 +23,16 @@ from flgpr.chain.recipe import Recipe, parse_recipe
 from flgpr.door import DoorError, Folder
 from flgpr.io import canonical_json, seal, sha256
 from flgpr.io.files import check_free_folder, listed_files, read_sealed, write_whole
+from flgpr.io.notes import tell_note
 from flgpr.io.outputs import held_folder, whole_output
-from flgpr.io.tables import parse_columns, parse_table, write_geojson, write_table
+from flgpr.io.tables import parse_columns, parse_own_table, write_geojson, write_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.results.view_files import plain_json, write_view
+
+if TYPE_CHECKING:
+    from flgpr.io import Anchor
 
 FORMAT, VERSION = "flgpr-result", 2
 MODEL = "model"
@@ -98,7 +102,7 @@ def _write_files(
         home = made if detection.name == MAIN else made / "variants" / detection.name
         home.mkdir(parents=True, exist_ok=True)
         write_table(detection.alarms, home / "alarms.csv")
-        write_geojson(detection.alarms, home / "alarms.geojson")
+        _write_places(detection.alarms, home, run.get("georeference"), sha256(recipe_text.encode()))
         write_whole(home / "run_view.npz", _view_bytes(detection.view))
         if detection.features is not None:
             write_table(detection.features, home / "features.csv")
@@ -114,6 +118,30 @@ def _write_files(
     if section is not None:
         content["section"] = section
     write_whole(made / "manifest.json", _manifest(content, {}))
+
+
+def _write_places(alarms: pd.DataFrame, home: Path, reference: Any, processing_id: str) -> None:
+    """Write alarms as GeoJSON, which is longitude and latitude; of a lane that knows no place on Earth, as JSON."""
+    anchor = None if reference is None else _anchor_of(reference)
+    if anchor is None:
+        write_geojson(alarms, home / "alarms.json")
+        return
+    from flgpr.io import georeference, write_earth_geojson
+
+    points = georeference(alarms, anchor, "alarms", processing_id)
+    about = {"kind": "alarms", "anchor_crs": anchor.crs, "anchor_sigma_m": None, "processing_id": processing_id}
+    write_earth_geojson(points, home / "alarms.geojson", about)
+
+
+def _anchor_of(reference: Any) -> Anchor | None:
+    """Make the anchor of a run's attribute ``georeference``; none, with a note, of one that is damaged."""
+    from flgpr.io import own_anchor  # geodesy takes its time to load, and few runs are tied to the Earth
+
+    try:
+        return own_anchor(reference)
+    except ValueError as error:
+        tell_note(f"alarms are written in the lane frame alone: {error}")
+        return None
 
 
 def check_free(folder: str | Path) -> Path:
@@ -272,7 +300,7 @@ def _read_detection(files: Folder, entry: dict[str, Any]) -> Detection:
         view = parse_view(data)
     except Exception as error:  # the parser raises whatever it stumbles over
         raise ResultError(f"{files.root}: {home}run_view.npz cannot be read ({error!r})") from None
-    alarms = parse_table(files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv")
+    alarms = parse_own_table(files.read(f"{home}alarms.csv"), "alarms", files.root / f"{home}alarms.csv")
     table = files.read_if_listed(f"{home}features.csv")
     features = None if table is None else parse_columns(table)
     stored = files.read_if_listed(f"{home}{FRAMES}")

@@ -12,7 +12,7 @@ import pandas as pd
 from flgpr.door import DoorError, Folder
 from flgpr.io import seal, sha256
 from flgpr.io.files import listed_files, read_sealed, write_whole
-from flgpr.io.tables import parse_lane, parse_table
+from flgpr.io.tables import parse_lane, parse_own_table
 from flgpr.model import Lane
 from flgpr.results.errors import ResultError
 
@@ -38,7 +38,7 @@ class Sections:
 
     def alarms(self) -> pd.DataFrame:
         """Read all alarms, ranked together."""
-        return parse_table(self.files.read("alarms.csv"), "alarms", self.files.root / "alarms.csv")
+        return parse_own_table(self.files.read("alarms.csv"), "alarms", self.files.root / "alarms.csv")
 
     def lane(self) -> Lane:
         """Read the whole lane."""

@@ -9,6 +9,7 @@ from flgpr.design.array import expected_in_words as expected_in_words
 from flgpr.design.signal_to_clutter import Viewing as Viewing
 from flgpr.design.signal_to_clutter import ground_model as ground_model
 from flgpr.execution.survey import How as How
+from flgpr.io.drafting import explain_files as explain_files
 from flgpr.io.explain import explain_file as explain_file
 from flgpr.kernels.ahead import compiled_beside as compiled_beside
 from flgpr.live.detector import LiveSettings as LiveSettings
@@ -45,9 +46,12 @@ from flgpr.tasks.exchange import export_run as export_run
 from flgpr.tasks.exchange import export_table as export_table
 from flgpr.tasks.exchange import import_cphd as import_cphd
 from flgpr.tasks.exchange import import_gpr as import_gpr
+from flgpr.tasks.exchange import import_table as import_table
 from flgpr.tasks.exchange import import_with_mapping as import_with_mapping
 from flgpr.tasks.exchange import map_bytes as map_bytes
+from flgpr.tasks.exchange import table_reading as table_reading
 from flgpr.tasks.exchange import track_of as track_of
+from flgpr.tasks.exchange import write_draft as write_draft
 from flgpr.tasks.information import model_info as model_info
 from flgpr.tasks.information import run_info as run_info
 from flgpr.tasks.picture import GroundFit as GroundFit
@@ -62,6 +66,10 @@ from flgpr.tasks.planning import survey_plan as survey_plan
 from flgpr.tasks.preparing import check_steps as check_steps
 from flgpr.tasks.preparing import prepare_run as prepare_run
 from flgpr.tasks.preparing import read_steps as read_steps
+from flgpr.tasks.radargram import Radargram as Radargram
+from flgpr.tasks.radargram import RadargramView as RadargramView
+from flgpr.tasks.radargram import is_recording as is_recording
+from flgpr.tasks.radargram import make_radargram as make_radargram
 from flgpr.tasks.raw import RawRun as RawRun
 from flgpr.tasks.registering import check_register as check_register
 from flgpr.tasks.registering import register_recipe as register_recipe
@@ -85,4 +93,7 @@ from flgpr.tasks.simulation import list_bodies as list_bodies
 from flgpr.tasks.simulation import make_signature as make_signature
 from flgpr.tasks.simulation import simulate_lane as simulate_lane
 from flgpr.tasks.simulation import write_gprmax_lane as write_gprmax_lane
+from flgpr.tasks.slices import Slices as Slices
+from flgpr.tasks.slices import make_slices as make_slices
+from flgpr.tasks.survey_lines import import_lines as import_lines
 from flgpr.tasks.training import train_runs as train_runs

@@ -16,8 +16,11 @@ from flgpr.chain.lane_chain import Detection
 from flgpr.door import read_named
 from flgpr.io import (
     MAX_MEMORY,
+    GprSection,
+    anchor_from_fixes,
     georeferenced,
     gpr_run,
+    nmea_places,
     open_run,
     qgis,
     read_gpr,
@@ -27,11 +30,12 @@ from flgpr.io import (
 )
 from flgpr.io.anchor import Anchor, own_anchor, read_anchor, transform_lonlat
 from flgpr.io.cphd import read_cphd, write_cphd
+from flgpr.io.dialects import TableReading, parse_columns_option
 from flgpr.io.files import existing
 from flgpr.io.mapped import Imported, import_mapped
-from flgpr.io.outputs import whole_output
+from flgpr.io.outputs import whole_output, write_new
 from flgpr.io.run_store import is_stored
-from flgpr.io.tables import json_value, parse_table
+from flgpr.io.tables import json_value, parse_table, read_table, table_text
 from flgpr.io.tracks import read_nmea, read_survey, read_track
 from flgpr.model.motion import judge_run
 from flgpr.model.track import reference_track
@@ -47,6 +51,21 @@ FORMATS = (*TABLE_FORMATS, "geotiff", "qgis", "cphd")
 _MARGIN = 5.0  # m of ground about the lane
 
 
+def table_reading(columns: str | None = None, anchor: PathLike | None = None) -> TableReading | None:
+    """Make what a user says of a table: columns as ``x=Rechts,y=Hoch``, and the anchor (TOML) of its places."""
+    if columns is None and anchor is None:
+        return None
+    return TableReading({} if columns is None else parse_columns_option(columns), _anchor(anchor))
+
+
+def write_draft(mapping: str, output: PathLike) -> Path:
+    """Write the draft of a mapping (TOML); another file there is refused."""
+    target = Path(output)
+    _check_home(target)
+    write_new(target, mapping)
+    return target
+
+
 def import_with_mapping(
     mapping: PathLike,
     output: PathLike,
@@ -58,6 +77,7 @@ def import_with_mapping(
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     latency: float = 0.0,
     max_memory: int = MAX_MEMORY,
+    anchor_from_track: bool = False,
 ) -> Imported:
     """Import data files by a mapping (TOML) and store the run; a stopped import goes on with the scan it was at.
 
@@ -66,17 +86,29 @@ def import_with_mapping(
     ``track``, CSV or an NMEA log, which needs the ``anchor`` (TOML): then ``clock_offset`` is the track's clock less
     the radar's, s, ``latency`` how late its stamps are, s, and ``lever_arm`` the antenna's place in the vehicle frame,
     m. A take of motion capture is read before, by :func:`flgpr.io.read_track`. ``max_memory`` is the largest array that
-    is read, bytes.
+    is read, bytes. With ``anchor_from_track`` fixes by longitude and latitude need no ``anchor``: they make their own
+    (:func:`flgpr.io.anchor_from_fixes`), which the run knows as its place.
     """
     _check_home(Path(output))
+    tie: PathLike | Anchor | None = anchor
+    made_of: list[str] = []
+    if anchor_from_track:
+        _refuse_two_anchors(anchor)
+        if track is not None and not isinstance(track, pd.DataFrame) and Path(track).suffix.lower() != ".csv":
+            tie, made_of = anchor_from_fixes(nmea_places(track))
     pose = read_survey(survey) if survey is not None else None
     moved = None
     if track is not None:
-        way = track if isinstance(track, pd.DataFrame) else track_of(Path(track), anchor)
+        way = track if isinstance(track, pd.DataFrame) else track_of(Path(track), tie)
         moved = reference_track(way, lever_arm, latency)
     files = [Path(one) for one in data or ()]
-    arrived = import_mapped(mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(anchor))
-    store, run = Path(output), _tied(_with_doubts(arrived.run), anchor)
+    arrived = import_mapped(
+        mapping, files, None, max_memory, pose, moved, clock_offset, _anchor(tie), anchor_from_track
+    )
+    arrived.notes.extend(made_of)
+    if anchor_from_track and tie is None and arrived.anchor is None:
+        raise ValueError("anchor-from-track needs fixes by longitude and latitude, the positions are none")
+    store, run = Path(output), _tied(_with_doubts(arrived.run), arrived.anchor or tie)
     if arrived.track is not None and not is_stored(run, store):  # before the run, whose presence says that all is there
         write_table(arrived.track, store.with_name(f"{store.stem}-track.csv"))
     save_run(run, store, resume=True)
@@ -97,19 +129,42 @@ def import_gpr(
     channel: int = 0,
     anchor: PathLike | None = None,
     max_memory: int = MAX_MEMORY,
+    anchor_from_track: bool = False,
     **options: Any,
 ) -> xr.Dataset:
     """Import the recording of a commercial radar (:func:`flgpr.io.read_gpr`) and store the run.
 
     ``options`` are those of :func:`flgpr.io.gpr_run`: ``step``, ``time_zero``, ``window``, ``band``, ``separation``,
-    ``across``, ``height``, ``polarization``. A store that holds another run is refused.
+    ``across``, ``height``, ``polarization``. With ``anchor_from_track`` the receiver's fixes of the line put its traces
+    in a lane of their own (:func:`flgpr.io.anchor_from_fixes`). A store that holds another run is refused.
     """
     _check_home(Path(output))
     section = read_gpr(path, max_memory)
-    made = gpr_run(section, channel, anchor=_anchor(anchor), max_memory=max_memory, **options)
-    run = _tied(_with_doubts(made), anchor)
+    tie: Anchor | None
+    made_of: list[str] = []
+    if anchor_from_track:
+        _refuse_two_anchors(anchor)
+        tie, made_of = anchor_of_line(section)
+    else:
+        tie = _anchor(anchor)
+    made = gpr_run(section, channel, anchor=tie, max_memory=max_memory, **options)
+    made.attrs["import_notes"] = [*made.attrs["import_notes"], *made_of]
+    run = _tied(_with_doubts(made), tie)
     save_run(run, output, resume=True)
     return run
+
+
+def anchor_of_line(section: GprSection) -> tuple[Anchor, list[str]]:
+    """Make the anchor of a line's own fixes, with notes; a line without two of them is a ValueError."""
+    try:
+        return anchor_from_fixes(section.fixes[:, 1:], section.fixes[:, 0])
+    except ValueError as error:
+        raise ValueError(f"{section.path}: {error}") from None
+
+
+def _refuse_two_anchors(anchor: PathLike | Anchor | None) -> None:
+    if anchor is not None:
+        raise ValueError("anchor and anchor-from-track both say where the lane lies: give one")
 
 
 def _with_doubts(run: xr.Dataset) -> xr.Dataset:
@@ -139,14 +194,33 @@ def export_table(
     anchor: PathLike | None,
     kind: str = "truth",
     time: str | None = None,
+    columns: str | None = None,
 ) -> Path:
     """Export a CSV of alarms, truth or objects (``kind``) to the Earth as "geojson", "gpkg", "kml", "gpx" or "csv".
 
-    ``time`` is when, ISO 8601 with a time zone.
+    ``time`` is when, ISO 8601 with a time zone; ``columns`` are such as ``x=Rechts,y=Hoch``.
     """
     data = read_named(existing(table, f"{kind} file"))
-    rows, digest = parse_table(data, kind, table), sha256(data)
-    return _write_points(rows, Path(output), to, _tie(anchor, None, table), kind, f"sha256:{digest}", time)
+    tie = _tie(anchor, None, table)
+    reading = None if columns is None else TableReading(parse_columns_option(columns), tie)
+    rows, digest = parse_table(data, kind, table, reading), sha256(data)
+    return _write_points(rows, Path(output), to, tie, kind, f"sha256:{digest}", time)
+
+
+def import_table(
+    table: PathLike, output: PathLike, kind: str, columns: str | None = None, anchor: PathLike | None = None
+) -> pd.DataFrame:
+    """Read alarms, truth or objects (``kind``) as others write them, and write the CSV that flgpr reads.
+
+    See :mod:`flgpr.io.dialects`. Another file at the output's place is refused. The table's ``attrs["notes"]`` say what
+    was read otherwise than it stands.
+    """
+    if kind not in ("alarms", "truth", "objects"):
+        raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")
+    _check_home(Path(output))
+    rows = read_table(table, kind, table_reading(columns, anchor) or TableReading())
+    write_new(Path(output), table_text(rows))
+    return rows
 
 
 def export_result(
@@ -279,7 +353,7 @@ def _write_points(
 
 def track_of(
     path: Path,
-    anchor: PathLike | None,
+    anchor: PathLike | Anchor | None,
     body: str | None = None,
     axes: Sequence[str] | None = None,
     max_gap: float = 1.0,
@@ -293,14 +367,15 @@ def track_of(
     return read_nmea(path, tie)
 
 
-def _tied(run: xr.Dataset, anchor: PathLike | None) -> xr.Dataset:
+def _tied(run: xr.Dataset, anchor: PathLike | Anchor | None) -> xr.Dataset:
     """Let a run remember where its lane lies, so that results and the viewer know it too."""
     tie = _anchor(anchor)
     return run if tie is None else run.assign_attrs(georeference=tie.georeference())
 
 
-def _anchor(anchor: PathLike | None) -> Anchor | None:
-    return None if anchor is None else read_anchor(anchor)
+def _anchor(anchor: PathLike | Anchor | None) -> Anchor | None:
+    """Read an anchor's file; one that is made already is taken as it is."""
+    return anchor if anchor is None or isinstance(anchor, Anchor) else read_anchor(anchor)
 
 
 def _tie(anchor: PathLike | None, reference: Mapping[str, Any] | None, source: PathLike) -> Anchor:

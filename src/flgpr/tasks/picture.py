@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from flgpr.calibrate import brightest_points, sharpness
 from flgpr.chain.progress import Track, silent
 from flgpr.imaging import aperture_blocks, aperture_image
-from flgpr.io import open_run
+from flgpr.io import LINE_STARTS, open_run
 from flgpr.io.anchor import read_anchor
 from flgpr.io.extras import optional
 from flgpr.io.georeferenced import write_geotiff
@@ -121,7 +121,7 @@ def focus(
     axes, spacing = _axes(held, view, pose, pixels)
     grid = np.stack(np.meshgrid(axes["z"], axes["y"], axes["x"], indexing="ij")[::-1], axis=-1)
     weights = np.zeros(held.sizes["scan"])
-    weights[chosen] = way_weights(pose[:, :3])
+    weights[chosen] = _weights(held, chosen)
     blocks = aperture_blocks(held, chosen)
     how: dict[str, Any] = {"window": view.window, "permittivity": view.permittivity, "half_space": view.half_space}
     if view.band is not None:
@@ -169,7 +169,7 @@ def find_permittivity(
     place = np.linspace(low, high, max(round((high - low) / 0.03), 2))
     delay = np.arange(*delays, 1 / (4 * frequency[-1]))
     weights = np.zeros(held.sizes["scan"])
-    weights[scans] = way_weights(pose[:, :3])
+    weights[scans] = _weights(held, scans)
     blocks, found = aperture_blocks(held, scans), []
     for value in track(values, "permittivities tried", values.size):
         points = np.zeros((delay.size, place.size, 3))
@@ -186,6 +186,21 @@ def find_permittivity(
     curve = np.polyfit(np.log(values[best - 1 : best + 2]), sharp[best - 1 : best + 2], 2)
     table = pd.DataFrame({"permittivity": values, "sharpness": sharp})
     return GroundFit(float(np.exp(-curve[1] / (2 * curve[0]))), contrast, table)
+
+
+def _weights(run: xr.Dataset, scans: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the share of the way that each scan stands for; in a survey, of the way along its own line."""
+    place = run["pose"].values[scans, :3]
+    starts = run.attrs.get(LINE_STARTS)
+    if not starts:
+        return way_weights(place)
+    line = np.searchsorted(np.asarray(starts), scans, side="right")
+    weights = np.zeros(scans.size)
+    for one in np.unique(line):
+        own = line == one
+        steps = np.hypot(*np.diff(place[own, :2], axis=0).T)
+        weights[own] = way_weights(place[own]) * (steps.mean() if steps.size else 0.0)
+    return np.asarray(weights / weights.mean()) if weights.sum() > 0 else np.ones(scans.size)
 
 
 def _scans(run: xr.Dataset, limits: tuple[int, int] | None) -> NDArray[np.intp]:
@@ -209,7 +224,8 @@ def _axes(
     limits: dict[str, Extent | None] = {"x": view.x, "y": view.y, "z": view.z}
     height = pose[:, 2].mean() + (run["tx_position"].values[:, 2].mean() + run["rx_position"].values[:, 2].mean()) / 2
     if view.x is None and view.y is None:
-        usual = _ground_ahead(run, pose) if height > 0 else _section_below(run, pose, slow)
+        above = height > 0 and run.attrs.get("sounding") != "ground-coupled"
+        usual = _ground_ahead(run, pose) if above else _section_below(run, pose, slow)
         limits = usual if view.z is None else usual | {"z": view.z}
     elif view.z is None:
         limits["z"] = 0.0
@@ -256,7 +272,8 @@ def _section_below(run: xr.Dataset, pose: NDArray[np.float64], slow: float) -> d
     ends = {axis: pose[:, "xy".index(axis)] for axis in "xy"}
     limits: dict[str, Extent | None] = {axis: float(ends[axis].mean()) for axis in "xy"}
     limits[along] = float(ends[along].min()), float(ends[along].max())
-    limits["z"] = (-_recorded_depth(run, slow), 0.0)
+    top = max(float(pose[:, 2].max()), 0.0)
+    limits["z"] = (min(float(pose[:, 2].min()), 0.0) - _recorded_depth(run, slow), top)
     return limits
 
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flgpr.calibrate import channel_health, disturbed_tones, health_summary
 from flgpr.door import parse_json
-from flgpr.io import MAX_MEMORY, open_run
+from flgpr.io import MAX_MEMORY, is_gpr, open_run, preview_run
 from flgpr.model import complete_scans
 from flgpr.model.faults import first_fault
 from flgpr.tasks.information import geometry_doubts
@@ -48,7 +48,7 @@ class _Query(BaseModel):
 
 
 class RawRun:
-    """The raw data of a stored run, asked channel by channel; one answer is worked out at a time.
+    """The raw data of a stored run or of a recording, asked channel by channel; one answer is worked out at a time.
 
     Of a run of more than 1,200 scans, or of more than ``max_memory`` bytes, every so many are taken, and a
     background is estimated from these. Every query is a mapping of texts, as an address has them: ``polarization``,
@@ -59,7 +59,9 @@ class RawRun:
     """
 
     def __init__(self, path: str | Path, max_memory: int = MAX_MEMORY) -> None:
-        self._run, self._max_memory = open_run(path, max_memory), max_memory
+        recording = Path(path).is_file() and is_gpr(Path(path))
+        self._run = preview_run(path, max_memory) if recording else open_run(path, max_memory)
+        self._max_memory = max_memory
         self._lock = threading.Lock()
         self._read: tuple[str, xr.Dataset] | None = None
         self._made: tuple[tuple[str, int, str], xr.Dataset] | None = None
@@ -84,8 +86,9 @@ class RawRun:
         """
         made = self._channel(asked)
         signal, tones = made["signal"].values[:, 0, 0], made["frequency"].values
-        stop, count, fold = _delays(asked, len(signal), tones)
-        delay = stop * (np.arange(count * fold) + 0.5) / (count * fold)
+        start = min(float(self._run.attrs.get("first_sample_s", 0.0)), 0.0)  # recordings begin before their time zero
+        stop, count, fold = _delays(asked, len(signal), tones, start)
+        delay = start + (stop - start) * (np.arange(count * fold) + 0.5) / (count * fold)
         weight = np.hanning(tones.size + 2)[1:-1] * np.gradient(tones)  # times the share of the band of each tone
         weighted = (signal * (weight / weight.sum())).astype(np.complex64)
         values = np.empty((len(signal), count), np.float32)
@@ -107,7 +110,7 @@ class RawRun:
         steps = self._steps(asked.steps)
         return {
             "scans": made["number"].values.tolist(),
-            "delays_ns": {"stop": stop * 1e9, "count": count},
+            "delays_ns": {"start": start * 1e9, "stop": stop * 1e9, "count": count},
             "scale": asked.scale,
             "unit": unit,
             "top_db": 20 * math.log10(top) if top > 0 else None,
@@ -259,23 +262,27 @@ class RawRun:
         return self._read[1]
 
 
-def _delays(asked: _Query, scans: int, tones: NDArray[np.float64]) -> tuple[float, int, int]:
-    """Tell the last delay (s), how many bins there are, and how many delays are summed for each."""
+def _delays(asked: _Query, scans: int, tones: NDArray[np.float64], start: float) -> tuple[float, int, int]:
+    """Tell the last delay (s), how many bins there are from ``start`` (s), and how many delays are summed for each."""
     width = float(np.ptp(tones))
     if not width > 0:
         raise ValueError("a B-scan needs at least two tones")
     rate = 4 * width if asked.scale == "db" else 4 * float(tones[-1])
     most = MOST_BINS / rate if asked.scale == "signed" else _MOST_SUMMED / (scans * tones.size * rate)
     unambiguous = 1 / float(np.median(np.diff(tones)))
-    stop = min(unambiguous, most) if asked.to_ns is None else asked.to_ns * 1e-9
-    if stop > min(unambiguous, most) * (1 + 1e-9):
+    last = start + min(unambiguous, most)
+    stop = last if asked.to_ns is None else asked.to_ns * 1e-9
+    span = stop - start
+    if stop > last + 1e-9 * span:
         why = "the tones' unambiguous delay" if unambiguous < most else f"what {asked.scale} pictures of this run hold"
-        raise ValueError(f"to_ns must be at most {min(unambiguous, most) * 1e9:.4g}, {why}, got {asked.to_ns:g}")
-    if stop * width < 1:
-        raise ValueError(f"to_ns must be at least {1e9 / width:.3g}, what the band resolves, got {stop * 1e9:g}")
+        raise ValueError(f"to_ns must be at most {last * 1e9:.4g}, {why}, got {asked.to_ns:g}")
+    if span * width < 1:
+        raise ValueError(
+            f"to_ns must be at least {(start + 1 / width) * 1e9:.3g}, what the band resolves, got {stop * 1e9:g}"
+        )
     if asked.scale == "signed":
         return stop, MOST_BINS, 1
-    return stop, MOST_BINS, max(math.ceil(stop * rate / MOST_BINS), 1)
+    return stop, MOST_BINS, max(math.ceil(span * rate / MOST_BINS), 1)
 
 
 def _levels(signal: NDArray[np.complexfloating]) -> NDArray[np.float64]:

@@ -13,9 +13,10 @@ from flgpr.chain.model import MODEL_FILE, read_model
 from flgpr.chain.recipe import recipe_names, recipe_text
 from flgpr.door import MOST_JSON, DoorError, Folder, parse_json, read_named
 from flgpr.execution.lane_run import results_at
+from flgpr.io.dialects import TableReading
 from flgpr.io.files import existing, listed_files
 from flgpr.io.outputs import tell_finished
-from flgpr.io.tables import parse_table
+from flgpr.io.tables import parse_own_table, parse_table
 from flgpr.results.result import MODEL, read_result_manifest
 from flgpr.results.sections import SECTIONS, read_sections
 from flgpr.scoring import Registration, check_head, content_hash, head_of, require_registered, require_truth
@@ -36,10 +37,13 @@ class Entrant:
     model: str | None = None
     of_result: bool = False  #: whether a result folder tells the recipe, and nobody has to be believed
     named: bool = False  #: whether a recipe was named, which asks for a register
+    reading: TableReading | None = None  #: what the user says of the list's columns
 
     def table(self) -> pd.DataFrame:
         """Give the alarms."""
-        return parse_table(self.data, "alarms", self.path)
+        if self.of_result:
+            return parse_own_table(self.data, "alarms", self.path)
+        return parse_table(self.data, "alarms", self.path, self.reading)
 
     def notes(self, line: Mapping[str, Any] | None) -> dict[str, Any]:
         """Tell of what was scored: its digest, and the recipe with the line of the register."""
@@ -50,11 +54,11 @@ class Entrant:
         return told | ({"model_sha256": self.model} if line is not None and self.model is not None else {})
 
 
-def find_entrant(alarms: PathLike, recipe: PathLike | None = None) -> Entrant:
+def find_entrant(alarms: PathLike, recipe: PathLike | None = None, reading: TableReading | None = None) -> Entrant:
     """Find the alarm list of a file or a result folder, and what it was made with.
 
     A result tells its recipe and its model by itself; a ``recipe`` that is given must be that one, else that is a
-    ValueError.
+    ValueError. ``reading`` is of lists that are no result's.
     """
     path = Path(alarms)
     home = path if path.is_dir() else path.parent
@@ -62,7 +66,7 @@ def find_entrant(alarms: PathLike, recipe: PathLike | None = None) -> Entrant:
     if not marks or (path.is_file() and path.name != "alarms.csv"):
         mark = None if recipe is None else recipe_hash(recipe)[0]
         data = read_named(existing(path, "alarms file"))
-        return Entrant(path, data, mark, named=recipe is not None)
+        return Entrant(path, data, mark, named=recipe is not None, reading=reading)
     path = existing(home / "alarms.csv", "alarms file")
     manifests = [read_result_manifest(one) for one in results_at(home)]
     try:
@@ -206,6 +210,7 @@ def open_truth(
     lanes: Mapping[str, Mapping[str, float]],
     rules: Mapping[str, float],
     book: Book | None = None,
+    reading: TableReading | None = None,
 ) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
     """Give a truth, once its register holds the recipes of all that enter, with notes on each of them.
 
@@ -213,7 +218,7 @@ def open_truth(
     opening is entered there. Without a register the truth is open to all.
     """
     data = read_named(existing(truth, "truth file"))
-    targets, digest = parse_table(data, "truth", truth), content_hash(data)
+    targets, digest = parse_table(data, "truth", truth, reading), content_hash(data)
     own = own_book(truth, targets)
     book = own if book is None else book
     if book is None:

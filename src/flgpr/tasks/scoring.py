@@ -17,6 +17,7 @@ from flgpr.chain.progress import Track, silent
 from flgpr.door import MOST_JSON, Folder, parse_json, parse_toml, read_named
 from flgpr.execution.lane_run import results_at
 from flgpr.io import VERDICTS, read_table, read_verdicts, verdict_key, write_whole
+from flgpr.io.dialects import TableReading
 from flgpr.io.files import existing, faults_of
 from flgpr.io.outputs import OVERWRITE, held_folder, other_output, tell_finished, whole_output
 from flgpr.io.tables import parse_table, read_columns
@@ -49,6 +50,7 @@ from flgpr.scoring import (
 from flgpr.scoring.blind import FAR_GRID, Phrase, match_blind, score_blind, seal_truth, seals
 from flgpr.scoring.ledger import Book, parts_of, read_book
 from flgpr.scoring.matching import LaneLike
+from flgpr.tasks.doubts import tell_doubts
 from flgpr.tasks.registering import Entrant, check_registered, find_entrant, open_truth, own_book, registration
 
 PathLike = str | Path
@@ -83,6 +85,7 @@ def score_result(
     book: Book | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
+    truth_reading: TableReading | None = None,
 ) -> tuple[Result, list[Score]]:
     """Score a result, or a lane that was taken in sections as one, by its recipe's rules, and write the report.
 
@@ -91,7 +94,7 @@ def score_result(
     the alarms of every frame, see :func:`flgpr.scoring.score_frames`; the viewer shows those of the lane. Targets count
     as found or missed at the operating point ``far``, per m²; ``recipe`` and ``book`` are as for :func:`score_alarms`.
     If an input is not valid or altered, or the recipe is not registered, nothing is written; nor is it without
-    ``overwrite`` where another score is, a FileExistsError.
+    ``overwrite`` where another score is, a FileExistsError. ``truth_reading`` is as for :func:`score_alarms`.
     """
     home, homes = Path(folder), results_at(folder)
     whole = homes == [home]
@@ -99,7 +102,10 @@ def score_result(
     to = Path(output) if output is not None else score_home(home)
     others = read_table(objects, "objects") if objects is not None else None
     rules = {"halo": result.recipe.score.halo, "far": far}
-    targets, (notes,) = open_truth(truth, [find_entrant(home, recipe)], borders(result.lane), rules, book)
+    targets, (notes,) = open_truth(
+        truth, [find_entrant(home, recipe)], borders(result.lane), rules, book, truth_reading
+    )
+    tell_doubts(targets, "truth", Path(truth).name, result.lane)
     scored = score_detections(result, targets, far)
     sections = {} if whole else {one.name: _page_of(one, to) for one in homes}
     by_frames = [score_by_frames(result, targets, far)] if result.recipe.score.area == "frames" else []
@@ -135,6 +141,8 @@ def score_alarms(
     book: Book | None = None,
     title: str = "Detection report",
     overwrite: bool = True,
+    reading: TableReading | None = None,
+    truth_reading: TableReading | None = None,
     **rules: Any,
 ) -> list[Score]:
     """Score an alarm list of any detector (CSV) and write the report; the list has the one score.
@@ -142,14 +150,25 @@ def score_alarms(
     ``lane`` is as for :func:`read_lanes`. ``output`` takes ``report.html``, ``roc.json`` and the figures as PNG and
     PDF. ``book`` is the register that must hold the hash of the ``recipe`` before the truth is first opened, and where
     the opening is entered; a planned truth names its own. ``rules`` are those of :class:`flgpr.scoring.Rules`. Without
-    ``overwrite`` another score there is a FileExistsError.
+    ``overwrite`` another score there is a FileExistsError. ``reading`` and ``truth_reading`` say which columns of the
+    list and of the truth are what, and where their places on the Earth are in the lane.
     """
-    one, where, how = find_entrant(alarms, recipe), read_lanes(lane), Rules(**rules)
+    one, where, how = find_entrant(alarms, recipe, reading), read_lanes(lane), Rules(**rules)
     table = one.table()
-    targets, (notes,) = open_truth(truth, [one], borders(where), {"halo": how.halo, "far": how.far}, book)
+    tell_doubts(table, "alarms", one.path.name, where)
+    opened = {"halo": how.halo, "far": how.far}
+    targets, (notes,) = open_truth(truth, [one], borders(where), opened, book, truth_reading)
+    tell_doubts(targets, "truth", Path(truth).name, where)
+    notes |= _reading_notes(table, targets)
     scored = [score(table, targets, where, how)]
     _write(Path(output), score_files(scored, notes, title=title), overwrite)
     return scored
+
+
+def _reading_notes(alarms: pd.DataFrame, truth: pd.DataFrame) -> dict[str, Any]:
+    """Tell what of the tables was read otherwise than it stands, for the report."""
+    found = {"alarms_read": alarms.attrs.get("notes", []), "truth_read": truth.attrs.get("notes", [])}
+    return {name: notes for name, notes in found.items() if notes}
 
 
 def outcome_table(scored: Sequence[Score]) -> pd.DataFrame:
@@ -173,14 +192,17 @@ def compare_alarms(
     halo: float | None = None,
     far: float = Rules.far,
     overwrite: bool = True,
+    reading: TableReading | None = None,
+    truth_reading: TableReading | None = None,
 ) -> SideBySide:
     """Set two alarm lists (CSV) or result folders side by side, or more, and write a page and ``comparison.json``.
 
     ``lane`` is as for :func:`read_lanes`; without it, and without a ``halo``, m, those of the results count, which must
     be the same. ``far`` is an operating point beside the usual ones, per m². ``recipes`` are as many as ``alarms`` or
-    none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`, and so is ``overwrite``.
+    none, and what they, ``book`` and the truth must agree in is as for :func:`score_alarms`, and so are
+    ``overwrite`` and the readings, of which ``reading`` is of every list.
     """
-    entrants = _entrants(alarms, recipes)
+    entrants = _entrants(alarms, recipes, reading)
     results = [_lane_and_halo(one.path.parent) for one in entrants if one.of_result]
     lanes = {one for one, _ in results}
     if lane is None and (len(lanes) != 1 or len(results) < len(entrants)):
@@ -193,7 +215,12 @@ def compare_alarms(
         raise ValueError(f"halo must be given to compare results whose recipes have several, got {sorted(halos)} m")
     rules = Rules(halo=halos.pop() if halos else Rules.halo, far=far)
     names, tables = _names(entrants), [one.table() for one in entrants]
-    targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book)
+    targets, notes = open_truth(truth, entrants, borders(where), {"halo": rules.halo, "far": far}, book, truth_reading)
+    for one, table in zip(entrants, tables, strict=True):
+        tell_doubts(table, "alarms", one.path.name, where)
+    tell_doubts(targets, "truth", Path(truth).name, where)
+    for table, note in zip(tables, notes, strict=True):
+        note |= _reading_notes(table, targets)
     scored = [score(table, targets, where, rules) for table in tables]
     fars = scored[0].operating_points()["far_allowed"].tolist()
     told = side_by_side({name: one.matched for name, one in zip(names, scored, strict=True)}, fars, rules)
@@ -266,10 +293,12 @@ def analyst_agreement(files: Sequence[PathLike]) -> dict[tuple[str, str], tuple[
     return told
 
 
-def _entrants(alarms: Sequence[PathLike], recipes: Sequence[PathLike]) -> list[Entrant]:
+def _entrants(
+    alarms: Sequence[PathLike], recipes: Sequence[PathLike], reading: TableReading | None = None
+) -> list[Entrant]:
     if recipes and len(recipes) != len(alarms):
         raise ValueError(f"recipe must be given once per alarm list, got {len(recipes)} for {len(alarms)} lists")
-    return [find_entrant(one, recipe) for one, recipe in itertools.zip_longest(alarms, recipes)]
+    return [find_entrant(one, recipe, reading) for one, recipe in itertools.zip_longest(alarms, recipes)]
 
 
 def _lane_and_halo(folder: Path) -> tuple[Lane, float]:

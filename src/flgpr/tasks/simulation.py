@@ -49,7 +49,7 @@ from flgpr.simulate.signature import (
 from flgpr.simulate.simulator import check_effort, warn_of_aliases
 
 PathLike = str | Path
-_BESIDE = ("truth.csv", "truth.geojson", "objects.csv", "objects.geojson", "lane.toml")
+_BESIDE = ("truth.csv", "truth.json", "objects.csv", "objects.json", "lane.toml")
 _COLOUR = {"metal": "C3", "plastic": "C0", "simulant": "C2", "rock": "0.5", "post": "black", "bush": "C2"}
 
 
@@ -67,12 +67,12 @@ def simulate_to_store(
 ) -> list[Path]:
     """Simulate a lane scan by scan into a run store, and give the paths of all that was written.
 
-    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as GeoJSON too, and
-    ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same arguments, to the
-    same bits; without ``resume`` it begins again; and a whole lane of the same arguments stays as it is. What another
-    lane's call left is a RunStoreError. What would take too much memory or time is a ValueError before anything is
-    made, unless ``force`` is given; a footprint that reaches beyond what the steps of the tones keep apart is a
-    UserWarning.
+    Beside it stand ``NAME-truth.csv`` (or what ``truth`` names) and ``NAME-objects.csv``, as JSON in the lane frame,
+    too, and ``NAME-lane.toml``; ``blind``, only the last. A stopped call goes on when made again with the same
+    arguments, to the same bits; without ``resume`` it begins again; and a whole lane of the same arguments stays as it
+    is. What another lane's call left is a RunStoreError. What would take too much memory or time is a ValueError before
+    anything is made, unless ``force`` is given; a footprint that reaches beyond what the steps of the tones keep apart
+    is a UserWarning.
     """
     check_effort(scene, sensor, force)
     warn_of_aliases(sensor)
@@ -107,14 +107,14 @@ def _write_truth(store: Path, simulator: Simulator, truth: str | Path | None) ->
             continue
         path = store.with_name(f"{store.stem}-{name}.csv")
         write_table(table, path)
-        write_geojson(table, path.with_suffix(".geojson"))
+        write_geojson(table, path.with_suffix(".json"))
         written.append(path)
     return written
 
 
 def _write_own_truth(path: Path, simulator: Simulator) -> Path:
     """Write the truth to a file that the user named, where no other is yet."""
-    for file, write in ((path, write_table), (path.with_suffix(".geojson"), write_geojson)):
+    for file, write in ((path, write_table), (path.with_suffix(".json"), write_geojson)):
         with whole_output(file) as made:
             write(simulator.truth, made)
     return path
@@ -198,7 +198,7 @@ def write_gprmax_decks(
         world = draw_world(scene, seed)
         for name, table in (("truth", world.truth()), ("objects", world.objects_table())):
             write_table(table, partial / f"{name}.csv")
-            write_geojson(table, partial / f"{name}.geojson")
+            write_geojson(table, partial / f"{name}.json")
         write_whole(partial / "lane.toml", lane_text(scene.lane))
     return decks
 
@@ -388,7 +388,7 @@ def import_fullwave_lane(archive: PathLike, output: PathLike) -> list[Path]:
         if table is not None:
             path = store.with_name(f"{store.stem}-{name}.csv")
             write_table(table, path)
-            write_geojson(table, path.with_suffix(".geojson"))
+            write_geojson(table, path.with_suffix(".json"))
             written.append(path)
     save_run(lane.run, store, resume=True)
     return written

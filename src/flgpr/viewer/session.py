@@ -17,8 +17,10 @@ from flgpr.io import (
     MOST_VERDICT_BYTES,
     canonical_json,
     check_verdicts,
+    is_gpr,
     open_run,
     parse_verdicts,
+    preview_run,
     sha256,
     verdict_bytes,
     write_whole,
@@ -138,16 +140,17 @@ def _as_view_error() -> Iterator[None]:
 
 
 class RunFiles(IndexOnly):
-    """A run without a result: where the vehicle went, nothing more."""
+    """A run without a result, or a recording: where the vehicle went, and what was assumed on reading."""
 
     def __init__(self, path: str | Path) -> None:
         self.folder = Path(path).resolve()
-        run = open_run(path)
+        recording = self.folder.is_file()
+        run = preview_run(path) if recording else open_run(path)
         pose = np.asarray(run["pose"].values, dtype=np.float64)
         masked = np.flatnonzero(~np.asarray(run["valid"].values).reshape(len(pose), -1).all(axis=1))
         low, high = pose[:, :2].min(axis=0) - 5, pose[:, :2].max(axis=0) + 5
         frequency = run["frequency"].values
-        self.title = f"{self.folder.name} (run)"
+        self.title = f"{self.folder.name} ({'recording' if recording else 'run'})"
         self.index = {
             "format": VIEW_FORMAT,
             "version": VIEW_VERSION,
@@ -167,6 +170,8 @@ class RunFiles(IndexOnly):
                 "pairs": int(run.sizes["pair"]),
                 "tones": len(frequency),
                 "frequency_hz": [float(frequency[0]), float(frequency[-1])],
+                "recording": recording,
+                "notes": [str(note) for note in run.attrs.get("import_notes", [])],
             },
         }
 
@@ -270,7 +275,7 @@ def _score_of(source: Source) -> ScoreFiles:
 
 
 def open_source(path: str | Path, score: str | Path | None = None) -> Source:
-    """Open a result folder (or its alarms.csv), a run store or a score (or its JSON).
+    """Open a result folder (or its alarms.csv), a run store, a recording or a score (or its JSON).
 
     ``score`` is the folder of a result's score if that is not in the result.
     """
@@ -279,6 +284,8 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
         raise FileNotFoundError(f"nothing to view at {path}")
     if path.name == "alarms.csv":
         path = path.parent
+    if path.is_file() and is_gpr(path):
+        return RunFiles(path)
     inside = Folder(path)
     if inside.has(_MANIFEST):
         return ResultFiles(path, score)
@@ -290,4 +297,4 @@ def open_source(path: str | Path, score: str | Path | None = None) -> Source:
     if inside.has("sections.json"):
         names = ", ".join(sorted(home.name for home in path.glob("section-*") if home.is_dir()))
         raise ViewError(f"path must be one of the sections of this lane ({names}), got the folder of all, {path}")
-    raise ViewError(f"path must be a result folder, a run or a score, got {path}")
+    raise ViewError(f"path must be a result folder, a run, a recording or a score, got {path}")
