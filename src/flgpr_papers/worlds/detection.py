@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 from scipy.special import expit
 
 from flgpr.chain.progress import Track, silent
@@ -18,6 +19,7 @@ from flgpr_papers.worlds.effects import Fit, fit_means, fit_shares
 from flgpr_papers.worlds.lanes import FAR, KINDS, LaneJob, lane_table, read_targets, run_jobs
 from flgpr_papers.worlds.tables import write_table
 
+FloatArray = NDArray[np.float64]
 CROSSED: tuple[str, str] = tuple(DECLARED["design"]["crossed"])
 """The two axes whose interaction is in the model."""
 
@@ -59,9 +61,9 @@ def run(folder: Path, executor: Executor, quick: bool = False, track: Track = si
 def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     """Tell by how many decibels plastic mines miss what the paper finds of them, cell by cell.
 
-    One curve gives the chance that a plastic mine is found by its signal to clutter: a logistic one, fitted to all
-    targets of all worlds. In a cell the signal to clutter of all its plastic mines is raised until the mean of that
-    chance is the paper's Pd.
+    One curve gives the chance that a plastic mine is found by its signal to clutter x, fitted to all targets of all
+    worlds: ``P(x) = c + (1 - c)·σ(a + b·x)`` with the chance level c of the target's lane and the logistic function σ.
+    In a cell the signal to clutter of all its plastic mines is raised until the mean of P is the paper's Pd.
 
     Parameters
     ----------
@@ -78,30 +80,53 @@ def missing_decibels(targets: pd.DataFrame) -> pd.DataFrame:
     plastic = targets[(targets["kind"] == "plastic") & np.isfinite(targets["ratio_db"])]
     rows = []
     for far, paper in zip(FAR, DECLARED["paper"]["plastic"], strict=True):
-        curve = np.column_stack([np.ones(len(plastic)), plastic["ratio_db"]])
-        try:
-            start, slope = fit_shares(curve, plastic["far"] <= far, np.ones(len(plastic))).coefficient
-        except ValueError:
+        found = (plastic["far"] <= far).to_numpy()
+        if found.all() or not found.any():
             return pd.DataFrame()
-        if slope <= 0:
+        chance = plastic[f"chance_{far:g}"].to_numpy()
+        curve = fit_found_curve(plastic["ratio_db"].to_numpy(), found, chance)
+        if curve.slope <= 0:
             return pd.DataFrame()
         for place, cell in plastic.groupby(list(CROSSED)):
-            ratios = cell["ratio_db"].to_numpy()
-            missing = _raised_to(start + slope * ratios, paper) / slope
+            missing = curve.raise_to(cell["ratio_db"].to_numpy(), cell[f"chance_{far:g}"].to_numpy(), paper)
             row = {"far": far, **dict(zip(CROSSED, place, strict=True)), "targets": len(cell)}
             row |= {"found": float((cell["far"] <= far).mean()), "paper": paper, "missing_db": missing}
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _raised_to(logits: NDArray[np.float64], share: float) -> float:
-    """Find by how much logits must rise until the mean of their shares is the wanted one."""
+@dataclass(frozen=True)
+class FoundCurve:
+    """Chance that a mine is found over its signal to clutter, above what is found by chance."""
 
-    def excess(rise: float) -> float:
-        return float(expit(logits + rise).mean()) - share
+    start: float  #: logit at 0 dB
+    slope: float  #: of the logit, per dB
 
-    widest = float(np.abs(logits).max()) + 20  # beyond it all shares are 0 or 1
-    return float(brentq(excess, -widest, widest))
+    def shares(self, ratio_db: FloatArray, chance: FloatArray) -> FloatArray:
+        """Compute the chance to be found at a signal to clutter (dB), given what is found by chance."""
+        by_signal = expit(self.start + self.slope * ratio_db)
+        return np.asarray(chance + (1 - chance) * by_signal)
+
+    def raise_to(self, ratio_db: FloatArray, chance: FloatArray, share: float) -> float:
+        """Find by how many dB all targets must rise until the mean chance to be found is the wanted one."""
+
+        def excess(rise: float) -> float:
+            return float(self.shares(ratio_db + rise, chance).mean()) - share
+
+        widest = float(np.abs(ratio_db).max()) + (abs(self.start) + 20) / self.slope
+        return float(brentq(excess, -widest, widest))
+
+
+def fit_found_curve(ratio_db: FloatArray, found: NDArray[np.bool_], chance: FloatArray) -> FoundCurve:
+    """Fit the curve by maximum likelihood; ``chance`` is what would be found of each target without its echo."""
+
+    def misfit(parameters: FloatArray) -> float:
+        shares = FoundCurve(*parameters).shares(ratio_db, chance)
+        shares = np.clip(shares, 1e-12, 1 - 1e-12)
+        return -float(np.where(found, np.log(shares), np.log(1 - shares)).sum())
+
+    start, slope = minimize(misfit, np.array([-1.0, 0.3]), method="Nelder-Mead").x
+    return FoundCurve(float(start), float(slope))
 
 
 def effects(table: pd.DataFrame) -> pd.DataFrame:
