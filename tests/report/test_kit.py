@@ -21,6 +21,8 @@ OVERVIEW = {
     "pages": {},
     "found": {},
     "quick": False,
+    "as_found": False,
+    "other": "",
     "verdicts": ("agrees", "disagrees"),
     "no_verdict": "no verdict",
 }

@@ -160,6 +160,7 @@ PAST_THE_DOOR = {  # what a function calls, and why that leads around no door
     "io/gprmax.py _read": ({"File"}, GUARDED),
     "io/arrays.py _open_mat": ({"load"}, IN_HAND),
     "io/child.py unpack": ({"open"}, IN_HAND),
+    "cli/design.py design": ({"json.loads"}, IN_HAND),
     "cli/picture.py image": ({"json.loads"}, IN_HAND),
     "cli/show.py score_summary": ({"json.loads"}, IN_HAND),
     "io/recording.py _from_json": ({"json.loads"}, IN_HAND),

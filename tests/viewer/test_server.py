@@ -231,7 +231,9 @@ def test_a_run_shows_its_track(serving):
     assert index["run"]["tones"] == 142
 
 
-@pytest.mark.parametrize(("name", "match"), [("nothing", "nothing to view"), ("empty", "folder, a run or a score")])
+@pytest.mark.parametrize(
+    ("name", "match"), [("nothing", "nothing to view"), ("empty", "folder, a run, a recording or a score")]
+)
 def test_what_cannot_be_viewed_is_named(tmp_path, name, match):
     (tmp_path / "empty").mkdir()
     with pytest.raises((ValueError, FileNotFoundError), match=match):

@@ -79,7 +79,6 @@ def preview_run(path: str | Path, max_memory: int = MAX_MEMORY) -> xr.Dataset:
     section = read_gpr(path, max_memory)
     step = None if section.distance is not None else 1.0
     options: dict[str, Any] = {"step": step, "band": _widest_band(section)}
-    options["max_memory"] = max_memory
     more = [] if step is None else ["no trace spacing is known: traces are put 1 m apart"]
     try:
         run = channels_run(section, **options)

@@ -54,6 +54,7 @@ class GprSection:
     channel_delay: FloatArray | None = None
     #: (fix,) when the receiver was there, s of its first day, NaN where unknown
     fix_time: FloatArray = field(default_factory=lambda: np.empty(0))
+    max_memory: int = MAX_MEMORY  #: bytes that a run made of it may take: what it was read with
     gather: str = ""  #: what the file calls a survey whose antennas move apart, such as "CMP/WARR"; empty for a line
 
     def delay_of(self, channel: int) -> FloatArray:
@@ -87,7 +88,7 @@ def read_gpr(path: str | Path, max_memory: int = MAX_MEMORY) -> GprSection:
     except Exception as error:
         said = " ".join(str(error).split())[:240] or type(error).__name__
         raise ValueError(f"{path}: cannot be read as {words}: {said}") from None
-    return GprSection(path, words, **{"title": path.stem, **found})
+    return GprSection(path, words, **{"title": path.stem, "max_memory": max_memory, **found})
 
 
 def is_gpr(path: Path) -> bool:

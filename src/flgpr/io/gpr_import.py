@@ -44,7 +44,6 @@ def gpr_run(
     polarization: str = "HH",
     anchor: Anchor | None = None,
     topography: bool = False,
-    max_memory: int = MAX_MEMORY,
 ) -> xr.Dataset:
     """Make a run of a line: one scan per trace, one pair, along +y of the lane from the line's start, at x = 0.
 
@@ -84,9 +83,10 @@ def gpr_run(
     if section.marks:
         notes.append(f"{len(section.marks)} marks of the operator are not kept in the run")
     tones = _spectra(section.traces[:1, channel], delay, chosen)[1]
-    if len(keep) * tones.size * 8 > max_memory:
-        size = len(keep) * tones.size * 8 / 1e9
-        raise ValueError(f"the run must fit into {max_memory / 1e9:.3g} GB, it takes {size:.3g} GB: narrow the band")
+    size = len(keep) * tones.size * 8
+    if size > section.max_memory:
+        limit = f"{section.max_memory / 1e9:.3g} GB"
+        raise ValueError(f"the run must fit into {limit}, it takes {size / 1e9:.3g} GB: narrow the band")
     signal = _spectra(section.traces[keep, channel], delay, chosen)[0]
     half = np.array([[apart / 2, 0.0, 0.0] if across else [0.0, apart / 2, 0.0]])
     attrs = {

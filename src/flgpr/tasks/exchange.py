@@ -147,7 +147,7 @@ def import_gpr(
         tie, made_of = anchor_of_line(section)
     else:
         tie = _anchor(anchor)
-    made = gpr_run(section, channel, anchor=tie, max_memory=max_memory, **options)
+    made = gpr_run(section, channel, anchor=tie, **options)
     made.attrs["import_notes"] = [*made.attrs["import_notes"], *made_of]
     run = _tied(_with_doubts(made), tie)
     save_run(run, output, resume=True)

@@ -61,7 +61,7 @@ def import_lines(
         tie, notes = anchor_from_fixes(sections[0].fixes[:, 1:], sections[0].fixes[:, 0])
     ends = None if lines is None else read_line_ends(lines, [section.path.name for section in sections])
     layout = LineLayout(line_spacing, zigzag, ends)
-    run = survey_run(sections, layout, tie, max_memory=max_memory, **options)
+    run = survey_run(sections, layout, tie, **options)
     if tie is not None:
         run = run.assign_attrs(georeference=tie.georeference())
     doubts = judge_run(run).notes() if len(sections) == 1 else []  # from line to line nobody drives
