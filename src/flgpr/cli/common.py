@@ -52,7 +52,7 @@ class _Notes(logging.Handler):
         self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a message of :func:`flgpr.io.notes.tell_note`."""
+        """Take a message of ``flgpr.io.notes.tell_note``."""
         text = record.getMessage()
         if not self._quiet and text not in self._said:
             typer.echo(f"note: {text}", err=True)

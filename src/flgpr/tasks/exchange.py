@@ -212,7 +212,7 @@ def import_table(
 ) -> pd.DataFrame:
     """Read alarms, truth or objects (``kind``) as others write them, and write the CSV that flgpr reads.
 
-    See :mod:`flgpr.io.dialects`. Another file at the output's place is refused. The table's ``attrs["notes"]`` say what
+    See ``flgpr.io.dialects``. Another file at the output's place is refused. The table's ``attrs["notes"]`` say what
     was read otherwise than it stands.
     """
     if kind not in ("alarms", "truth", "objects"):
