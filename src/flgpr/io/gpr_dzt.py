@@ -175,12 +175,19 @@ def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | N
     found: list[float | None] = []
     for channel, name in enumerate(names):
         frequency = antenna_frequency(name, "GSSI", channel)
+        known_otherwise = False
         if frequency is None and channel and names[0].upper() in GSSI_SETS:
             frequency = antenna_frequency(names[0], "GSSI", channel)
-            notes.append(f"the antenna of channel {channel} is taken as the second of {names[0]!r}")
+            known_otherwise = frequency is not None
+            if frequency is not None:
+                notes.append(
+                    f"the antenna of channel {channel} is taken as the second of {names[0]!r}: {frequency / 1e6:g} MHz"
+                )
         if frequency is None and raw[113] >> 3 == _MINI_XT:
             frequency = antenna_frequency("SSMINIXT", "GSSI")
+            known_otherwise = True
             notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
         found.append(frequency)
-        note_antenna(name, frequency, notes)
+        if not known_otherwise:
+            note_antenna(name, frequency, notes)
     return tuple(found)
