@@ -15,6 +15,7 @@ import flgpr_papers
 from flgpr.cli import app
 from flgpr.execution.executors import Here
 from flgpr.execution.survey import How
+from flgpr.scoring import clopper_pearson
 from flgpr_papers import worlds as maps
 from flgpr_papers.kit.findings import AGREES, DISAGREES, UNDECIDED, Finding, judge_again, row_of
 from flgpr_papers.kit.mines import mix_counts
@@ -197,7 +198,22 @@ def test_geometries_are_averaged_over_lanes(made):
     row = means[(means["height"] == 2.0) & (means["farthest"] == 10.0) & (means["response"] == "plastic 0.07")].iloc[0]
     values = here["plastic_0.07"] / here["plastic_targets"]
     half = student.ppf(0.975, 3) * values.std(ddof=1) / 2
-    assert (row["value"], row["high"]) == pytest.approx((values.mean(), values.mean() + half), abs=2e-5)
+    exact = clopper_pearson(here["plastic_0.07"].sum(), here["plastic_targets"].sum())[1]
+    high = min(max(values.mean() + half, exact), 1.0)
+    assert (row["value"], row["high"]) == pytest.approx((values.mean(), high), abs=2e-5)
+    shares = means[~means["response"].str.endswith("ratio_db")]
+    assert shares["low"].ge(0).all()
+    assert shares["high"].le(1).all()
+
+
+def test_lanes_that_agree_do_not_make_a_geometry_certain():
+    counts = {f"{kind}_{far:g}": [5, 5] for kind in ("metal", "plastic", "simulant") for far in (0.02, 0.07)}
+    targets = {f"{kind}_targets": [14, 14] for kind in ("metal", "plastic", "simulant")}
+    ratios = {f"{kind}_ratio_db": [1.0, 2.0] for kind in ("metal", "plastic", "simulant")}
+    place = {"height": [2.0, 2.0], "nearest": [7.0, 7.0], "farthest": [16.0, 16.0]}
+    means = geometry.means(pd.DataFrame(place | counts | targets | ratios)).set_index("response")
+    low, high = (float(bound) for bound in clopper_pearson(10, 28))
+    assert tuple(means.loc["metal 0.02", ["low", "high"]]) == pytest.approx((low, high))
 
 
 def test_the_map_tells_where_a_statement_holds(made):

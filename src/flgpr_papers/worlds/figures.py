@@ -205,6 +205,8 @@ def geometry_figure(folder: Path) -> Figure | None:
             error = np.nan_to_num([own["value"] - own["low"], own["high"] - own["value"]])
             label = f"{height:g} m high"
             axes.errorbar(places, own["value"], error, fmt="o", color=_COLOURS[number], capsize=2, label=label)
+        chance = read_table(folder, "geometry")[f"chance_{FAR[-1]:g}"].mean()
+        axes.axhline(chance, color="0.4", lw=1, ls=":", label="by chance")
         axes.set_xticks(range(len(grounds)), [f"{near:g} to {far:g} m" for near, far in grounds], fontsize=9)
         axes.set_title(f"{kind}, {FAR[-1]:g} false alarms per m²", fontsize=10)
         axes.set_ylim(-0.04, 1.04)

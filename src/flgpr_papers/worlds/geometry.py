@@ -13,6 +13,7 @@ from scipy.special import stdtrit
 
 from flgpr.chain.progress import Track, silent
 from flgpr.execution.executors import Executor
+from flgpr.scoring import clopper_pearson
 from flgpr.simulate.scene import site_tables
 from flgpr_papers.kit.worlds import DECLARED
 from flgpr_papers.worlds.ablation import responses
@@ -69,7 +70,9 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         ``height``, ``nearest``, ``farthest`` (m), ``response`` (as of ``detection-effects.csv``), ``lanes``, ``value``
-        and Student's 95 % interval over lanes, ``low`` and ``high`` (empty for one lane).
+        and its 95 % interval, ``low`` and ``high`` (empty for one lane). It is Student's over lanes. That of a Pd is
+        no narrower than the exact one of all its targets, as few lanes that happen to agree would make it, and ends at
+        0 and 1.
     """
     rows = []
     for place, lanes in table.groupby(WHERE, sort=False):
@@ -79,6 +82,12 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
             half = float("nan")
             if count > 1:
                 half = float(stdtrit(count - 1, 0.975) * values.std(ddof=1) / count**0.5)
+            low, high = value - half, value + half
+            if count > 1 and not response.endswith("ratio_db"):
+                targets = lanes[f"{response.split()[0]}_targets"]
+                exact_low, exact_high = clopper_pearson(round(float((values * targets).sum())), int(targets.sum()))
+                low = max(min(low, float(exact_low)), 0.0)
+                high = min(max(high, float(exact_high)), 1.0)
             row = dict(zip(WHERE, place, strict=True)) | {"response": response, "lanes": count, "value": value}
-            rows.append(row | {"low": value - half, "high": value + half})
+            rows.append(row | {"low": low, "high": high})
     return pd.DataFrame(rows)
