@@ -32,7 +32,10 @@ FIGURES = ("formula_db", "measured_db", "margin_db")
 SHOWN_SITES = ("prepared-earth", "arid-sand", "temperate")
 SHOWN_DEPTH, SHOWN_ROUGHNESS = 7.5, 2.0  # cm, mm
 ANTI_PERSONNEL = ("pma-1", "pmn")
-COLOURS, LINES = ("#c1440e", "#1b5e9b", "#3a7d44"), ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
+COLOURS, LINES = (
+    ("#c1440e", "#1b5e9b", "#3a7d44"),
+    ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3))),
+)
 KEY = ["site", "body", "depth_cm", "rms_mm"]
 
 
