@@ -42,9 +42,9 @@ def read_table(path: str | Path, kind: str, reading: TableReading | None = None)
     """Read a table of the ``kind`` "alarms", "truth" or "objects" from CSV; a broken rule is a ValueError.
 
     Columns are separated by commas, or by semicolons or tabs with decimal points or decimal commas. Names of columns
-    in other languages, units in them, comments and other encodings are read, too (``flgpr.io.dialects``); what was
-    read otherwise than it stands is in ``attrs["notes"]`` and is told (``flgpr.io.notes.tell_note``). ``reading``
-    is what the user says of the columns, and the anchor of places on the Earth.
+    in other languages, units in them, comments and other encodings are read, too; what was read otherwise than it
+    stands is in ``attrs["notes"]`` and is told. ``reading`` is what the user says of the columns, and the anchor of
+    places on the Earth.
     """
     path = existing(path, f"{kind} file")
     return parse_table(read_named(path), kind, path, reading)

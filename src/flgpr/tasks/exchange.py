@@ -212,8 +212,8 @@ def import_table(
 ) -> pd.DataFrame:
     """Read alarms, truth or objects (``kind``) as others write them, and write the CSV that flgpr reads.
 
-    See ``flgpr.io.dialects``. Another file at the output's place is refused. The table's ``attrs["notes"]`` say what
-    was read otherwise than it stands.
+    Another file at the output's place is refused. The table's ``attrs["notes"]`` say what was read otherwise than it
+    stands.
     """
     if kind not in ("alarms", "truth", "objects"):
         raise ValueError(f"kind must be alarms, truth or objects, got {kind!r}")
