@@ -172,22 +172,23 @@ def _frequencies(raw: bytes, channels: int, notes: list[str]) -> tuple[float | N
         cell = raw[_HEADER * channel + 98 : _HEADER * channel + 112]
         names.append(cell.split(b"\0")[0].decode("latin-1").strip())
     notes.append(f"antennas {', '.join(map(repr, names))}; the file tells no antenna separation")
-    found: list[float | None] = []
-    for channel, name in enumerate(names):
-        frequency = antenna_frequency(name, "GSSI", channel)
-        known_otherwise = False
-        if frequency is None and channel and names[0].upper() in GSSI_SETS:
-            frequency = antenna_frequency(names[0], "GSSI", channel)
-            known_otherwise = frequency is not None
-            if frequency is not None:
-                notes.append(
-                    f"the antenna of channel {channel} is taken as the second of {names[0]!r}: {frequency / 1e6:g} MHz"
-                )
-        if frequency is None and raw[113] >> 3 == _MINI_XT:
-            frequency = antenna_frequency("SSMINIXT", "GSSI")
-            known_otherwise = True
-            notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
-        found.append(frequency)
-        if not known_otherwise:
-            note_antenna(name, frequency, notes)
-    return tuple(found)
+    is_mini_xt = raw[113] >> 3 == _MINI_XT
+    return tuple(_frequency_of(channel, names, is_mini_xt, notes) for channel in range(channels))
+
+
+def _frequency_of(channel: int, names: list[str], is_mini_xt: bool, notes: list[str]) -> float | None:
+    """Return the nominal frequency of a channel's antenna, Hz: by its name, the set it is of, or the system."""
+    name = names[channel]
+    frequency = antenna_frequency(name, "GSSI", channel)
+    if frequency is None and channel and names[0].upper() in GSSI_SETS:
+        second = antenna_frequency(names[0], "GSSI", channel)
+        if second is not None:
+            notes.append(
+                f"the antenna of channel {channel} is taken as the second of {names[0]!r}: {second / 1e6:g} MHz"
+            )
+            return second
+    if frequency is None and is_mini_xt:
+        notes.append("its system is a StructureScan Mini XT, whose antenna is taken")
+        return antenna_frequency("SSMINIXT", "GSSI")
+    note_antenna(name, frequency, notes)
+    return frequency

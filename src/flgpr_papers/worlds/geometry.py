@@ -84,8 +84,9 @@ def means(table: pd.DataFrame) -> pd.DataFrame:
                 half = float(stdtrit(count - 1, 0.975) * values.std(ddof=1) / count**0.5)
             low, high = value - half, value + half
             if count > 1 and not response.endswith("ratio_db"):
-                targets = lanes[f"{response.split()[0]}_targets"]
-                exact_low, exact_high = clopper_pearson(round(float((values * targets).sum())), int(targets.sum()))
+                kind = response.split()[0]
+                found = lanes[response.replace(" ", "_")].sum()
+                exact_low, exact_high = clopper_pearson(found, lanes[f"{kind}_targets"].sum())
                 low = max(min(low, float(exact_low)), 0.0)
                 high = min(max(high, float(exact_high)), 1.0)
             row = dict(zip(WHERE, place, strict=True)) | {"response": response, "lanes": count, "value": value}
